@@ -1,0 +1,20 @@
+"""rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio."""
+
+from rnc_pin.actuators import FrameForce, FrameTorque
+from rnc_pin.constraints import MomentumConservation, NoSideSlip, Pfaffian, RollingWheel
+from rnc_pin.errors import (
+    ConfigurationError,
+    ConstraintError,
+    DivergenceError,
+    InputError,
+    LimitError,
+    ModelError,
+    RncError,
+    SimulationError,
+    SingularityError,
+)
+from rnc_pin.measurement import Measurement
+from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.system import NonholonomicSystem

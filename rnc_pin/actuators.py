@@ -1,0 +1,130 @@
+"""Actuation: the matrix B(q) with generalized force ``B T``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError, ModelError
+from rnc_pin.frame_velocity import axis_index
+from rnc_pin.kinematics import OWN_AXES, Kinematics
+from rnc_pin.robot import Robot
+from rnc_pin.rows import checked_rows
+
+
+@dataclass(frozen=True)
+class FrameForce:
+    """A force at a frame's origin along the frame's own axis [N]: a drive wheel, a thruster.
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+        limit: largest magnitude [N], used where a simulation enforces actuator limits.
+    """
+
+    frame: str
+    axis: str
+    limit: float = np.inf
+
+
+@dataclass(frozen=True)
+class FrameTorque:
+    """A torque on a frame's body about the frame's own axis [N m].
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+        limit: largest magnitude [N m], used where a simulation enforces actuator limits.
+    """
+
+    frame: str
+    axis: str
+    limit: float = np.inf
+
+
+MatrixFunction = Callable[[np.ndarray], np.ndarray]
+Actuator = str | FrameForce | FrameTorque
+Actuators = Sequence[Actuator] | np.ndarray | MatrixFunction
+
+
+class Actuation:
+    """The actuators of a robot as one matrix.
+
+    Args:
+        actuators: a list of joint names, ``FrameForce`` and ``FrameTorque``; or a constant matrix (nv, p);
+            or a function ``B(q) -> (nv, p)``.
+        robot: whose they are.
+
+    Attributes:
+        names: one for each input, (p,).
+        limits: largest magnitudes (p,) [N or N m]; those of joints are the URDF's effort limits.
+    """
+
+    def __init__(self, actuators: Actuators, robot: Robot) -> None:
+        self.names: tuple[str, ...]
+        self._function: MatrixFunction | None = None
+        self._frames: list[tuple[int, int, int]] = []  # (column, frame, row of its Jacobian)
+        if callable(actuators) or isinstance(actuators, np.ndarray):
+            self._read_matrix(actuators, robot)
+        else:
+            self._read_list(list(actuators), robot)
+        self.size = len(self.names)
+
+    def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
+        constant = matrix(robot.configuration()) if callable(matrix) else matrix
+        array = np.asarray(constant, dtype=float)
+        if array.ndim != 2 or array.shape[0] != robot.nv:
+            raise ConstraintError(f"actuation matrix has shape {array.shape}, expected ({robot.nv}, p)")
+        self._function = matrix if callable(matrix) else None
+        self._constant = array
+        self.names = tuple(f"T[{i}]" for i in range(array.shape[1]))
+        self.limits = np.full(array.shape[1], np.inf)
+
+    def _read_list(self, actuators: list[Actuator], robot: Robot) -> None:
+        self._constant = np.zeros((robot.nv, len(actuators)))
+        self.limits = np.full(len(actuators), np.inf)
+        names: list[str] = []
+        for column, actuator in enumerate(actuators):
+            if isinstance(actuator, FrameForce | FrameTorque):
+                offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
+                row = offset + axis_index(actuator.axis)
+                self._frames.append((column, robot.frame_id(actuator.frame), row))
+                self.limits[column] = actuator.limit
+                names.append(f"{word}({actuator.frame}.{actuator.axis})")
+            elif isinstance(actuator, str):
+                index = robot.velocity_indices(actuator)
+                if index.stop - index.start != 1:
+                    raise ModelError(
+                        f"actuator '{actuator}' is a joint of several degrees of freedom: "
+                        "use FrameForce and FrameTorque on the link behind it"
+                    )
+                self._constant[index.start, column] = 1.0
+                limit = float(robot.model.upperEffortLimit[index.start])
+                self.limits[column] = limit if limit > 0 else np.inf  # 0: the URDF says nothing
+                names.append(actuator)
+            else:
+                raise ConstraintError(
+                    f"actuator {actuator!r} is not one: expected a joint's name, FrameForce or FrameTorque"
+                )
+        if len(set(names)) != len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ConstraintError(f"actuator '{twice}' is listed twice")
+        self.names = tuple(names)
+
+    @property
+    def constant(self) -> np.ndarray | None:
+        """B (nv, p) where it does not depend on the configuration."""
+        return None if self._function is not None or self._frames else self._constant
+
+    def matrix(self, state: Kinematics) -> np.ndarray:
+        """B(q), (nv, p). Needs ``set_position``."""
+        if self._function is not None:
+            return checked_rows(self._function(state.q), self._constant.shape, "actuation matrix B(q)")
+        if not self._frames:
+            return self._constant
+        matrix = self._constant.copy()
+        for column, frame, row in self._frames:
+            matrix[:, column] = state.jacobian(frame, OWN_AXES)[row]
+        return matrix

@@ -1,0 +1,32 @@
+"""Knife edge: no velocity along one of a frame's own axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rnc_pin.frame_velocity import OwnAxisVelocity
+from rnc_pin.robot import Robot
+from rnc_pin.rows import Rows
+
+
+@dataclass(frozen=True)
+class NoSideSlip:
+    """The origin of a frame does not move along the frame's own axis: a skate, an axle without slip.
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+    """
+
+    frame: str
+    axis: str = "y"
+
+    def bind(self, robot: Robot) -> Rows:
+        return _NoSideSlipRow(self, robot)
+
+
+class _NoSideSlipRow(OwnAxisVelocity, Rows):
+    def __init__(self, kind: NoSideSlip, robot: Robot) -> None:
+        super().__init__(robot.frame_id(kind.frame), kind.axis)
+        self.names = (f"no_side_slip({kind.frame}.{kind.axis})",)
+        self.units = ("m/s",)

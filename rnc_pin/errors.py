@@ -1,0 +1,93 @@
+"""Errors that users meet: one root, one line each, the data attached."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+class RncError(Exception):
+    """Root of every error this package raises on purpose."""
+
+
+class ModelError(RncError):
+    """A file, joint or frame is not there, or a model cannot be simulated."""
+
+
+class ConstraintError(RncError):
+    """Constraints, outputs or actuators that do not fit together."""
+
+
+class ConfigurationError(RncError):
+    """A scenario file, option or argument is wrong: says where and what was expected."""
+
+
+class InputError(RncError, ValueError):
+    """An array has the wrong shape or holds values that are not finite."""
+
+
+class SimulationError(RncError):
+    """A run stopped early; what was simulated until then is in ``trajectory``."""
+
+    trajectory: Any = None
+
+
+class DivergenceError(SimulationError):
+    """The state left every sensible bound."""
+
+
+class LimitError(SimulationError):
+    """A joint ran into its position limit while limits were enforced."""
+
+
+class SingularityError(SimulationError):
+    """The stack ``E = [A; J2]`` cannot be inverted: the outputs do not parametrise the motion here.
+
+    Attributes:
+        q: the configuration, (nq,).
+        condition: 2-norm condition number of ``E`` with rows scaled to unit length.
+        rows: names of the rows that are (nearly) linearly dependent.
+        time: simulation time [s], or None outside a simulation.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        q: np.ndarray,
+        condition: float,
+        rows: Sequence[str],
+        time: float | None = None,
+    ) -> None:
+        self.what = what
+        self.q = q
+        self.condition = condition
+        self.rows = tuple(rows)
+        self.time = time
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        when = "" if self.time is None else f" at t = {self.time:.3f} s"
+        where = ", ".join(f"{value:.4g}" for value in self.q)
+        return (
+            f"{self.what}{when}: rows {', '.join(self.rows)} are dependent "
+            f"(condition {self.condition:.3g}) at q = [{where}]"
+        )
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Words that point from a wrong name to the valid ones: ``; did you mean 'b'?``."""
+    choices = [str(choice) for choice in valid]
+    if not choices:
+        return "; there are none"
+    close = difflib.get_close_matches(str(name), choices, n=1, cutoff=0.5)
+    # A short word is often the part that a person remembers: `wheel` for `wheel_left_joint`.
+    close = close or [choice for choice in choices if len(name) > 2 and name in choice][:1]
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    shown = ", ".join(choices[:12]) + (", ..." if len(choices) > 12 else "")
+    return f"; expected one of: {shown}"

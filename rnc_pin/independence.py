@@ -1,0 +1,83 @@
+"""Which rows of a stack are independent, and why the others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.linear_algebra import unit_rows
+
+TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
+
+
+@dataclass(frozen=True)
+class DroppedRow:
+    """A constraint row that adds nothing, and the reason."""
+
+    name: str
+    reason: str
+
+
+def select_independent(
+    samples: np.ndarray, names: Sequence[str]
+) -> tuple[list[int], list[DroppedRow]]:
+    """A set of rows that is independent and complete at every sample.
+
+    Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the
+    rows does not give such a set, column-pivoted QR of ``A^T`` proposes others.
+
+    Args:
+        samples: the rows at several configurations, (samples, k, nv).
+        names: of the rows, (k,).
+
+    Raises:
+        ConstraintError: the rank is not the same at every sample, or no such set was found.
+    """
+    scale = np.abs(samples).max(initial=0.0)
+    matrices = unit_rows(np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0))
+    ranks = [_rank(matrix) for matrix in matrices]
+    if len(set(ranks)) > 1:
+        raise ConstraintError(
+            f"rank of the constraints changes with the configuration, from {min(ranks)} to {max(ranks)} "
+            f"of {len(names)} rows ({', '.join(names)}): the reduction needs a constant one"
+        )
+    rank = ranks[0] if ranks else 0
+    candidates = [_greedy(matrix, rank) for matrix in matrices]
+    candidates += [sorted(scipy.linalg.qr(matrix.T, pivoting=True)[2][:rank]) for matrix in matrices if rank]
+    for kept in candidates:
+        if len(kept) == rank and all(_rank(matrix[kept]) == rank for matrix in matrices):
+            dropped = [
+                DroppedRow(names[row], _reason(row, kept, matrices, names))
+                for row in range(len(names))
+                if row not in kept
+            ]
+            return [int(row) for row in kept], dropped
+    raise ConstraintError(f"no {rank} rows of {', '.join(names)} are independent at every configuration")
+
+
+def _rank(matrix: np.ndarray) -> int:
+    if not matrix.size:
+        return 0
+    return int((np.linalg.svd(matrix, compute_uv=False) > TOLERANCE).sum())
+
+
+def _greedy(matrix: np.ndarray, rank: int) -> list[int]:
+    kept: list[int] = []
+    for row in range(len(matrix)):
+        if len(kept) < rank and _rank(matrix[[*kept, row]]) == len(kept) + 1:
+            kept.append(row)
+    return kept
+
+
+def _reason(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequence[str]) -> str:
+    if not matrices[:, row].any():
+        return "zero at every configuration"
+    involved = set()
+    for matrix in matrices:
+        weights = np.linalg.lstsq(matrix[list(kept)].T, matrix[row], rcond=None)[0]
+        involved |= {names[k] for k, weight in zip(kept, weights, strict=True) if abs(weight) > TOLERANCE}
+    return "a combination of " + ", ".join(name for name in names if name in involved)

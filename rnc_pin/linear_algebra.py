@@ -1,0 +1,90 @@
+"""Small dense solves over leading batch axes, lean for a single state.
+
+One state goes straight to LAPACK, because NumPy's wrapper costs several times the factorisation
+of a matrix this small; a stack goes through NumPy's batched routines. The algorithm is the same.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.linalg.lapack import dgesv, dposv
+
+
+@cache
+def _identity(n: int) -> np.ndarray:
+    return np.asfortranarray(np.eye(n))
+
+
+def apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``matrix @ vector`` for (..., n, k) and (..., k)."""
+    if vector.ndim == 1:
+        return matrix.dot(vector)
+    return np.matvec(matrix, vector)
+
+
+def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``matrix^T @ vector`` for (..., n, k) and (..., n)."""
+    if vector.ndim == 1:
+        return vector.dot(matrix)
+    return np.vecmat(vector, matrix)
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of (..., n, n); an exactly singular matrix gives entries that are not finite.
+
+    For one matrix the result is stored by columns, so that a block of columns is contiguous.
+    """
+    if matrix.ndim == 2:
+        _, _, solution, info = dgesv(matrix, _identity(len(matrix)))
+        return np.full_like(matrix, np.inf) if info else solution
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # one bad sample spoils the whole call: find out which
+        flat = matrix.reshape(-1, *matrix.shape[-2:])
+        return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
+
+
+def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n)."""
+    if matrix.ndim == 2 and right.ndim == 1:
+        _, solution, info = dposv(matrix, right)
+        return np.full_like(right, np.nan) if info else solution
+    return np.linalg.solve(matrix, right[..., None])[..., 0]
+
+
+def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """``left @ right`` for (..., n, k) and (..., k, l)."""
+    if left.ndim == right.ndim == 2:
+        return left.dot(right)
+    return left @ right
+
+
+def congruence(basis: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """``basis^T matrix basis`` for (..., n, r) and (..., n, n)."""
+    return product(basis.mT, product(matrix, basis))
+
+
+def row_conditions(matrix: np.ndarray, inverse_matrix: np.ndarray) -> np.ndarray:
+    """How nearly each row depends on the others, (..., n): one over the sine of its angle to them.
+
+    The product of the length of row i and of column i of the inverse. It does not change when rows
+    are rescaled, so momenta and velocities can stand in one stack.
+    """
+    rows = np.einsum("...ij,...ij->...i", matrix, matrix)
+    columns = np.einsum("...ji,...ji->...i", inverse_matrix, inverse_matrix)
+    return np.sqrt(rows * columns)
+
+
+def unit_rows(matrix: np.ndarray) -> np.ndarray:
+    """The matrix with every nonzero row scaled to unit length."""
+    lengths = np.linalg.norm(matrix, axis=-1, keepdims=True)
+    return matrix / np.where(lengths > 0, lengths, 1.0)
+
+
+def condition_number(matrix: np.ndarray) -> np.ndarray | float:
+    """2-norm condition number (...) of (..., n, n) after scaling rows to unit length."""
+    values = np.linalg.svd(unit_rows(matrix), compute_uv=False)
+    with np.errstate(divide="ignore"):
+        return values[..., 0] / values[..., -1]

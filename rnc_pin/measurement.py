@@ -1,0 +1,30 @@
+"""What a controller may see."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+
+class Measurement(NamedTuple):
+    """Outputs, their rates and the kinematics that connects them; nothing of the inertia.
+
+    ``ReducedModel.measure`` makes one from a state. In a loop of your own, fill in what the controller
+    reads and leave the rest: each says in its docstring what that is.
+    """
+
+    q: Float[Array, "*batch nq"] | None = None
+    """Configuration."""
+    v2: Float[Array, "*batch r"] | None = None
+    """Rates of the reducing outputs."""
+    x1: Float[Array, "*batch k"] | None = None
+    """Vertical outputs."""
+    x2: Float[Array, "*batch r"] | None = None
+    """Reducing outputs; integrals of v2 where they are quasi-velocities."""
+    v1: Float[Array, "*batch k"] | None = None
+    """Rates of the vertical outputs, ``A_star v2``."""
+    A_star: Float[Array, "*batch k r"] | None = None
+    """Kinematics (3a), ``v1 = A_star v2``."""
+    A_star_dot: Float[Array, "*batch k r"] | None = None

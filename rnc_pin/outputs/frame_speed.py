@@ -1,0 +1,44 @@
+"""A frame's speed along its own axis: a quasi-velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.frame_velocity import OwnAxisVelocity
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.robot import Robot
+from rnc_pin.rows import OutputRows
+
+
+@dataclass(frozen=True)
+class FrameSpeed:
+    """Velocity of a frame's origin along the frame's own axis [m/s], e.g. a vehicle's forward speed.
+
+    It is the rate of no coordinate: in a trajectory its integral over time stands in ``x2``.
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+    """
+
+    frame: str
+    axis: str = "x"
+
+    def bind(self, robot: Robot) -> OutputRows:
+        return _SpeedRow(self, robot)
+
+
+class _SpeedRow(OwnAxisVelocity, OutputRows):
+    quasi = True
+
+    def __init__(self, kind: FrameSpeed, robot: Robot) -> None:
+        super().__init__(robot.frame_id(kind.frame), kind.axis)
+        self.names = (f"{kind.frame}_speed_{kind.axis}",)
+        self.units = ("m/s",)
+        self.angular = (False,)
+        self._zero = np.zeros(1)
+
+    def value(self, state: Kinematics) -> np.ndarray:
+        return self._zero

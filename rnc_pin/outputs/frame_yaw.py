@@ -1,0 +1,79 @@
+"""The heading of a frame in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import SingularityError
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.robot import Robot
+from rnc_pin.rows import OutputRows
+
+_VERTICAL = 1e-6
+
+
+@dataclass(frozen=True)
+class FrameYaw:
+    """Angle in the world's x-y plane of a frame's own x axis [rad], in (-pi, pi].
+
+    Exact in three dimensions too, wherever the x axis is not vertical.
+
+    Args:
+        frame: name of the frame.
+    """
+
+    frame: str
+
+    def bind(self, robot: Robot) -> OutputRows:
+        return _YawRow(self, robot)
+
+
+class _YawRow(OutputRows):
+    def __init__(self, kind: FrameYaw, robot: Robot) -> None:
+        self.names = (f"{kind.frame}_yaw",)
+        self.units = ("rad/s",)
+        self.angular = (True,)
+        self._frame = robot.frame_id(kind.frame)
+
+    def value(self, state: Kinematics) -> np.ndarray:
+        x, y, _ = state.placement(self._frame).rotation[:, 0]
+        return np.array([np.arctan2(y, x)])
+
+    def _form(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, float]:
+        """The heading, the covector c with ``yaw' = c . spin``, and the squared horizontal length."""
+        heading = state.placement(self._frame).rotation[:, 0]
+        x, y, z = heading
+        square = float(x * x + y * y)
+        if square < _VERTICAL**2:
+            raise SingularityError(
+                "a yaw is not defined for a vertical axis",
+                q=state.q.copy(),
+                condition=1 / max(square, 1e-300),
+                rows=self.names,
+            )
+        return heading, np.array([-z * x / square, -z * y / square, 1.0]), square
+
+    def jacobian(self, state: Kinematics) -> np.ndarray:
+        _, form, _ = self._form(state)
+        return (form @ state.jacobian(self._frame)[3:])[None]
+
+    def _form_rate(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        heading, form, square = self._form(state)
+        x, y, z = heading
+        dx, dy, dz = pin.skew(state.velocity(self._frame).angular) @ heading
+        square_dot = 2 * (x * dx + y * dy)
+        rate = np.array([-dz * x - z * dx, -dz * y - z * dy, 0.0]) / square
+        rate[:2] -= form[:2] * square_dot / square
+        return form, rate
+
+    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
+        form, rate = self._form_rate(state)
+        return (form @ state.jacobian_dot(self._frame)[3:] + rate @ state.jacobian(self._frame)[3:])[None]
+
+    def drift(self, state: Kinematics) -> np.ndarray:
+        form, rate = self._form_rate(state)
+        spin = state.velocity(self._frame).angular
+        return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])

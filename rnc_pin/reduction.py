@@ -1,0 +1,465 @@
+"""The reduction: ``F = H v2dot + V v2 + G`` for any system. Paper (2)-(3), (6)-(7).
+
+With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
+
+    R = E^-1 [0; I],   Rdot = -E^-1 Edot R,
+    H = R^T H* R,   V = R^T (H* Rdot + C* R),   G = R^T g*.
+
+Everything is written over leading batch axes: Pinocchio runs in a loop, the algebra is stacked, and
+one state is the same code without the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.actuators import Actuation
+from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.linear_algebra import (
+    apply,
+    apply_transposed,
+    condition_number,
+    congruence,
+    inverse,
+    product,
+    row_conditions,
+    solve_positive_definite,
+    unit_rows,
+)
+from rnc_pin.measurement import Measurement
+from rnc_pin.robot import Robot
+from rnc_pin.rows import OutputStack, RowStack
+
+
+@dataclass(frozen=True)
+class ReducedTerms:
+    """Every matrix of the reduced system at a state; batch axes lead."""
+
+    R: Float[Array, "*batch nv r"]
+    """Null-space basis, ``v = R v2``."""
+    R_dot: Float[Array, "*batch nv r"]
+    H: Float[Array, "*batch r r"]
+    """Reduced inertia matrix."""
+    V: Float[Array, "*batch r r"]
+    """Coriolis matrix, with ``Hdot = V + V^T``."""
+    G: Float[Array, "*batch r"]
+    """Gravity forces."""
+    input_matrix: Float[Array, "*batch r p"]
+    """``R^T B``, so that ``F = input_matrix @ T``."""
+    A: Float[Array, "*batch m nv"]
+    """Independent constraint rows."""
+    A_dot: Float[Array, "*batch m nv"]
+    A_star: Float[Array, "*batch k r"]
+    """Kinematics of the vertical outputs, ``x1dot = A_star v2``."""
+    A_star_dot: Float[Array, "*batch k r"]
+    v: Float[Array, "*batch nv"]
+    """Full velocity ``R v2``."""
+
+
+@dataclass(frozen=True)
+class LagrangianTerms:
+    """The matrices of the system before reduction, paper (1)."""
+
+    H: Float[Array, "*batch nv nv"]
+    C: Float[Array, "*batch nv nv"]
+    g: Float[Array, "*batch nv"]
+    B: Float[Array, "*batch nv p"]
+
+
+class Flow(NamedTuple):
+    """How a state changes."""
+
+    v: Array  # (..., nv), full velocity
+    v2_dot: Array  # (..., r)
+    power: Array | float  # (...,) of actuators and damping [W]
+
+
+class ReducedModel:
+    """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
+
+    Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
+    It owns one Pinocchio workspace, so an instance serves one thread at a time.
+
+    Attributes:
+        r, m, p, n: reducing outputs, constraint rows, actuators, degrees of freedom.
+        reducing, vertical: the outputs x2 and x1.
+
+    Raises (every method):
+        InputError: an array has the wrong shape or is not finite.
+        SingularityError: the outputs do not parametrise the motion at q.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        constraints: RowStack,
+        actuation: Actuation,
+        reducing: OutputStack,
+        vertical: OutputStack,
+        singularity_limit: float,
+    ) -> None:
+        self.robot = robot
+        self.constraints = constraints
+        self.actuation = actuation
+        self.reducing = reducing
+        self.vertical = vertical
+        self.singularity_limit = singularity_limit
+        self.n, self.m, self.r, self.p = robot.nv, constraints.size, reducing.size, actuation.size
+        self._square_limit = singularity_limit**2
+        self._basis = (..., slice(self.m, None))  # of E^-1: the columns that are R
+        self._rows = RowStack.joined(constraints, reducing)  # E
+        self._state = Kinematics(robot)
+        self._nq = robot.nq
+        self._check_norm = not all(joint.nq == joint.nv for joint in list(robot.model.joints)[1:])
+        # Workspace of the single state: views made once, constant rows written once.
+        self._E, self._gamma = np.empty((self.n, self.n), order="F"), np.empty(self.n)
+        self._E_flat = self._E.ravel("K")  # a view
+        self._rows.prepare(self._state, self._E, self._gamma)
+
+    # ------------------------------------------------------------------ dynamics
+
+    def forward_dynamics(
+        self, q: ArrayLike, v2: ArrayLike, T: ArrayLike
+    ) -> Float[Array, "*batch r"]:
+        """Accelerations ``v2_dot`` under actuator inputs T [N or N m]."""
+        v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
+        return self._accelerate(self._admit(q, v2), v2, T, None)[0]
+
+    def flow(self, q: ArrayLike, v2: ArrayLike, T: ArrayLike, damping: Array | None = None) -> Flow:
+        """What an integrator needs: full velocity, reduced acceleration and power, from one factorisation.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            T: actuator inputs (..., p).
+            damping: viscous coefficients (nv,) [N m s/rad or N s/m].
+        """
+        v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
+        v2_dot, v, force = self._accelerate(self._admit(q, v2), v2, T, damping)
+        return Flow(v, v2_dot, np.vecdot(v, force))
+
+    def _accelerate(self, q: Array, v2: Array, T: Array, damping: Array | None) -> tuple[Array, Array, Array]:
+        """v2dot, v and the generalized force: one factorisation of E, no Coriolis matrix."""
+        E_inverse, M, B = self.stack(q)
+        R = E_inverse[self._basis]
+        v = apply(R, v2)
+        gamma, bias = self._drift(q, v)
+        force = apply(B, T)
+        if damping is not None:
+            force = force - damping * v
+        MR = product(M, R)
+        # With vdot = R v2dot - E^-1 gamma:  H v2dot = R^T (force - bias) + (M R)^T E^-1 gamma.
+        right = apply_transposed(R, force - bias) + apply_transposed(MR, apply(E_inverse, gamma))
+        v2_dot = solve_positive_definite(product(R.mT, MR), right)
+        if not np.vdot(v2_dot, v2_dot) < np.inf:
+            self._explain_not_finite(q, v2=v2, T=T)
+        return v2_dot, v, force
+
+    def inverse_dynamics(
+        self, q: ArrayLike, v2: ArrayLike, v2_dot: ArrayLike
+    ) -> Float[Array, "*batch r"]:
+        """Reduced forces ``F = H v2dot + V v2 + G``."""
+        v2, v2_dot = self._shaped(v2, self.r, "v2"), self._shaped(v2_dot, self.r, "v2_dot")
+        q = self._admit(q, v2)
+        E_inverse, M, _ = self.stack(q)
+        R = E_inverse[self._basis]
+        v = apply(R, v2)
+        gamma, bias = self._drift(q, v)
+        acceleration = apply(R, v2_dot) - apply(E_inverse, gamma)
+        return apply_transposed(R, apply(M, acceleration) + bias)
+
+    def input_matrix(self, q: ArrayLike) -> Float[Array, "*batch r p"]:
+        """``R^T B``: reduced force for unit actuator inputs."""
+        E_inverse, _, B = self.stack(self._admit(q))
+        return E_inverse[self._basis].mT @ B
+
+    def allocate(self, q: ArrayLike, F: ArrayLike) -> Float[Array, "*batch p"]:
+        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+
+        Raises:
+            ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
+        """
+        F = self._shaped(F, self.r, "F")
+        matrix = self.input_matrix(q)
+        if self.p == self.r:
+            T = apply(inverse(matrix), F)
+            if np.isfinite(T).all() and np.abs(apply(matrix, T) - F).max() <= 1e-8 * (1 + np.abs(F).max()):
+                return T
+        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10)) if self.p else 0
+        if rank < self.r:
+            raise ConstraintError(
+                f"actuators {', '.join(self.actuation.names) or '(none)'} reach rank {rank} of the {self.r} "
+                "reduced forces: not every F can be realised"
+            )
+        return apply(np.linalg.pinv(matrix), F)
+
+    def multipliers(
+        self, q: ArrayLike, v2: ArrayLike, T: ArrayLike
+    ) -> Float[Array, "*batch m"]:
+        """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``."""
+        v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
+        q = self._admit(q, v2)
+        E_inverse, M, B = self.stack(q)
+        R = E_inverse[self._basis]
+        v = apply(R, v2)
+        gamma, bias = self._drift(q, v)
+        free = apply(B, T) - bias + apply(M, apply(E_inverse, gamma))
+        v2_dot = solve_positive_definite(congruence(R, M), apply_transposed(R, free))
+        residual = free - apply(M, apply(R, v2_dot))
+        # A^T lambda + J2^T 0 = residual, that is E^T [lambda; 0] = residual.
+        return apply_transposed(E_inverse[..., : self.m], residual)
+
+    def energy(self, q: ArrayLike, v2: ArrayLike) -> Float[Array, "*batch"] | float:
+        """Kinetic plus potential energy [J]."""
+        v2 = self._shaped(v2, self.r, "v2")
+        q = self._admit(q, v2)
+        v = apply(self.stack(q)[0][self._basis], v2)
+        model, data = self._state.model, self._state.data
+
+        def one(q_i: Array, v_i: Array) -> float:
+            return pin.computeKineticEnergy(model, data, q_i, v_i) + pin.computePotentialEnergy(model, data, q_i)
+
+        if q.ndim == 1:
+            return one(q, v)
+        flat = zip(q.reshape(-1, self._nq), v.reshape(-1, self.n), strict=True)
+        return np.array([one(q_i, v_i) for q_i, v_i in flat]).reshape(q.shape[:-1])
+
+    # ------------------------------------------------------------------ matrices
+
+    def terms(self, q: ArrayLike, v2: ArrayLike) -> ReducedTerms:
+        """All matrices of the reduced system at (q, v2)."""
+        v2 = self._shaped(v2, self.r, "v2")
+        q = self._admit(q, v2)
+        E_inverse, M, B = self.stack(q)
+        R = E_inverse[self._basis]
+        v = apply(R, v2)
+        E_dot, C, g, A, J1, J1_dot = self._rates(q, v)
+        R_dot = -E_inverse @ (E_dot @ R)
+        return ReducedTerms(
+            R=R.copy(),
+            R_dot=R_dot,
+            H=congruence(R, M),
+            V=R.mT @ (M @ R_dot + C @ R),
+            G=apply_transposed(R, g),
+            input_matrix=R.mT @ B,
+            A=A,
+            A_dot=E_dot[..., : self.m, :],
+            A_star=J1 @ R,
+            A_star_dot=J1_dot @ R + J1 @ R_dot,
+            v=v,
+        )
+
+    def lagrangian_terms(self, q: ArrayLike, v2: ArrayLike) -> LagrangianTerms:
+        """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2``."""
+        v2 = self._shaped(v2, self.r, "v2")
+        q = self._admit(q, v2)
+        E_inverse, M, B = self.stack(q)
+        _, C, g, *_ = self._rates(q, apply(E_inverse[self._basis], v2))
+        return LagrangianTerms(H=np.array(M), C=C, g=g, B=np.array(B))
+
+    def basis_rate(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """R and its derivative along any tangent vector v, (nv, r) each, at one configuration."""
+        E_inverse, _, _ = self.stack(self._admit(q))
+        R = E_inverse[:, self.m :]
+        return R.copy(), -E_inverse @ (self._rates(q, np.asarray(v, dtype=float))[0] @ R)
+
+    def measure(
+        self, q: ArrayLike, v2: ArrayLike, integrals: Array | None = None
+    ) -> Measurement:
+        """What controllers may see at a state: outputs, rates and the kinematics between them, no inertia.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity
+                outputs; zeros by default.
+        """
+        v2 = self._shaped(v2, self.r, "v2")
+        q = self._admit(q, v2)
+        E_inverse, _, _ = self.stack(q)
+        R = E_inverse[self._basis]
+        v = apply(R, v2)
+        E_dot, _, _, _, J1, J1_dot = self._rates(q, v)
+        R_dot = -E_inverse @ (E_dot @ R)
+        x1, x2 = self.outputs(q, integrals)
+        A_star = J1 @ R
+        return Measurement(
+            q=q,
+            v2=v2,
+            x1=x1,
+            x2=x2,
+            v1=apply(A_star, v2),
+            A_star=A_star,
+            A_star_dot=J1_dot @ R + J1 @ R_dot,
+        )
+
+    def outputs(self, q: ArrayLike, integrals: Array | None = None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r) of the vertical and reducing outputs."""
+        q = self._admit(q)
+        x1, x2 = np.empty((*q.shape[:-1], self.vertical.size)), np.empty((*q.shape[:-1], self.r))
+        state = self._state
+        for q_i, x1_i, x2_i in self._states(q, x1, x2):
+            state.set_position(q_i)
+            self.vertical.value(state, x1_i)
+            self.reducing.value(state, x2_i)
+        if integrals is not None:
+            x2[..., self.reducing.quasi] = integrals[..., self.reducing.quasi]
+        return x1, x2
+
+    def constraint_residual(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """``A v``, (..., m)."""
+        A = np.empty((*q.shape[:-1], self.m, self.n))
+        for q_i, A_i in self._states(q, A):
+            self._state.set_position(q_i)
+            A_i[...] = self.constraints.evaluate(self._state)
+        return apply(A, v)
+
+    def condition(self, q: ArrayLike) -> Array | float:
+        """Condition number (...) of E with unit rows: how well x2 parametrises the motion at q."""
+        return condition_number(self._position(self._admit(q))[0])
+
+    def smallest_singular_value(self, q: ArrayLike) -> Array | float:
+        """Smallest singular value (...) of E with unit rows; zero at a singular configuration."""
+        return np.linalg.svd(unit_rows(self._position(self._admit(q))[0]), compute_uv=False)[..., -1]
+
+    # ------------------------------------------------------------------ Pinocchio, state by state
+
+    def stack(self, q: Array) -> tuple[Array, Array, Array]:
+        """E^-1 (..., nv, nv), H* (..., nv, nv) and B (..., nv, p) at admitted configurations (..., nq).
+
+        Raises:
+            SingularityError: E cannot be inverted; names the dependent rows.
+        """
+        E, M, B = self._position(q)
+        E_inverse = inverse(E)
+        if E.ndim == 2:
+            # The product of Frobenius norms bounds every row's condition: one cheap test on the hot path.
+            flat = E_inverse.ravel("K")
+            if self._E_flat.dot(self._E_flat) * flat.dot(flat) < self._square_limit:
+                return E_inverse, M, B
+        self._check_regular(q, E, E_inverse)
+        return E_inverse, M, B
+
+    def _position(self, q: Array) -> tuple[Array, Array, Array]:
+        state, rows, actuation = self._state, self._rows, self.actuation
+        if q.ndim == 1:
+            state.set_position(q)
+            rows.jacobian(state, self._E)
+            return self._E, state.M, actuation.matrix(state)
+        batch, n = q.shape[:-1], self.n
+        E, M, B = np.empty((*batch, n, n)), np.empty((*batch, n, n)), actuation.constant
+        rows.prepare(state, E, np.empty((*batch, n)))
+        if B is not None:
+            for q_i, E_i, M_i in self._states(q, E, M):
+                state.set_position(q_i)
+                rows.jacobian(state, E_i)
+                M_i[...] = state.M
+            return E, M, B
+        B = np.empty((*batch, n, self.p))
+        for q_i, E_i, M_i, B_i in self._states(q, E, M, B):
+            state.set_position(q_i)
+            rows.jacobian(state, E_i)
+            M_i[...] = state.M
+            B_i[...] = actuation.matrix(state)
+        return E, M, B
+
+    def _drift(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Edot v (..., nv) and the nonlinear effects (..., nv)."""
+        state, rows = self._state, self._rows
+        if q.ndim == 1:
+            state.set_velocity(q, v)
+            rows.drift(state, self._gamma)
+            return self._gamma, state.bias
+        gamma, bias = np.zeros(v.shape), np.empty(v.shape)
+        for q_i, v_i, gamma_i, bias_i in self._states(q, v, gamma, bias):
+            state.set_velocity(q_i, v_i)
+            rows.drift(state, gamma_i)
+            bias_i[...] = state.bias
+        return gamma, bias
+
+    def _rates(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Edot, C*, g*, A, J1 and J1dot."""
+        batch, n, k = q.shape[:-1], self.n, self.vertical.size
+        E_dot, C, g = np.empty((*batch, n, n)), np.empty((*batch, n, n)), np.empty((*batch, n))
+        A, J1, J1_dot = np.empty((*batch, self.m, n)), np.empty((*batch, k, n)), np.empty((*batch, k, n))
+        state = self._state
+        for q_i, v_i, E_i, C_i, g_i, A_i, J_i, Jd_i in self._states(q, v, E_dot, C, g, A, J1, J1_dot):
+            state.set_rates(q_i, v_i)
+            A_i[...] = self.constraints.evaluate(state)
+            self._rows.jacobian_dot(state, E_i)
+            J_i[...] = self.vertical.evaluate(state)
+            self.vertical.jacobian_dot(state, Jd_i)
+            C_i[...] = state.C
+            g_i[...] = state.bias - apply(state.C, v_i)
+        return E_dot, C, g, A, J1, J1_dot
+
+    def _states(self, q: Array, *arrays: Array):
+        """One tuple a state: views of q and of every array; a single state is one tuple."""
+        if q.ndim == 1:
+            return ((q, *arrays),)
+        if q.ndim > 2:
+            depth, count = q.ndim - 1, prod(q.shape[:-1])
+            q, *arrays = (each.reshape(count, *each.shape[depth:]) for each in (q, *arrays))
+        return zip(q, *arrays, strict=True)
+
+    # ------------------------------------------------------------------ the boundary
+
+    def _admit(self, q: ArrayLike, beside: Array | None = None) -> Array:
+        """A float array q (..., nq), one for each entry of ``beside``; unit complex numbers and quaternions checked."""
+        q = np.asarray(q, float)  # by position: a keyword costs as much as the call
+        if q.ndim == 0 or q.shape[-1] != self._nq:
+            raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
+        if beside is not None and beside.shape[:-1] != q.shape[:-1]:
+            try:
+                batch = np.broadcast_shapes(beside.shape[:-1], q.shape[:-1])
+            except ValueError:
+                raise InputError(f"q of shape {q.shape} and v2 of shape {beside.shape} do not go together") from None
+            # One configuration for many velocities: spread it, so that the loops run over pairs.
+            q = np.ascontiguousarray(np.broadcast_to(q, (*batch, self._nq)))
+        if self._check_norm:
+            for (q_i,) in self._states(q):
+                if not pin.isNormalized(self._state.model, q_i, 1e-6):
+                    self._explain_not_finite(q)
+                    raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+        return q
+
+    def _shaped(self, array: ArrayLike, size: int, name: str) -> Array:
+        array = np.asarray(array, float)
+        if array.ndim == 0 or array.shape[-1] != size:
+            raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
+        return array
+
+    def _explain_not_finite(self, q: Array, **others: Array) -> None:
+        for name, array in {"q": q, **others}.items():
+            if not np.isfinite(array).all():
+                raise InputError(f"{name} holds values that are not finite: {np.array2string(array, precision=4)}")
+
+    def _check_regular(self, q: Array, E: Array, E_inverse: Array) -> None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            conditions = row_conditions(E, E_inverse)
+        good = (conditions < self.singularity_limit).all(axis=-1)
+        if good.all():
+            return
+        self._explain_not_finite(q)
+        first = np.unravel_index(int(np.argmin(good)), good.shape) if good.ndim else ()
+        raise SingularityError(
+            "singular configuration",
+            q=q[first].copy(),
+            condition=float(condition_number(E[first])),
+            rows=self.dependent_rows(E[first]),
+        )
+
+    def dependent_rows(self, E: Array) -> Sequence[str]:
+        """Names of the rows that take part in the weakest combination of a stack (nv, nv)."""
+        left = np.linalg.svd(unit_rows(E))[0][:, -1]
+        return [name for name, weight in zip(self._rows.names, np.abs(left), strict=True) if weight > 0.1 * max(abs(left))]

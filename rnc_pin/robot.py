@@ -1,0 +1,334 @@
+"""A robot: a Pinocchio model, look-ups by name that never fail silently, and its geometry."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin import urdf_files
+from rnc_pin.errors import ModelError, nearest
+
+Base = Literal["fixed", "planar", "free"]
+JointValue = float | Sequence[float] | np.ndarray
+
+_ROOT_JOINTS: dict[str, Callable[[], object] | None] = {
+    "fixed": None,
+    "planar": pin.JointModelPlanar,
+    "free": pin.JointModelFreeFlyer,
+}
+_GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+
+
+class Robot:
+    """A rigid multibody model and the names in it.
+
+    Args:
+        model: any ``pinocchio.Model``.
+        visual_model: geometry to draw, if there is any.
+        collision_model: collision geometry, if there is any.
+
+    Raises:
+        ModelError: a mass or inertia is not physical, or a joint moves no mass.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        visual_model: pin.GeometryModel | None = None,
+        collision_model: pin.GeometryModel | None = None,
+    ) -> None:
+        self.model = model
+        self.nq: int = model.nq
+        self.nv: int = model.nv
+        self.name: str = model.name
+        self._geometry: dict[str, pin.GeometryModel | None] = {
+            "visual": visual_model,
+            "collision": collision_model,
+        }
+        self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
+        self._check_inertia()
+
+    # ------------------------------------------------------------------ construction
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | Path,
+        base: Base = "fixed",
+        package_dirs: Sequence[str | Path] = (),
+        lock: Mapping[str, JointValue] | None = None,
+        gravity: Sequence[float] | None = None,
+    ) -> Robot:
+        """Load a URDF file.
+
+        Args:
+            path: the file; the bare name of one shipped with rnc_pin is enough.
+            base: how the root link meets the world: "fixed", "planar" (x, y, yaw) or "free". A planar
+                or free base is the joint ``root_joint``; its velocity is in the body's own axes.
+            package_dirs: folders in which ``package://`` paths are looked up.
+            lock: joints to freeze and the values to freeze them at [rad or m].
+            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
+
+        Raises:
+            ModelError: the file is missing, is not a URDF, or describes an impossible robot.
+        """
+        path = urdf_files.find_urdf(path)
+        if base not in _ROOT_JOINTS:
+            raise ModelError(f"base '{base}' is not known{nearest(str(base), _ROOT_JOINTS)}")
+        folders = [str(each) for each in package_dirs] or [str(path.parent)]
+        model = _parse_urdf(path, base)
+        if gravity is not None:
+            acceleration = np.asarray(gravity, dtype=float)
+            if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+                raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
+            model.gravity.linear = acceleration
+
+        # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
+        def load(kind: str, full: pin.Model = model) -> pin.GeometryModel:
+            with _geometry_errors(path):
+                return pin.buildGeomFromUrdf(full, str(path), _GEOMETRY[kind], None, folders)
+
+        if not lock:
+            robot = cls(model)
+            robot._load_geometry = load
+            return robot
+        names = _Names(model)
+        joints = [names.joint(name) for name in lock]
+        if base != "fixed" and "root_joint" in lock:
+            raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
+        reference = _configuration(model, names, lock)
+        robot = cls(pin.buildReducedModel(model, joints, reference))
+        robot._load_geometry = lambda kind: pin.buildReducedModel(model, load(kind), joints, reference)[1]
+        return robot
+
+    @classmethod
+    def from_example(
+        cls,
+        name: str,
+        base: Base = "fixed",
+        lock: Mapping[str, JointValue] | None = None,
+        gravity: Sequence[float] | None = None,
+    ) -> Robot:
+        """Load a robot of the example-robot-data package by the name of its URDF, e.g. ``"panda"``."""
+        path, packages = urdf_files.find_example(name)
+        return cls.from_urdf(path, base, [packages], lock, gravity)
+
+    # ------------------------------------------------------------------ names
+
+    def joint_id(self, name: str) -> int:
+        """Index of a joint; raises ModelError with the nearest name."""
+        return _Names(self.model).joint(name)
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name."""
+        if not isinstance(name, str) or not self.model.existFrame(name):
+            valid = [frame.name for frame in self.model.frames]
+            raise ModelError(f"no frame '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
+        return self.model.getFrameId(name)
+
+    def velocity_indices(self, joint: str) -> slice:
+        """Where a joint's velocity stands in ``v``."""
+        model = self.model.joints[self.joint_id(joint)]
+        return slice(model.idx_v, model.idx_v + model.nv)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints, in the model's order."""
+        return tuple(list(self.model.names)[1:])
+
+    @property
+    def velocity_names(self) -> tuple[str, ...]:
+        """One name for each entry of ``v``: the joint's, numbered where it has several."""
+        names: list[str] = []
+        for index, name in enumerate(self.joint_names, start=1):
+            size = self.model.joints[index].nv
+            names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
+        return tuple(names)
+
+    # ------------------------------------------------------------------ configurations
+
+    def configuration(self, values: Mapping[str, JointValue] | None = None) -> np.ndarray:
+        """The neutral configuration (nq,) with some joints set.
+
+        Args:
+            values: joint name to angle [rad] or displacement [m]; a planar base takes (x, y, yaw), a
+                free one (x, y, z) and a quaternion (x, y, z, w).
+
+        Raises:
+            ModelError: unknown joint, or the wrong number of values for one.
+        """
+        return _configuration(self.model, _Names(self.model), values or {})
+
+    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
+        """A configuration (nq,) drawn within joint limits and within ``spread`` [rad or m] of neutral."""
+        q = pin.integrate(
+            self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv)
+        )
+        for joint in list(self.model.joints)[1:]:
+            if joint.nq == joint.nv == 1:
+                low = max(self.model.lowerPositionLimit[joint.idx_q], -spread)
+                high = min(self.model.upperPositionLimit[joint.idx_q], spread)
+                if low < high:
+                    q[joint.idx_q] = generator.uniform(low, high)
+        return q
+
+    @property
+    def is_commutative(self) -> bool:
+        """Whether every joint moves in a line or a circle, so that increments of q simply add up."""
+        return all(joint.nv == 1 for joint in list(self.model.joints)[1:])
+
+    # ------------------------------------------------------------------ geometry
+
+    @property
+    def visual_model(self) -> pin.GeometryModel | None:
+        """Geometry to draw; meshes are read when first asked for."""
+        return self._geometry_model("visual")
+
+    @property
+    def collision_model(self) -> pin.GeometryModel | None:
+        """Collision geometry; meshes are read when first asked for."""
+        return self._geometry_model("collision")
+
+    def _geometry_model(self, kind: str) -> pin.GeometryModel | None:
+        if self._geometry[kind] is None and self._load_geometry is not None:
+            self._geometry[kind] = self._load_geometry(kind)
+        return self._geometry[kind]
+
+    # ------------------------------------------------------------------ checks
+
+    def _check_inertia(self) -> None:
+        """Refuse what cannot be simulated: bad inertias, and joints that move no mass at all."""
+        if self.nv == 0:
+            raise ModelError(f"robot '{self.name}' has no moving joint")
+        for name, inertia in zip(list(self.model.names)[1:], list(self.model.inertias)[1:], strict=True):
+            tensor = inertia.inertia
+            if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
+                raise ModelError(f"inertia behind joint '{name}' is not finite")
+            if inertia.mass < 0:
+                raise ModelError(f"mass behind joint '{name}' is negative: {inertia.mass:g} kg")
+            if np.linalg.eigvalsh(tensor)[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
+                raise ModelError(f"rotational inertia behind joint '{name}' is not positive")
+            if inertia.mass == 0 and tensor.any():
+                raise ModelError(f"body behind joint '{name}' has rotational inertia but zero mass")
+        data = self.model.createData()
+        generator = np.random.default_rng(0)
+        for _ in range(3):
+            inertia_matrix = pin.crba(self.model, data, self.random_configuration(generator))
+            diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
+            if not diagonal.all():
+                joint = self.velocity_names[int(np.argmin(diagonal))]
+                raise ModelError(f"joint '{joint}' moves no mass: give the links behind it an inertia")
+            values, vectors = np.linalg.eigh(inertia_matrix / np.outer(diagonal, diagonal))
+            if values[0] < 1e-12:
+                joint = self.velocity_names[int(np.argmax(np.abs(vectors[:, 0])))]
+                raise ModelError(f"inertia matrix is singular: joint '{joint}' can move without moving mass")
+
+
+class _Names:
+    """Joint look-up on a bare model, before there is a Robot."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model = model
+
+    def joint(self, name: str) -> int:
+        valid = list(self.model.names)[1:]
+        if name not in valid:
+            raise ModelError(f"no joint '{name}' in robot '{self.model.name}'{nearest(str(name), valid)}")
+        return self.model.getJointId(name)
+
+
+def _configuration(model: pin.Model, names: _Names, values: Mapping[str, JointValue]) -> np.ndarray:
+    q = pin.neutral(model)
+    for name, value in values.items():
+        joint = model.joints[names.joint(name)]
+        try:
+            entry = np.atleast_1d(np.asarray(value, dtype=float))
+        except (TypeError, ValueError):
+            raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
+        if not np.isfinite(entry).all():
+            raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
+        q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
+    return q
+
+
+def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> np.ndarray:
+    kind = joint.shortname()
+    if kind.startswith("JointModelRUB") and entry.size == 1:  # unbounded revolute: (cos, sin)
+        return np.array([np.cos(entry[0]), np.sin(entry[0])])
+    if kind == "JointModelPlanar" and entry.size == 3:
+        return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])
+    if kind == "JointModelFreeFlyer" and entry.size == 7:
+        length = np.linalg.norm(entry[3:])
+        if length < 1e-9:
+            raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
+        return np.r_[entry[:3], entry[3:] / length]
+    if entry.size == joint.nq == joint.nv:
+        return entry
+    expected = {"JointModelPlanar": "3 (x, y, yaw)", "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)"}
+    raise ModelError(f"joint '{name}' takes {expected.get(kind, joint.nv)} values, found {entry.size}")
+
+
+def _parse_urdf(path: Path, base: str) -> pin.Model:
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: cannot be read: {error}") from None
+    if root.tag != "robot":
+        raise ModelError(f"{path}: not a URDF: the outermost element is <{root.tag}>, expected <robot>")
+    make_root = _ROOT_JOINTS[base]
+    arguments = [str(path)] if make_root is None else [str(path), make_root()]
+    failure: Exception | None = None
+    with _captured_stderr() as complaints:
+        try:
+            model = pin.buildModelFromUrdf(*arguments)
+        except Exception as error:  # Boost.Python raises whatever the C++ side threw
+            failure = error
+    # urdfdom also prints errors for elements that it then leaves out of the model.
+    complaint = _first_complaint(complaints) or failure
+    if complaint:
+        raise ModelError(f"{path}: {complaint}")
+    return model
+
+
+@contextmanager
+def _geometry_errors(path: Path) -> Iterator[None]:
+    try:
+        with _captured_stderr():
+            yield
+    except Exception as error:  # Boost.Python raises whatever the C++ side threw
+        raise ModelError(f"{path}: geometry cannot be loaded: {str(error).splitlines()[0]}") from None
+
+
+@contextmanager
+def _captured_stderr() -> Iterator[list[str]]:
+    """Collect what C++ code prints on file descriptor 2: urdfdom says there what it refuses."""
+    lines: list[str] = []
+    sys.stderr.flush()
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as sink:
+        os.dup2(sink.fileno(), 2)
+        try:
+            yield lines
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            sink.seek(0)
+            lines += sink.read().decode(errors="replace").splitlines()
+
+
+def _first_complaint(lines: list[str]) -> str | None:
+    for line in lines:
+        if line.startswith("Error:"):
+            return line.removeprefix("Error:").strip().split("  ")[0]
+    return None

@@ -1,0 +1,189 @@
+"""Rows: a Jacobian on the tangent space and its rate. Constraints and outputs are both made of them.
+
+What a user writes (``NoSideSlip("axle")``) is a *kind*: a description that knows no robot. Bound to
+one, it becomes ``Rows``, with every name resolved.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from rnc_pin.errors import InputError
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.robot import Robot
+
+
+class Rows(ABC):
+    """k linear forms on the velocity, with everything a reduction needs to know of them.
+
+    Attributes:
+        names: one name for each row, (k,).
+        units: unit of each row's rate, (k,).
+        constant: whether the rows are the same at every configuration, so that their rate is zero.
+        conserved: where in ``v`` no actuator may act for the rows to hold (momenta), else None.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    constant: bool = False
+    conserved: slice | None = None
+
+    @abstractmethod
+    def jacobian(self, state: Kinematics) -> np.ndarray:
+        """The rows J(q), (k, nv). Needs ``set_position``."""
+
+    @abstractmethod
+    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
+        """Their rate along v, (k, nv). Needs ``set_rates``."""
+
+    @abstractmethod
+    def drift(self, state: Kinematics) -> np.ndarray:
+        """``Jdot v``, (k,), for a velocity that satisfies the constraints.
+
+        Needs ``set_velocity`` only: placements, velocities and accelerations of frames, ``bias``, q and v.
+        """
+
+
+class OutputRows(Rows):
+    """Rows that are the rate of a coordinate, or of a quasi-coordinate that has no value of its own.
+
+    Attributes:
+        angular: which values are angles, compared modulo a full turn, (k,).
+        quasi: whether only the rate exists (a quasi-velocity), so that the value is its integral.
+    """
+
+    angular: tuple[bool, ...]
+    quasi: bool = False
+
+    @abstractmethod
+    def value(self, state: Kinematics) -> np.ndarray:
+        """The coordinates, (k,) [m or rad]; zeros where ``quasi``. Needs ``set_position``."""
+
+
+@runtime_checkable
+class ConstraintKind(Protocol):
+    """A description of constraint rows that can be bound to a robot."""
+
+    def bind(self, robot: Robot) -> Rows: ...
+
+
+@runtime_checkable
+class OutputKind(Protocol):
+    """A description of outputs that can be bound to a robot."""
+
+    def bind(self, robot: Robot) -> OutputRows: ...
+
+
+class RowStack:
+    """Some rows of several blocks, one under the other.
+
+    Args:
+        blocks: the bound rows.
+        kept: for each block the indices of the rows that count; all of them by default.
+    """
+
+    def __init__(self, blocks: Sequence[Rows], kept: Sequence[Sequence[int]] | None = None) -> None:
+        chosen = [tuple(range(len(block.names))) for block in blocks] if kept is None else list(kept)
+        self.names = tuple(b.names[i] for b, rows in zip(blocks, chosen, strict=True) for i in rows)
+        self.units = tuple(b.units[i] for b, rows in zip(blocks, chosen, strict=True) for i in rows)
+        self.size = len(self.names)
+        # (rows, where they go, which of them; None for all, which saves a copy on the hot path)
+        self.places: list[tuple[Rows, slice, list[int] | None]] = []
+        start = 0
+        for block, rows in zip(blocks, chosen, strict=True):
+            if rows:
+                selection = None if len(rows) == len(block.names) else list(rows)
+                self.places.append((block, slice(start, start + len(rows)), selection))
+            start += len(rows)
+
+        self._varying = [place for place in self.places if not place[0].constant]
+
+    @classmethod
+    def joined(cls, *stacks: RowStack) -> RowStack:
+        """Several stacks as one."""
+        whole = cls([])
+        for stack in stacks:
+            shifted = [
+                (block, slice(place.start + whole.size, place.stop + whole.size), selection)
+                for block, place, selection in stack.places
+            ]
+            whole.places += shifted
+            whole.names += stack.names
+            whole.units += stack.units
+            whole.size += stack.size
+        whole._varying = [place for place in whole.places if not place[0].constant]
+        return whole
+
+    def prepare(self, state: Kinematics, jacobian: np.ndarray, drift: np.ndarray) -> None:
+        """Write what never changes into ``jacobian`` (..., size, nv) and ``drift`` (..., size)."""
+        for block, place, selection in self.places:
+            if block.constant:
+                rows = block.jacobian(state)
+                jacobian[..., place, :] = rows if selection is None else rows[selection]
+                drift[..., place] = 0.0
+
+    def jacobian(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write the rows of J(q) that vary into ``out`` (size, nv), which ``prepare`` has seen."""
+        for block, place, selection in self._varying:
+            rows = block.jacobian(state)
+            out[place] = rows if selection is None else rows[selection]
+
+    def drift(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write the entries of ``Jdot v`` that vary into ``out`` (size,), which ``prepare`` has seen."""
+        for block, place, selection in self._varying:
+            rows = block.drift(state)
+            out[place] = rows if selection is None else rows[selection]
+
+    def jacobian_dot(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write Jdot(q, v) into ``out`` (size, nv)."""
+        for block, place, selection in self.places:
+            rows = block.jacobian_dot(state)
+            out[place] = rows if selection is None else rows[selection]
+
+    def evaluate(self, state: Kinematics) -> np.ndarray:
+        """J(q), (size, nv), in a new array."""
+        out = np.empty((self.size, state.model.nv))
+        for block, place, selection in self.places:
+            rows = block.jacobian(state)
+            out[place] = rows if selection is None else rows[selection]
+        return out
+
+
+class OutputStack(RowStack):
+    """Outputs one under the other, with their values.
+
+    Args:
+        blocks: the bound outputs.
+    """
+
+    def __init__(self, blocks: Sequence[OutputRows]) -> None:
+        super().__init__(blocks)
+        self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
+        self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
+        self._outputs = list(blocks)
+
+    def value(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write the coordinates into ``out`` (size,)."""
+        for (_, place, _), block in zip(self.places, self._outputs, strict=True):
+            out[place] = block.value(state)
+
+
+def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
+    """``desired - actual`` (..., k), with angles brought into (-pi, pi]."""
+    difference = desired - actual
+    if angular.any():
+        wrapped = np.pi - np.mod(np.pi - difference, 2 * np.pi)
+        difference = np.where(angular, wrapped, difference)
+    return difference
+
+
+def checked_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
+    """An array that a user's function returned, refused with its name when it has the wrong shape."""
+    array = np.asarray(rows, dtype=float)
+    if array.shape != expected:
+        raise InputError(f"{what} returned shape {array.shape}, expected {expected}")
+    return array

@@ -1,0 +1,161 @@
+"""A nonholonomic mechanical system: robot, constraints and actuators. Paper (1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rnc_pin.actuators import Actuation, Actuators
+from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.independence import select_independent
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.rows import ConstraintKind, OutputKind, OutputStack, Rows, RowStack
+
+_SAMPLES = 12
+
+
+class NonholonomicSystem:
+    """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``.
+
+    Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
+    were and why they add nothing.
+
+    Args:
+        robot: the robot.
+        constraints: kinds from ``rnc_pin.constraints``, or anything with ``bind(robot) -> Rows``.
+        actuators: joint names, ``FrameForce``, ``FrameTorque``; or a matrix (nv, p); or ``B(q)``.
+
+    Attributes:
+        n: degrees of freedom before the constraints (nv).
+        m: independent constraint rows.
+        p: actuators.
+        constraints: the independent rows.
+        dropped_rows: the others, with reasons.
+
+    Raises:
+        ModelError: unknown joint or frame.
+        ConstraintError: rank that varies with the configuration, constraints that leave no motion, or
+            an actuator that drives a momentum said to be conserved.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        constraints: Sequence[ConstraintKind] = (),
+        actuators: Actuators = (),
+    ) -> None:
+        self.robot = robot
+        self.actuation = Actuation(actuators, robot)
+        blocks = [kind.bind(robot) for kind in constraints]
+        all_rows = RowStack(blocks)
+        _refuse_twice(all_rows.names, "constraint row")
+        samples = _sample_rows(all_rows, robot)
+        kept, self.dropped_rows = select_independent(samples, all_rows.names)
+        self.constraints = RowStack(blocks, _by_block(blocks, kept))
+        self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
+        if self.m >= self.n:
+            raise ConstraintError(f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom")
+        self._check_conserved(blocks)
+
+    @property
+    def r(self) -> int:
+        """Number of reducing outputs that a reduction needs: n - m."""
+        return self.n - self.m
+
+    def reduce(
+        self,
+        reducing: Sequence[OutputKind],
+        vertical: Sequence[OutputKind] = (),
+        singularity_limit: float = 1e8,
+    ) -> ReducedModel:
+        """Reduce to the velocities of chosen outputs: paper (2)-(3), (6)-(7).
+
+        Args:
+            reducing: outputs x2 with n - m rows in all, whose rates parametrise the motion.
+            vertical: outputs x1 that follow kinematically, ``x1dot = A_star x2dot``.
+            singularity_limit: how dependent a row of ``[A; J2]`` may become (one over the sine of its
+                angle to the others) before ``SingularityError`` is raised.
+
+        Raises:
+            ConstraintError: not n - m reducing outputs, one of them twice, or dependent everywhere.
+        """
+        x2 = OutputStack([kind.bind(self.robot) for kind in reducing])
+        x1 = OutputStack([kind.bind(self.robot) for kind in vertical])
+        _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
+        if x2.size != self.r:
+            raise ConstraintError(
+                f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), but {self.n} degrees of freedom "
+                f"under {self.m} constraints need {self.r}"
+            )
+        reduced = ReducedModel(self.robot, self.constraints, self.actuation, x2, x1, singularity_limit)
+        self._check_regular(reduced)
+        return reduced
+
+    def _check_regular(self, reduced: ReducedModel) -> None:
+        """Refuse outputs that are dependent everywhere: here that is a mistake, not a singular configuration."""
+        generator = np.random.default_rng(0)
+        failure: SingularityError | None = None
+        for _ in range(_SAMPLES):
+            try:
+                reduced.stack(self.robot.random_configuration(generator))
+                return
+            except SingularityError as error:
+                failure = error
+        assert failure is not None
+        raise ConstraintError(
+            "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
+            f"{', '.join(failure.rows)} are dependent"
+        )
+
+    def _check_conserved(self, blocks: Sequence[Rows]) -> None:
+        conserved = [block for block in blocks if block.conserved is not None]
+        if not conserved or not self.p:
+            return
+        state = Kinematics(self.robot)
+        generator = np.random.default_rng(0)
+        for _ in range(_SAMPLES):
+            state.set_position(self.robot.random_configuration(generator))
+            matrix = self.actuation.matrix(state)
+            for block in conserved:
+                driven = np.abs(matrix[block.conserved]).max(axis=0, initial=0.0) > 1e-12
+                if driven.any():
+                    name = self.actuation.names[int(np.argmax(driven))]
+                    raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
+
+
+def _by_block(blocks: Sequence[Rows], kept: Sequence[int]) -> list[list[int]]:
+    result, start = [], 0
+    for block in blocks:
+        size = len(block.names)
+        result.append([row - start for row in kept if start <= row < start + size])
+        start += size
+    return result
+
+
+def _sample_rows(rows: RowStack, robot: Robot) -> np.ndarray:
+    """The rows at seeded random configurations, (samples, k, nv), leaving out those where one is undefined."""
+    state = Kinematics(robot)
+    generator = np.random.default_rng(0)
+    samples: list[np.ndarray] = []
+    for _ in range(_SAMPLES):
+        state.set_position(robot.random_configuration(generator))
+        try:
+            out = rows.evaluate(state)
+        except SingularityError:
+            continue
+        if not np.isfinite(out).all():
+            bad = rows.names[int(np.argmin(np.isfinite(out).all(axis=1)))]
+            raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(state.q, 4).tolist()}")
+        samples.append(out)
+    if not samples:
+        raise ConstraintError(f"constraints {', '.join(rows.names)} are undefined at every sampled configuration")
+    return np.stack(samples)
+
+
+def _refuse_twice(names: Sequence[str], what: str) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise ConstraintError(f"{what} '{name}' is there twice")

@@ -1,0 +1,65 @@
+"""Where robot descriptions are: beside the caller, shipped with this package, or in example-robot-data."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from functools import cache
+from pathlib import Path
+
+from rnc_pin.errors import ModelError, nearest
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def shipped_directory() -> Path:
+    """The folder of URDFs that come with rnc_pin (in a wheel, or in a checkout)."""
+    inside = _PACKAGE / "urdf"
+    return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
+
+
+def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
+    """A URDF by path, then relative to ``beside``, then by the name of one shipped here.
+
+    Raises:
+        ModelError: no such file; names the nearest one shipped.
+    """
+    path = Path(path).expanduser()
+    candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate.resolve()
+    shipped = sorted(each.name for each in shipped_directory().glob("*.urdf"))
+    raise ModelError(f"no URDF file '{path}'{nearest(path.name, shipped)}")
+
+
+@cache
+def _example_data() -> Path:
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError:
+        raise ModelError("example-robot-data is not installed: pip install example-robot-data") from None
+    for file in files:
+        if file.suffix == ".urdf":
+            located = Path(str(file.locate()))
+            for parent in located.parents:
+                if parent.name == "robots" and parent.parent.name == "example-robot-data":
+                    return parent.resolve()
+    raise ModelError("example-robot-data is installed without its robots")
+
+
+@cache
+def example_urdfs() -> dict[str, Path]:
+    """Every URDF of example-robot-data by its file's name without the ending."""
+    return {path.stem: path for path in sorted(_example_data().rglob("*.urdf"))}
+
+
+def find_example(name: str) -> tuple[Path, Path]:
+    """URDF and package directory of a robot in example-robot-data.
+
+    Raises:
+        ModelError: no robot of that name; says the nearest.
+    """
+    urdfs = example_urdfs()
+    if name not in urdfs:
+        raise ModelError(f"no robot '{name}' in example-robot-data{nearest(name, urdfs)}")
+    return urdfs[name], _example_data().parent.parent

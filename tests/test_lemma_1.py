@@ -1,0 +1,169 @@
+"""Lemma 1 of the paper, and the reduction against the KKT solution, on every system."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from systems import ALL, random_states
+from tolerances import CONSTRAINT, FINITE_DIFFERENCE, KKT, LEMMA_1, ROUNDING
+
+STATES = 6
+STEP = 4e-4
+
+
+@pytest.fixture(params=ALL, scope="module")
+def reduced(request):
+    return ALL[request.param]()
+
+
+@pytest.fixture(scope="module")
+def states(reduced):
+    return random_states(reduced, STATES)
+
+
+def moved(reduced, q, v, step):
+    return pin.integrate(reduced.robot.model, q, step * v)
+
+
+def derivative(reduced, q, v, function):
+    """Central difference, fourth order, of a function of q along v."""
+    speed = np.linalg.norm(v)
+    f = [function(moved(reduced, q, v / speed, k * STEP)) for k in (-2, -1, 1, 2)]
+    return (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * STEP) * speed
+
+
+def assert_close(actual, expected, tolerance):
+    scale = max(1.0, np.abs(expected).max(initial=0.0))
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
+
+
+def test_basis_satisfies_the_constraints(reduced, states):
+    for q, v2 in states:
+        t = reduced.terms(q, v2)
+        lengths = np.linalg.norm(t.A, axis=1, keepdims=True) * np.linalg.norm(t.R)
+        assert np.abs(t.A @ t.R / lengths).max() < CONSTRAINT
+        assert np.abs(t.A @ t.v / lengths).max() < CONSTRAINT * (1 + np.linalg.norm(v2))
+
+
+def test_basis_gives_back_the_reducing_outputs(reduced, states):
+    for q, v2 in states:
+        t = reduced.terms(q, v2)
+        state = reduced._state
+        state.set_position(q)
+        assert_close(reduced.reducing.evaluate(state) @ t.R, np.eye(reduced.r), ROUNDING)
+
+
+def test_inertia_is_symmetric_positive_definite(reduced, states):
+    for q, v2 in states:
+        H = reduced.terms(q, v2).H
+        assert_close(H, H.T, ROUNDING)
+        assert np.linalg.eigvalsh(H)[0] > 0
+
+
+def test_rate_of_inertia_is_v_plus_its_transpose(reduced, states):
+    for q, v2 in states:
+        t = reduced.terms(q, v2)
+        H_dot = derivative(reduced, q, t.v, lambda p, v2=v2: reduced.terms(p, v2).H)
+        assert_close(t.V + t.V.T, H_dot, LEMMA_1)
+
+
+def test_coriolis_matrix_is_linear_in_velocity(reduced, states):
+    for q, v2 in states:
+        other = np.flip(v2) + 0.3
+        V = [reduced.terms(q, each).V for each in (v2, other, 2 * v2 - 3 * other)]
+        assert_close(V[2], 2 * V[0] - 3 * V[1], ROUNDING)
+
+
+def test_gravity_and_inertia_do_not_depend_on_velocity(reduced, states):
+    for q, v2 in states:
+        moving, resting = reduced.terms(q, v2), reduced.terms(q, np.zeros_like(v2))
+        assert_close(moving.H, resting.H, ROUNDING)
+        assert_close(moving.G, resting.G, ROUNDING)
+        assert_close(resting.V, np.zeros_like(resting.V), ROUNDING)
+
+
+def test_rates_of_basis_and_constraints(reduced, states):
+    for q, v2 in states:
+        t = reduced.terms(q, v2)
+        for rate, name in ((t.R_dot, "R"), (t.A_dot, "A"), (t.A_star_dot, "A_star")):
+            difference = derivative(reduced, q, t.v, lambda p, v2=v2, name=name: getattr(reduced.terms(p, v2), name))
+            assert_close(rate, difference, FINITE_DIFFERENCE)
+
+
+def test_rates_of_outputs(reduced, states):
+    for q, v2 in states:
+        measured = reduced.measure(q, v2)
+        v = reduced.terms(q, v2).v
+        x1_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[0])
+        x2_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[1])
+        assert_close(measured.v1, x1_dot, FINITE_DIFFERENCE)
+        own = ~reduced.reducing.quasi
+        assert_close(v2[own], x2_dot[own], FINITE_DIFFERENCE)
+
+
+def test_acceleration_agrees_with_kkt(reduced, states):
+    """Independent: Pinocchio solves the constrained dynamics as a saddle-point problem."""
+    model = reduced.robot.model
+    data = model.createData()
+    generator = np.random.default_rng(1)
+    for q, v2 in states:
+        T = generator.normal(size=reduced.p)
+        t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
+        vdot = pin.forwardDynamics(model, data, q, t.v, full.B @ T, t.A, t.A_dot @ t.v)
+        v2_dot = reduced.forward_dynamics(q, v2, T)
+        assert_close(t.R @ v2_dot + t.R_dot @ v2, vdot, KKT)
+        # The multipliers of the same problem, in the sign of the paper's (1).
+        residual = full.B @ T - full.H @ vdot - full.C @ t.v - full.g
+        assert_close(t.A.T @ reduced.multipliers(q, v2, T), residual, KKT)
+
+
+def test_inverse_dynamics_undoes_forward_dynamics(reduced, states):
+    generator = np.random.default_rng(2)
+    for q, v2 in states:
+        T = generator.normal(size=reduced.p)
+        t = reduced.terms(q, v2)
+        v2_dot = reduced.forward_dynamics(q, v2, T)
+        F = t.input_matrix @ T
+        assert_close(reduced.inverse_dynamics(q, v2, v2_dot), F, KKT)
+        assert_close(t.H @ v2_dot + t.V @ v2 + t.G, F, KKT)
+        assert_close(t.input_matrix @ reduced.allocate(q, F), F, KKT)
+
+
+def test_energy_changes_by_the_power_of_the_actuators(reduced, states):
+    generator = np.random.default_rng(3)
+    for q, v2 in states:
+        T = generator.normal(size=reduced.p)
+        v, v2_dot, power = reduced.flow(q, v2, T)
+        h = STEP / np.linalg.norm(v) / 10
+
+        def energy(step, q=q, v=v, v2=v2, v2_dot=v2_dot):
+            # Second-order step of q is enough for a central difference of first order in time.
+            return reduced.energy(moved(reduced, q, v, step), v2 + step * v2_dot)
+
+        difference = (energy(h) - energy(-h)) / (2 * h)
+        assert difference == pytest.approx(power, rel=FINITE_DIFFERENCE, abs=FINITE_DIFFERENCE * np.linalg.norm(v) * (1 + abs(energy(0))))
+
+
+def test_batch_is_the_same_as_one_by_one(reduced, states):
+    generator = np.random.default_rng(4)
+    q, v2 = (np.stack(each).reshape(2, 3, -1) for each in zip(*states, strict=True))
+    T, F = generator.normal(size=(2, 3, reduced.p)), generator.normal(size=(2, 3, reduced.r))
+    calls = {
+        "forward_dynamics": (q, v2, T),
+        "inverse_dynamics": (q, v2, F),
+        "multipliers": (q, v2, T),
+        "allocate": (q, F),
+        "energy": (q, v2),
+        "condition": (q,),
+    }
+    for name, arguments in calls.items():
+        method = getattr(reduced, name)
+        batch = method(*arguments)
+        for i in np.ndindex(2, 3):
+            assert_close(batch[i], method(*(each[i] for each in arguments)), ROUNDING)
+    whole = {**vars(reduced.terms(q, v2)), **reduced.measure(q, v2)._asdict()}
+    for i in np.ndindex(2, 3):
+        one = {**vars(reduced.terms(q[i], v2[i])), **reduced.measure(q[i], v2[i])._asdict()}
+        for name, value in one.items():
+            assert whole[name][i].shape == value.shape
+            assert_close(whole[name][i], value, ROUNDING)
