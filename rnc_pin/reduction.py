@@ -236,6 +236,11 @@ class ReducedModel:
 
     # ------------------------------------------------------------------ matrices
 
+    def inertia(self, q: ArrayLike) -> Float[Array, "*batch r r"]:
+        """Reduced inertia matrix H alone."""
+        E_inverse, M, _ = self.stack(self._admit(q))
+        return congruence(E_inverse[self._basis], M)
+
     def terms(self, q: ArrayLike, v2: ArrayLike) -> ReducedTerms:
         """All matrices of the reduced system at (q, v2)."""
         v2 = self._shaped(v2, self.r, "v2")

@@ -1,0 +1,5 @@
+"""Where outputs should go."""
+
+from rnc_pin.planning.references import Harmonic, Hold, Joined, MinimumJerk, Reference, ReferencePoint, ViaPoints
+
+__all__ = ["Harmonic", "Hold", "Joined", "MinimumJerk", "Reference", "ReferencePoint", "ViaPoints"]

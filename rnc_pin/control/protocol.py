@@ -1,0 +1,60 @@
+"""What controllers have in common.
+
+They hold gains only. What they learn is a state that is handed in and out, so that a run can be saved,
+resumed, batched and replayed to the bit:
+
+    state = controller.initial_state(measurement)
+    command, state = controller.step(t, measurement, state)      # once a sample
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.measurement import Measurement
+
+
+class VelocityTarget(NamedTuple):
+    """What a kinematic controller asks of the reducing outputs; batch axes lead."""
+
+    v2: Float[Array, "*batch r"]
+    """Desired rates."""
+    v2_dot: Float[Array, "*batch r"]
+    """Their rate."""
+    x1: Float[Array, "*batch k"] | None = None
+    """Desired vertical outputs; NaN where the task has none."""
+    x2: Float[Array, "*batch r"] | None = None
+    """Desired reducing outputs; NaN where only the rate matters."""
+
+
+class Command(NamedTuple):
+    """What a controller decides; F or T is given, the rest is for the record."""
+
+    F: Float[Array, "*batch r"] | None = None
+    """Reduced force, to be allocated to the actuators."""
+    T: Float[Array, "*batch p"] | None = None
+    """Actuator inputs, where a controller knows its actuators."""
+    v2_desired: Float[Array, "*batch r"] | None = None
+    x1_desired: Float[Array, "*batch k"] | None = None
+    x2_desired: Float[Array, "*batch r"] | None = None
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """Decides a command once a sample."""
+
+    def initial_state(self, measurement: Measurement) -> Any: ...
+
+    def step(self, t: float, measurement: Measurement, state: Any) -> tuple[Command, Any]: ...
+
+
+@runtime_checkable
+class KinematicController(Protocol):
+    """Decides a velocity target once a sample."""
+
+    def initial_state(self, measurement: Measurement) -> Any: ...
+
+    def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...

@@ -1,0 +1,41 @@
+"""Reducing outputs alone: what happens when nobody looks after the vertical ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control.protocol import VelocityTarget
+from rnc_pin.control.redundancy import check_size
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.rows import angle_difference
+
+
+class ReducingOutputController:
+    """``v2d = x2d_dot + k2 (x2d - x2)``: every reducing output follows a reference of its own.
+
+    The vertical outputs go wherever the constraints take them. Reads from the measurement: ``x2, v2``.
+
+    Args:
+        reduced: whose outputs they are.
+        reference: of x2.
+        k2: [1/s]; a number or one each.
+    """
+
+    def __init__(self, reduced: ReducedModel, reference: Reference, k2: float | np.ndarray = 2.0) -> None:
+        check_size(reference, reduced.r, "reducing")
+        self.reference, self.k2 = reference, k2
+        self._angular = reduced.reducing.angular
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """It learns nothing."""
+
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
+        desired = self.reference.at(t)
+        error = angle_difference(desired.position, measurement.x2, self._angular)
+        return VelocityTarget(
+            v2=desired.velocity + self.k2 * error,
+            v2_dot=desired.acceleration + self.k2 * (desired.velocity - measurement.v2),
+            x2=np.broadcast_to(desired.position, measurement.x2.shape),
+        ), None

@@ -1,0 +1,113 @@
+"""Class 1: redundant outputs are spent on the vertical ones. Paper (12)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control.protocol import VelocityTarget
+from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.linear_algebra import apply, condition_number
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.rows import angle_difference
+from rnc_pin.task import Task
+
+_LIMIT = 1e8
+
+
+class RedundancyController:
+    """``v22d = A4^-1 (x1d_dot + k3 (x1d - x1) - A3 v21d)``, paper (12), with its exact rate.
+
+    The rate of the redundant outputs is chosen so that the vertical outputs follow their reference while
+    the primary outputs follow theirs. The paper feeds ``v21d = x21d_dot`` forward, so that x21 drifts by
+    what the inner loop misses; ``k21`` closes that loop (0 is the paper).
+
+    Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``.
+
+    Args:
+        task: the outputs; as many redundant as vertical.
+        primary: reference of x21.
+        vertical: reference of x1.
+        k3: [1/s], of the vertical outputs; a number or one each.
+        k21: [1/s], of the primary outputs; a number or one each.
+
+    Raises:
+        ConfigurationError: the task has not as many redundant as vertical outputs, or a reference has
+            another size than its outputs.
+        SingularityError: while running, A4 cannot be inverted.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        primary: Reference,
+        vertical: Reference,
+        k3: float | np.ndarray = 2.0,
+        k21: float | np.ndarray = 0.0,
+    ) -> None:
+        if len(task.redundant) != len(task.vertical) or not len(task.vertical):
+            raise ConfigurationError(
+                f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "
+                f"({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
+                f"({', '.join(task.vertical_names) or 'none'})"
+            )
+        check_size(primary, len(task.primary), "primary")
+        check_size(vertical, len(task.vertical), "vertical")
+        self.task, self.primary, self.vertical = task, primary, vertical
+        self.k3, self.k21 = k3, k21
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """It learns nothing."""
+
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
+        task, m = self.task, measurement
+        x21d, x1d = self.primary.at(t), self.vertical.at(t)
+        e21 = angle_difference(x21d.position, m.x2[..., task.primary], task.primary_angular)
+        e1 = angle_difference(x1d.position, m.x1[..., task.vertical], task.vertical_angular)
+        v21 = x21d.velocity + self.k21 * e21
+        v21_dot = x21d.acceleration + self.k21 * (x21d.velocity - m.v2[..., task.primary])
+        A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
+        A3, A4 = A[..., task.primary], A[..., task.redundant]
+        A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
+        v22 = self._solve(A4, x1d.velocity + self.k3 * e1 - apply(A3, v21), m)
+        v1 = m.v1[..., task.vertical]
+        right = x1d.acceleration + self.k3 * (x1d.velocity - v1) - apply(A3_dot, v21) - apply(A3, v21_dot)
+        v22_dot = self._solve(A4, right - apply(A4_dot, v22), m)
+        batch = v22.shape[:-1]
+        return VelocityTarget(
+            v2=self._merge(v21, v22, batch),
+            v2_dot=self._merge(v21_dot, v22_dot, batch),
+            x1=_spread(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
+            x2=_spread(x21d.position, task.primary, (*batch, task.r)),
+        ), None
+
+    def _merge(self, first: np.ndarray, second: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
+        whole = np.empty((*batch, self.task.r))
+        whole[..., self.task.primary], whole[..., self.task.redundant] = first, second
+        return whole
+
+    def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
+        try:
+            solution = np.linalg.solve(A4, right[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            solution = np.full(right.shape, np.inf)
+        if np.abs(solution).max() < _LIMIT * (1 + np.abs(right).max()):
+            return solution
+        raise SingularityError(
+            "redundant outputs cannot move the vertical ones (A4 is singular)",
+            q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
+            condition=float(np.max(condition_number(A4))) if A4.shape[-1] > 1 else float(1 / max(np.abs(A4).min(), 1e-300)),
+            rows=(*self.task.vertical_names, *self.task.redundant_names),
+        )
+
+
+def check_size(reference: Reference, size: int, what: str) -> None:
+    """Refuse a reference that is not one number for each of its outputs."""
+    if reference.size != size:
+        raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
+
+
+def _spread(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    whole = np.full(shape, np.nan)
+    whole[..., where] = values
+    return whole

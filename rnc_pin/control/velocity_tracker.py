@@ -1,0 +1,83 @@
+"""Adaptive velocity tracker: no model. Paper (10), Lemma 3."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.gains import VelocityGains
+from rnc_pin.control.protocol import Command, KinematicController
+from rnc_pin.errors import InputError
+from rnc_pin.linear_algebra import apply
+from rnc_pin.measurement import Measurement
+
+
+class TrackerState(NamedTuple):
+    """What the tracker has learnt; batch axes lead."""
+
+    time: float | None
+    g: Float[Array, "*batch r"]
+    C: Float[Array, "*batch r r"]
+    D: Float[Array, "*batch r r2"]
+    target: Any
+    """State of the kinematic controller."""
+
+
+class VelocityTracker:
+    """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
+
+    The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time
+    the leak is exact over a sample, and the step along the regressor w is bounded: what one sample adds
+    to F is at most ``k e_v``, however large ``beta |w|^2 dt`` (under explicit Euler more than 2 diverges).
+    For small steps both are the paper's.
+
+    Reads from the measurement: ``v2``, and what its kinematic controller reads.
+
+    Args:
+        target: kinematic controller that decides ``v2d`` and its rate.
+        gains: k, beta, sigma.
+    """
+
+    def __init__(self, target: KinematicController, gains: VelocityGains | None = None) -> None:
+        self.target = target
+        self.gains = VelocityGains.paper() if gains is None else gains
+
+    def initial_state(self, measurement: Measurement) -> TrackerState:
+        """All adaptive gains zero."""
+        shape = np.shape(measurement.v2)
+        r = shape[-1]
+        return TrackerState(
+            time=None,
+            g=np.zeros(shape),
+            C=np.zeros((*shape, r)),
+            D=np.zeros((*shape, r * r)),
+            target=self.target.initial_state(measurement),
+        )
+
+    def step(self, t: float, measurement: Measurement, state: TrackerState) -> tuple[Command, TrackerState]:
+        """One sample; the time since the last one may vary.
+
+        Raises:
+            InputError: time runs backwards.
+        """
+        elapsed = 0.0 if state.time is None else t - state.time
+        if elapsed < 0:
+            raise InputError(f"time runs backwards: {t:g} s after {state.time:g} s")
+        target, target_state = self.target.step(t, measurement, state.target)
+        v2 = measurement.v2
+        error = target.v2 - v2
+        products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
+        square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
+        k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
+        decay = np.exp(-sigma * elapsed)
+        held = -np.expm1(-sigma * elapsed) / sigma if sigma > 0 else elapsed  # integral of the leak over the sample
+        step = held * beta / (1.0 + held * beta * square[..., None] / k) * error
+        g = decay * state.g + step
+        C = decay * state.C + step[..., :, None] * target.v2_dot[..., None, :]
+        D = decay * state.D + step[..., :, None] * products[..., None, :]
+        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error
+        command = Command(F=F, v2_desired=target.v2, x1_desired=target.x1, x2_desired=target.x2)
+        return command, TrackerState(t, g, C, D, target_state)

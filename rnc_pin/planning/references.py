@@ -1,0 +1,185 @@
+"""References: where outputs should be, and three derivatives of it.
+
+Every reference has ``size`` and ``at(t)``. The polynomials and splines are SciPy's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+from scipy.interpolate import BPoly, BSpline, make_interp_spline
+
+from rnc_pin.errors import InputError
+
+
+class ReferencePoint(NamedTuple):
+    """A reference at one time, (k,) each."""
+
+    position: Float[Array, " k"]
+    velocity: Float[Array, " k"]
+    acceleration: Float[Array, " k"]
+    jerk: Float[Array, " k"]
+
+
+@runtime_checkable
+class Reference(Protocol):
+    """A desired trajectory of k outputs."""
+
+    size: int
+    duration: float
+    """Time after which it rests [s]; infinite for one that never does, zero for a constant."""
+
+    def at(self, t: float) -> ReferencePoint: ...
+
+
+class Hold:
+    """A constant.
+
+    Args:
+        value: (k,).
+    """
+
+    duration = 0.0
+
+    def __init__(self, value: ArrayLike) -> None:
+        position = _finite(value, "value of a constant reference")
+        zero = np.zeros_like(position)
+        self.size = position.size
+        self._point = ReferencePoint(position, zero, zero, zero)
+
+    def at(self, t: float) -> ReferencePoint:
+        return self._point
+
+
+class _Polynomial:
+    """A smooth curve on [begin, end], at rest at both ends and beyond."""
+
+    def __init__(self, curve: BPoly | BSpline, begin: float, end: float) -> None:
+        self._curves = [curve, *(curve.derivative(order) for order in (1, 2, 3))]
+        self._begin, self.duration = begin, end
+        self._first, self._last = Hold(curve(begin)).at(begin), Hold(curve(end)).at(end)
+        self.size = self._first.position.size
+
+    def at(self, t: float) -> ReferencePoint:
+        if t < self._begin:
+            return self._first
+        if t >= self.duration:
+            return self._last
+        return ReferencePoint(*(curve(t) for curve in self._curves))
+
+
+class MinimumJerk(_Polynomial):
+    """From rest to rest with the least integral of squared jerk: the quintic (Flash and Hogan 1985).
+
+    Args:
+        start: (k,).
+        goal: (k,).
+        duration: of the motion [s].
+        begin: time at which it starts [s].
+    """
+
+    def __init__(self, start: ArrayLike, goal: ArrayLike, duration: float, begin: float = 0.0) -> None:
+        ends = [_finite(start, "start of a minimum-jerk reference"), _finite(goal, "goal of a minimum-jerk reference")]
+        if ends[0].shape != ends[1].shape:
+            raise InputError(f"start has shape {ends[0].shape} but goal {ends[1].shape}")
+        if not duration > 0:
+            raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration}")
+        zero = np.zeros_like(ends[0])
+        curve = BPoly.from_derivatives([begin, begin + duration], [[end, zero, zero] for end in ends])
+        super().__init__(curve, begin, begin + duration)
+
+
+class ViaPoints(_Polynomial):
+    """Through given points at given times by a quintic spline, at rest at both ends.
+
+    Args:
+        times: increasing, (n,) [s].
+        points: (n, k).
+    """
+
+    def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
+        knots, values = _finite(times, "times of via points"), np.asarray(points, dtype=float)
+        if len(knots) < 2 or len(knots) != len(values) or not (np.diff(knots) > 0).all():
+            raise InputError("via points need at least two increasing times, and one point each")
+        _finite(values, "via points")
+        values = values.reshape(len(knots), -1)
+        zero = np.zeros(values.shape[1])
+        rest = [(1, zero), (2, zero)]
+        super().__init__(make_interp_spline(knots, values, k=5, bc_type=(rest, rest)), knots[0], knots[-1])
+
+
+class Harmonic:
+    """``center + amplitude sin(2 pi frequency t + phase)``, blended in from rest at the center.
+
+    Args:
+        center: (k,).
+        amplitude: (k,) or a number.
+        frequency: [Hz], (k,) or a number.
+        phase: [rad], (k,) or a number.
+        ramp: time over which the amplitude grows from zero [s].
+    """
+
+    duration = np.inf
+
+    def __init__(
+        self,
+        center: ArrayLike,
+        amplitude: ArrayLike,
+        frequency: ArrayLike,
+        phase: ArrayLike = 0.0,
+        ramp: float = 1.0,
+    ) -> None:
+        self._center = _finite(center, "center of a harmonic reference")
+        self.size = self._center.size
+        try:
+            self._amplitude, self._rate, self._phase = (
+                np.broadcast_to(np.asarray(each, dtype=float), self._center.shape)
+                for each in (amplitude, 2 * np.pi * np.asarray(frequency, dtype=float), phase)
+            )
+        except ValueError:
+            raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
+        # The seventh-degree step has three derivatives that vanish at both ends.
+        self._growth = BPoly.from_derivatives([0.0, max(ramp, 1e-9)], [[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
+        self._growths = [self._growth, *(self._growth.derivative(order) for order in (1, 2, 3))]
+        self._ramp = ramp
+
+    def at(self, t: float) -> ReferencePoint:
+        if t <= 0:
+            zero = np.zeros(self.size)
+            return ReferencePoint(self._center, zero, zero, zero)
+        angle = self._rate * t + self._phase
+        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
+        w = self._rate
+        wave = [sine, w * cosine, -(w**2) * sine, -(w**3) * cosine]
+        g = [1.0, 0.0, 0.0, 0.0] if t >= self._ramp else [float(each(t)) for each in self._growths]
+        return ReferencePoint(
+            self._center + g[0] * wave[0],
+            g[0] * wave[1] + g[1] * wave[0],
+            g[0] * wave[2] + 2 * g[1] * wave[1] + g[2] * wave[0],
+            g[0] * wave[3] + 3 * g[1] * wave[2] + 3 * g[2] * wave[1] + g[3] * wave[0],
+        )
+
+
+class Joined:
+    """Several references as one, their outputs one after the other."""
+
+    def __init__(self, references: Sequence[Reference]) -> None:
+        self._parts = list(references)
+        self.size = sum(part.size for part in self._parts)
+        self.duration = max((part.duration for part in self._parts), default=0.0)
+
+    def at(self, t: float) -> ReferencePoint:
+        points = [part.at(t) for part in self._parts]
+        return ReferencePoint(*(np.concatenate(each) for each in zip(*points, strict=True)))
+
+
+def _finite(value: ArrayLike, what: str) -> np.ndarray:
+    array = np.atleast_1d(np.asarray(value, dtype=float))
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} has to be finite, found {array.tolist()}")
+    return array

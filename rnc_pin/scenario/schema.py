@@ -1,0 +1,417 @@
+"""What a scenario file may say. Each kind of constraint, output, actuator and reference knows what it builds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from rnc_pin import planning
+from rnc_pin.actuators import Actuator, FrameForce, FrameTorque
+from rnc_pin.constraints import MomentumConservation, NoSideSlip, RollingWheel
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition
+from rnc_pin.robot import Robot
+from rnc_pin.rows import ConstraintKind, OutputKind
+from rnc_pin.urdf_files import find_urdf
+
+Positive = Annotated[float, Field(gt=0)]
+Axis = Literal["x", "y", "z"]
+Numbers = Annotated[list[float], Field(min_length=1)]
+
+
+class Strict(BaseModel):
+    """A mapping that knows all its keys, and says the nearest for one it does not know."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            for key in raw:
+                if key not in cls.model_fields:
+                    raise ValueError(f"'{key}' is not known{nearest(str(key), cls.model_fields)}")
+        return raw
+
+
+_PLAIN = "name"
+
+
+def _one_of(*models: type[Strict], plain: bool = False) -> Any:
+    """A union of models of one key each, which says what kind they are; and of names, where ``plain``."""
+    tags = {next(iter(model.model_fields)): model for model in models}
+
+    def kind(raw: Any) -> str:
+        if isinstance(raw, BaseModel):
+            return next(iter(type(raw).model_fields))
+        if isinstance(raw, dict) and len(raw) == 1:
+            return str(next(iter(raw)))
+        return _PLAIN if plain and isinstance(raw, str) else str(raw)
+
+    union: Any = Annotated[str, Tag(_PLAIN)] if plain else None
+    for tag, model in tags.items():
+        tagged = Annotated[model, Tag(tag)]
+        union = tagged if union is None else union | tagged
+    return Annotated[union, Discriminator(kind)]
+
+
+# ---------------------------------------------------------------------- robot
+
+
+class RobotSource(Strict):
+    """Where the robot comes from: one of ``urdf`` and ``example``."""
+
+    urdf: str | None = None
+    """A file, relative to the scenario's, or the name of one shipped with rnc_pin."""
+    example: str | None = None
+    """A robot of example-robot-data."""
+    base: Literal["fixed", "planar", "free"] = "fixed"
+    package_dirs: list[str] = []
+    lock: dict[str, float | list[float]] = {}
+    gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RobotSource:
+        if (self.urdf is None) == (self.example is None):
+            raise ValueError("expected one of 'urdf' and 'example'")
+        return self
+
+    def build(self, folder: Path) -> Robot:
+        if self.example is not None:
+            return Robot.from_example(self.example, self.base, self.lock or None, self.gravity)
+        assert self.urdf is not None
+        packages = [folder / each for each in self.package_dirs]
+        return Robot.from_urdf(find_urdf(self.urdf, folder), self.base, packages, self.lock or None, self.gravity)
+
+
+# ---------------------------------------------------------------------- constraints
+
+
+class Momentum(Strict):
+    """Zero momentum of an unactuated base joint."""
+
+    momentum: str
+
+    def build(self) -> ConstraintKind:
+        return MomentumConservation(self.momentum)
+
+
+class _FrameAxis(Strict):
+    frame: str
+    axis: Axis
+
+
+class _SlipArguments(Strict):
+    frame: str
+    axis: Axis = "y"
+
+
+class SideSlip(Strict):
+    """A knife edge."""
+
+    no_side_slip: _SlipArguments
+
+    def build(self) -> ConstraintKind:
+        return NoSideSlip(self.no_side_slip.frame, self.no_side_slip.axis)
+
+
+class _WheelArguments(Strict):
+    frame: str
+    radius: Positive
+    axis: Axis | None = None
+
+
+class Wheel(Strict):
+    """A wheel that rolls on the plane z = 0."""
+
+    rolling_wheel: _WheelArguments
+
+    def build(self) -> ConstraintKind:
+        return RollingWheel(self.rolling_wheel.frame, self.rolling_wheel.radius, self.rolling_wheel.axis)
+
+
+Constraint = _one_of(Momentum, SideSlip, Wheel)
+
+
+# ---------------------------------------------------------------------- actuators
+
+
+class _ForceArguments(_FrameAxis):
+    limit: Positive | None = None
+
+
+class Force(Strict):
+    """A force along a frame's own axis."""
+
+    force: _ForceArguments
+
+    def build(self) -> Actuator:
+        return FrameForce(self.force.frame, self.force.axis, self.force.limit or np.inf)
+
+
+class Torque(Strict):
+    """A torque about a frame's own axis."""
+
+    torque: _ForceArguments
+
+    def build(self) -> Actuator:
+        return FrameTorque(self.torque.frame, self.torque.axis, self.torque.limit or np.inf)
+
+
+ActuatorItem = _one_of(Force, Torque, plain=True)
+
+
+# ---------------------------------------------------------------------- outputs
+
+
+class Joint(Strict):
+    """A joint's coordinate."""
+
+    joint: str
+
+    def build(self) -> OutputKind:
+        return JointPosition(self.joint)
+
+
+class _PositionArguments(Strict):
+    frame: str
+    axes: str = "xyz"
+
+
+class Position(Strict):
+    """World coordinates of a frame."""
+
+    frame_position: _PositionArguments
+
+    def build(self) -> OutputKind:
+        return FramePosition(self.frame_position.frame, self.frame_position.axes)
+
+
+class Yaw(Strict):
+    """Heading of a frame."""
+
+    frame_yaw: str
+
+    def build(self) -> OutputKind:
+        return FrameYaw(self.frame_yaw)
+
+
+class _DistanceArguments(Strict):
+    frame_a: str
+    frame_b: str
+
+
+class DistanceBetween(Strict):
+    """Distance between two frames."""
+
+    distance: _DistanceArguments
+
+    def build(self) -> OutputKind:
+        return Distance(self.distance.frame_a, self.distance.frame_b)
+
+
+class _SpeedArguments(Strict):
+    frame: str
+    axis: Axis = "x"
+
+
+class Speed(Strict):
+    """A frame's speed along its own axis."""
+
+    frame_speed: _SpeedArguments
+
+    def build(self) -> OutputKind:
+        return FrameSpeed(self.frame_speed.frame, self.frame_speed.axis)
+
+
+OutputItem = _one_of(Joint, Position, Yaw, DistanceBetween, Speed)
+
+
+class Outputs(Strict):
+    """Reducing outputs x2 and vertical outputs x1."""
+
+    reducing: Annotated[list[OutputItem], Field(min_length=1)]
+    vertical: list[OutputItem] = []
+
+
+class TaskNames(Strict):
+    """How the reducing outputs are divided, by the names of their rows (``tip_x``)."""
+
+    primary: list[str] = []
+    redundant: list[str] = []
+    vertical: list[str] | None = None
+
+
+# ---------------------------------------------------------------------- references
+
+
+class _MinimumJerkArguments(Strict):
+    to: Numbers | None = None
+    by: Numbers | None = None
+    """Displacement from the initial value, instead of ``to``."""
+    duration: Positive
+    begin: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_goal(self) -> _MinimumJerkArguments:
+        if (self.to is None) == (self.by is None):
+            raise ValueError("expected one of 'to' and 'by'")
+        return self
+
+
+class MinimumJerkReference(Strict):
+    """From the initial value to a goal, at rest at both ends."""
+
+    minimum_jerk: _MinimumJerkArguments
+
+    def build(self, start: np.ndarray) -> planning.Reference:
+        a = self.minimum_jerk
+        goal = np.array(a.to) if a.to is not None else _sized(a.by, start) + start
+        return planning.MinimumJerk(_sized(start, goal), goal, a.duration, a.begin)
+
+
+class _ViaArguments(Strict):
+    times: Numbers
+    """Increasing, after zero: the initial value is the first point [s]."""
+    points: list[Numbers]
+
+
+class ViaReference(Strict):
+    """From the initial value through points."""
+
+    via_points: _ViaArguments
+
+    def build(self, start: np.ndarray) -> planning.Reference:
+        a = self.via_points
+        if len(a.times) != len(a.points):
+            raise ConfigurationError(f"via_points has {len(a.times)} times for {len(a.points)} points")
+        points = [start, *(_sized(np.array(point), start) for point in a.points)]
+        return planning.ViaPoints([0.0, *a.times], points)
+
+
+class _HarmonicArguments(Strict):
+    amplitude: Numbers
+    frequency: float | Numbers
+    phase: float | Numbers = 0.0
+    center: Numbers | None = None
+    """The initial value by default."""
+    ramp: Positive = 1.0
+
+
+class HarmonicReference(Strict):
+    """A sine about a center."""
+
+    harmonic: _HarmonicArguments
+
+    def build(self, start: np.ndarray) -> planning.Reference:
+        a = self.harmonic
+        center = start if a.center is None else _sized(np.array(a.center), start)
+        return planning.Harmonic(center, _sized(np.array(a.amplitude), start), a.frequency, a.phase, a.ramp)
+
+
+class _HoldArguments(Strict):
+    value: Numbers | None = None
+    """The initial value by default."""
+
+
+class HoldReference(Strict):
+    """A constant."""
+
+    hold: _HoldArguments = _HoldArguments()
+
+    def build(self, start: np.ndarray) -> planning.Reference:
+        return planning.Hold(start if self.hold.value is None else _sized(np.array(self.hold.value), start))
+
+
+ReferenceItem = _one_of(MinimumJerkReference, ViaReference, HarmonicReference, HoldReference)
+
+
+class References(Strict):
+    """Desired trajectories of the task's outputs; what is left out stays at its initial value."""
+
+    primary: ReferenceItem | None = None
+    redundant: ReferenceItem | None = None
+    vertical: ReferenceItem | None = None
+
+
+def _sized(values: Sequence[float] | np.ndarray | None, like: np.ndarray) -> np.ndarray:
+    array = np.asarray(values, dtype=float)
+    if array.shape != like.shape:
+        raise ConfigurationError(f"a reference has {array.size} values for {like.size} outputs")
+    return array
+
+
+# ---------------------------------------------------------------------- controller and simulation
+
+
+class ControllerSettings(Strict):
+    """Which controller, which preset of gains, and gains set by hand on top of it."""
+
+    type: Literal["redundancy", "reducing_outputs"]
+    """``redundancy``: (12) over (10). ``reducing_outputs``: (10) alone, the vertical outputs go where they will."""
+    preset: Literal["paper", "scaled"] = "scaled"
+    k: float | Numbers | None = None
+    beta: float | Numbers | None = None
+    sigma: Annotated[float, Field(ge=0)] | None = None
+    bandwidth: Positive | None = None
+    k3: float | Numbers | None = None
+    k21: float | Numbers | None = None
+
+
+class SimulationSettings(Strict):
+    """How long, how finely, and what of the real machine takes part."""
+
+    duration: Positive
+    dt: Positive = 0.002
+    substeps: Annotated[int, Field(ge=1)] = 1
+    joint_damping: bool = False
+    actuator_limits: bool = False
+    position_limits: bool = False
+
+
+class Initial(Strict):
+    """Where the run starts; it starts at rest."""
+
+    q: dict[str, float | list[float]] = {}
+
+
+class PlotSettings(Strict):
+    """One plot: some outputs over time."""
+
+    outputs: Annotated[list[str], Field(min_length=1)]
+    title: str | None = None
+
+
+class View(Strict):
+    """What the animation shows besides the robot."""
+
+    trail: list[str] = []
+    """Frames whose paths are drawn."""
+    camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+
+
+class Scenario(Strict):
+    """A whole run."""
+
+    title: str | None = None
+    robot: RobotSource
+    constraints: list[Constraint] = []
+    actuators: list[ActuatorItem] = []
+    outputs: Outputs
+    task: TaskNames = TaskNames()
+    initial: Initial = Initial()
+    reference: References = References()
+    controller: ControllerSettings | None = None
+    simulation: SimulationSettings | None = None
+    seed: int = 0
+    comparisons: dict[str, dict[str, Any]] = {}
+    """Label: dotted keys and values that differ from this run."""
+    sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
+    """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
+    plots: dict[str, PlotSettings] = {}
+    view: View = View()

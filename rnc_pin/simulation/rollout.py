@@ -1,0 +1,51 @@
+"""Kinematics alone: what a velocity target does when it is followed exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control.protocol import KinematicController
+from rnc_pin.errors import SingularityError
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+
+
+def kinematic_rollout(
+    reduced: ReducedModel, target: KinematicController, q0: np.ndarray, duration: float, dt: float = 0.02
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) and configurations (N, nq) under ``v2 = v2d``, without dynamics.
+
+    Args:
+        reduced: the model.
+        target: kinematic controller.
+        q0: initial configuration (nq,).
+        duration: [s].
+        dt: step [s]; the dynamics play no part, so it can be coarse.
+
+    Raises:
+        SingularityError: the reference runs into a singular configuration; says when.
+    """
+    integrator = LieRungeKutta4(reduced.robot)
+    r = reduced.r
+    q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
+    state = target.initial_state(reduced.measure(q, v2, y))
+    times, path = [0.0], [q]
+
+    def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        measurement = reduced.measure(p, v2, integrals)
+        desired = target.step(t, measurement, state)[0].v2
+        return reduced.terms(p, desired).v, desired
+
+    try:
+        for sample in range(1, round(duration / dt) + 1):
+            # Targets depend on v2 through their rates only, so the last one known will do.
+            measured, state_next = target.step(t, reduced.measure(q, v2, y), state)
+            v2 = measured.v2
+            q, y = integrator.step(rate, q, y, dt)
+            state, t = state_next, sample * dt
+            times.append(t)
+            path.append(q)
+    except SingularityError as error:
+        error.time = t
+        raise
+    return np.array(times), np.stack(path)

@@ -1,0 +1,57 @@
+"""The figures of a run that fit on one screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.rows import angle_difference
+from rnc_pin.simulation.trajectory import Trajectory
+
+
+def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
+    """Desired minus actual over time, (N,) for each output that had a goal."""
+    goals = trajectory.meta.get("goals", [])
+    errors: dict[str, np.ndarray] = {}
+    for kind in ("x2", "x1"):
+        desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
+        angular = np.array(trajectory.meta["angular"][kind], dtype=bool)
+        difference = angle_difference(desired, actual, angular)
+        for column, name in enumerate(trajectory.meta["names"][kind]):
+            if name in goals:
+                errors[name] = difference[:, column]
+    return errors
+
+
+def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[str, Any]:
+    """Errors and invariants of a run, ready for JSON.
+
+    Errors are in rad or m, magnitudes. ``energy_drift`` is the largest change of energy that no work
+    explains, relative to the largest kinetic exchange of the run.
+    """
+    errors = tracking_errors(trajectory)
+    duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
+    balance = trajectory.energy - trajectory.work
+    scale = max(float(np.ptp(trajectory.energy)) if len(balance) else 0.0, 1e-12)
+    return {
+        "scenario": trajectory.meta.get("scenario"),
+        "outcome": str(trajectory.outcome),
+        **({"message": trajectory.meta["message"]} if "message" in trajectory.meta else {}),
+        "duration": duration,
+        "samples": len(trajectory.time),
+        "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
+        "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
+        "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
+        "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
+        "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
+        "min_singular_value": float(trajectory.singular_value.min(initial=np.inf)),
+        "max_input": {
+            name: float(np.abs(column).max())
+            for name, column in zip(trajectory.meta["names"]["T"], trajectory.T.T, strict=True)
+            if len(column)
+        },
+        "wall_time": wall_time,
+        "realtime_factor": None if not wall_time else duration / wall_time,
+        "versions": trajectory.meta.get("versions"),
+    }

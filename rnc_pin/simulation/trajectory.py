@@ -1,0 +1,99 @@
+"""What a run leaves behind."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    INTERRUPTED = "interrupted"
+    SINGULAR = "singular"
+    DIVERGED = "diverged"
+    LIMIT = "limit"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A run, sampled at N times. Arrays are as in the file that ``save`` writes."""
+
+    time: Float[Array, " N"]
+    """[s]"""
+    q: Float[Array, "N nq"]
+    v: Float[Array, "N nv"]
+    v2: Float[Array, "N r"]
+    v2_desired: Float[Array, "N r"]
+    x1: Float[Array, "N k"]
+    x1_desired: Float[Array, "N k"]
+    """NaN where the controller had no goal."""
+    x2: Float[Array, "N r"]
+    """Reducing outputs; integrals of v2 where they are quasi-velocities. Angles do not jump."""
+    x2_desired: Float[Array, "N r"]
+    """Where only a rate was desired, its integral."""
+    F: Float[Array, "N r"]
+    """Reduced force that acted."""
+    T: Float[Array, "N p"]
+    """Actuator inputs."""
+    multipliers: Float[Array, "N m"]
+    energy: Float[Array, " N"]
+    """[J]"""
+    work: Float[Array, " N"]
+    """Work done by actuators, less what damping took [J]: ``energy - work`` stays constant."""
+    constraint_residual: Float[Array, " N"]
+    """Largest entry of ``A v``."""
+    singular_value: Float[Array, " N"]
+    """Smallest singular value of the stack E with unit rows."""
+    meta: dict[str, Any] = field(default_factory=dict)
+    """Names, units, scenario, versions, seed, outcome."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the run ended."""
+        return Outcome(self.meta.get("outcome", Outcome.COMPLETED))
+
+    def save(self, path: str | Path) -> None:
+        """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""
+        path = Path(path)
+        arrays = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "meta"}
+        partial = path.with_name(path.name + ".partial")
+        with partial.open("wb") as file:
+            np.savez_compressed(file, **arrays, meta=np.array(json.dumps(self.meta)))
+        partial.replace(path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read what ``save`` wrote.
+
+        Raises:
+            ConfigurationError: there is no such file, or it is not a trajectory.
+        """
+        path = Path(path)
+        names = [each.name for each in fields(cls)]
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                missing = [name for name in names if name not in file.files]
+                if missing:
+                    raise ConfigurationError(f"{path}: not a trajectory: it has no '{missing[0]}'")
+                arrays = {name: file[name] for name in names}
+            return cls(**{**arrays, "meta": json.loads(str(arrays["meta"]))})
+        except FileNotFoundError:
+            raise ConfigurationError(f"no file '{path}'") from None
+        except (OSError, ValueError, EOFError) as error:
+            raise ConfigurationError(f"{path}: not a trajectory: {str(error).splitlines()[0]}") from None
+        except Exception as error:
+            if type(error).__name__ == "BadZipFile":  # zipfile's, raised by NumPy's reader
+                raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
+            raise

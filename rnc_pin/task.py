@@ -1,0 +1,81 @@
+"""How outputs are divided for a task: paper section 2, the definition of redundancy, and (11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.reduction import ReducedModel
+
+
+@dataclass(frozen=True)
+class Task:
+    """Reducing outputs that the task names (x21), and those that it leaves free (x22).
+
+    Together they are all reducing outputs of the model. Make one with ``Task.of``.
+
+    Attributes:
+        primary, redundant: positions of x21 and x22 among the reducing outputs.
+        vertical: positions of the task's x1 among the vertical outputs.
+    """
+
+    primary: np.ndarray
+    redundant: np.ndarray
+    vertical: np.ndarray
+    primary_names: tuple[str, ...]
+    redundant_names: tuple[str, ...]
+    vertical_names: tuple[str, ...]
+    primary_angular: np.ndarray
+    vertical_angular: np.ndarray
+    r: int
+
+    @classmethod
+    def of(
+        cls,
+        reduced: ReducedModel,
+        primary: Sequence[str],
+        redundant: Sequence[str],
+        vertical: Sequence[str] | None = None,
+    ) -> Task:
+        """Resolve names of outputs.
+
+        Args:
+            reduced: whose outputs they are.
+            primary: names of x21.
+            redundant: names of x22.
+            vertical: names of the vertical outputs that the task is about; all by default.
+
+        Raises:
+            ConfigurationError: unknown name, one named twice, or a reducing output left out.
+        """
+        x2, x1 = reduced.reducing, reduced.vertical
+        chosen = x1.names if vertical is None else tuple(vertical)
+        columns = {name: _position(name, x2.names, "reducing") for name in (*primary, *redundant)}
+        if len(columns) < len(primary) + len(redundant):
+            raise ConfigurationError("an output is named twice in primary and redundant")
+        left = [name for name in x2.names if name not in columns]
+        if left:
+            raise ConfigurationError(f"reducing output '{left[0]}' is neither primary nor redundant")
+        first = np.array([columns[name] for name in primary], dtype=int)
+        second = np.array([columns[name] for name in redundant], dtype=int)
+        rows = np.array([_position(name, x1.names, "vertical") for name in chosen], dtype=int)
+        return cls(
+            primary=first,
+            redundant=second,
+            vertical=rows,
+            primary_names=tuple(primary),
+            redundant_names=tuple(redundant),
+            vertical_names=chosen,
+            primary_angular=x2.angular[first],
+            vertical_angular=x1.angular[rows],
+            r=reduced.r,
+        )
+
+
+def _position(name: str, names: Sequence[str], what: str) -> int:
+    if name not in names:
+        raise ConfigurationError(f"no {what} output '{name}'{nearest(str(name), names)}")
+    return list(names).index(name)

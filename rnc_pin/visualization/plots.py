@@ -1,0 +1,122 @@
+"""Plots in one print-ready style: readable in grey, and by people who see colours differently."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from rnc_pin.simulation import Trajectory, tracking_errors
+
+COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"]  # Okabe and Ito
+_STYLE = {
+    "font.size": 10.0,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 11.0,
+    "axes.titleweight": "bold",
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.8,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    "figure.constrained_layout.use": True,
+}
+
+
+def plot_outputs(
+    trajectory: Trajectory,
+    outputs: Sequence[str],
+    path: str | Path,
+    title: str | None = None,
+    comparisons: Mapping[str, Trajectory] | None = None,
+) -> Path:
+    """Outputs over time: actual solid, desired dotted, other runs dashed.
+
+    Args:
+        trajectory: the run.
+        outputs: names of reducing or vertical outputs.
+        path: of the PNG.
+        title: above the plot.
+        comparisons: other runs by label.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(6.4, 3.6))
+        axes = figure.subplots()
+        units = []
+        for color, name in zip(_cycle(outputs), outputs, strict=True):
+            actual, desired, unit = _series(trajectory, name)
+            units.append(unit)
+            axes.plot(trajectory.time, actual, color=color, label=_words(name))
+            if name in trajectory.meta["goals"]:
+                # Above the solid line, or a dotted one that it follows closely could not be seen.
+                axes.plot(trajectory.time, desired, color="black", ls=(0, (1, 2)), lw=1.3, label=f"{_words(name)}, desired")
+            for style, (label, other) in zip(_DASHES, (comparisons or {}).items(), strict=False):
+                axes.plot(other.time, _series(other, name)[0], color=color, ls=style, lw=1.5, label=f"{_words(name)}, {label}")
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
+        axes.margins(x=0.01)
+        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+        if title:
+            axes.set_title(title, loc="left")
+        figure.savefig(path)
+    return Path(path)
+
+
+def plot_overview(trajectory: Trajectory, path: str | Path, title: str | None = None) -> Path:
+    """What any run is judged by: tracking errors, actuator inputs and the distance from singularity."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(6.4, 6.4))
+        errors_axes, inputs_axes, margin_axes = figure.subplots(3, 1, sharex=True)
+        errors = tracking_errors(trajectory)
+        for color, (name, error) in zip(_cycle(list(errors)), errors.items(), strict=True):
+            unit = _series(trajectory, name)[2]
+            errors_axes.plot(trajectory.time, np.abs(error) + 1e-16, color=color, label=f"{_words(name)} [{unit}]")
+        errors_axes.set_yscale("log")
+        errors_axes.set_ylim(bottom=1e-8)
+        errors_axes.set_ylabel("tracking error")
+        names = trajectory.meta["names"]["T"]
+        for color, name, column in zip(_cycle(names), names, trajectory.T.T, strict=True):
+            inputs_axes.plot(trajectory.time, column, color=color, label=_words(name))
+        inputs_axes.set_ylabel("actuator input [N, N m]")
+        margin_axes.plot(trajectory.time, trajectory.singular_value, color="black")
+        margin_axes.set_ylim(bottom=0)
+        margin_axes.set_ylabel("smallest singular value")
+        margin_axes.set_xlabel("time [s]")
+        for axes in (errors_axes, inputs_axes):
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+        if title:
+            errors_axes.set_title(title, loc="left")
+        figure.savefig(path)
+    return Path(path)
+
+
+_DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2))]
+
+
+def _series(trajectory: Trajectory, name: str) -> tuple[np.ndarray, np.ndarray, str]:
+    for kind in ("x2", "x1"):
+        names = trajectory.meta["names"][kind]
+        if name in names:
+            column = names.index(name)
+            unit = trajectory.meta["units"][kind][column]
+            return getattr(trajectory, kind)[:, column], getattr(trajectory, f"{kind}_desired")[:, column], unit
+    raise KeyError(name)
+
+
+def _cycle(items: Sequence[str]) -> list[str]:
+    return [COLORS[i % len(COLORS)] for i in range(len(items))]
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _quantity(unit: str) -> str:
+    return {"m": "position", "rad": "angle"}.get(unit, "value")
