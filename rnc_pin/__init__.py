@@ -1,6 +1,7 @@
 """rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio."""
 
 from rnc_pin.actuators import FrameForce, FrameTorque
+from rnc_pin.analysis import Report, analyze
 from rnc_pin.constraints import MomentumConservation, NoSideSlip, Pfaffian, RollingWheel
 from rnc_pin.errors import (
     ConfigurationError,
@@ -17,4 +18,42 @@ from rnc_pin.measurement import Measurement
 from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
+from rnc_pin.simulation import Outcome, Trajectory, kinematic_rollout, simulate, summarize
 from rnc_pin.system import NonholonomicSystem
+from rnc_pin.task import Task
+
+__all__ = [
+    "ConfigurationError",
+    "ConstraintError",
+    "Distance",
+    "DivergenceError",
+    "FrameForce",
+    "FramePosition",
+    "FrameSpeed",
+    "FrameTorque",
+    "FrameYaw",
+    "InputError",
+    "JointPosition",
+    "LimitError",
+    "Measurement",
+    "ModelError",
+    "MomentumConservation",
+    "NoSideSlip",
+    "NonholonomicSystem",
+    "Outcome",
+    "Output",
+    "Pfaffian",
+    "ReducedModel",
+    "Report",
+    "RncError",
+    "Robot",
+    "RollingWheel",
+    "SimulationError",
+    "SingularityError",
+    "Task",
+    "Trajectory",
+    "analyze",
+    "kinematic_rollout",
+    "simulate",
+    "summarize",
+]

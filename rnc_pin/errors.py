@@ -11,7 +11,13 @@ if TYPE_CHECKING:
 
 
 class RncError(Exception):
-    """Root of every error this package raises on purpose."""
+    """Root of every error this package raises on purpose.
+
+    Attributes:
+        trajectory: where a simulation raised it, what was simulated until then; else None.
+    """
+
+    trajectory: Any = None
 
 
 class ModelError(RncError):
@@ -31,9 +37,7 @@ class InputError(RncError, ValueError):
 
 
 class SimulationError(RncError):
-    """A run stopped early; what was simulated until then is in ``trajectory``."""
-
-    trajectory: Any = None
+    """A run cannot go on."""
 
 
 class DivergenceError(SimulationError):

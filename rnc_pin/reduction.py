@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.actuators import Actuation
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.independence import DroppedRow
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.linear_algebra import (
     apply,
@@ -93,6 +94,7 @@ class ReducedModel:
     Attributes:
         r, m, p, n: reducing outputs, constraint rows, actuators, degrees of freedom.
         reducing, vertical: the outputs x2 and x1.
+        constraints: the independent rows of A; ``dropped_rows``: the others, with reasons.
 
     Raises (every method):
         InputError: an array has the wrong shape or is not finite.
@@ -107,6 +109,7 @@ class ReducedModel:
         reducing: OutputStack,
         vertical: OutputStack,
         singularity_limit: float,
+        dropped_rows: Sequence[DroppedRow] = (),
     ) -> None:
         self.robot = robot
         self.constraints = constraints
@@ -114,6 +117,7 @@ class ReducedModel:
         self.reducing = reducing
         self.vertical = vertical
         self.singularity_limit = singularity_limit
+        self.dropped_rows = tuple(dropped_rows)
         self.n, self.m, self.r, self.p = robot.nv, constraints.size, reducing.size, actuation.size
         self._square_limit = singularity_limit**2
         self._basis = (..., slice(self.m, None))  # of E^-1: the columns that are R

@@ -90,7 +90,7 @@ class NonholonomicSystem:
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), but {self.n} degrees of freedom "
                 f"under {self.m} constraints need {self.r}"
             )
-        reduced = ReducedModel(self.robot, self.constraints, self.actuation, x2, x1, singularity_limit)
+        reduced = ReducedModel(self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows)
         self._check_regular(reduced)
         return reduced
 

@@ -16,8 +16,8 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.planning import Hold, Joined, Reference
+from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.planning import Hold, Joined, Reference, ReferencePoint
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema import ControllerSettings, Scenario, SimulationSettings
 from rnc_pin.simulation import kinematic_rollout
@@ -61,6 +61,7 @@ class Experiment:
     controller: Controller
     q0: np.ndarray
     simulation: SimulationSettings
+    warnings: tuple[str, ...]
     notes: dict[str, Any]
 
 
@@ -87,7 +88,8 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except ConfigurationError as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     kinematic = _kinematic(scenario.controller, reduced, task, references)
-    gains = _gains(scenario.controller, scenario.simulation, reduced, kinematic, references, q0)
+    warnings: list[str] = []
+    gains = _gains(scenario.controller, scenario.simulation, reduced, kinematic, references, q0, warnings)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
@@ -97,6 +99,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         controller=VelocityTracker(kinematic, gains),
         q0=q0,
         simulation=scenario.simulation,
+        warnings=tuple(warnings),
         notes={"gains": {name: np.asarray(getattr(gains, name)).tolist() for name in ("k", "beta", "sigma")}},
     )
 
@@ -126,9 +129,9 @@ class _Reordered:
         self._reference, self._order = reference, order
         self.size, self.duration = reference.size, reference.duration
 
-    def at(self, t: float):  # noqa: ANN201
+    def at(self, t: float) -> ReferencePoint:
         point = self._reference.at(t)
-        return type(point)(*(each[self._order] for each in point))
+        return ReferencePoint(*(each[self._order] for each in point))
 
 
 def _gains(
@@ -138,6 +141,7 @@ def _gains(
     kinematic: KinematicController,
     references: dict[str, Reference],
     q0: np.ndarray,
+    warnings: list[str],
 ) -> VelocityGains:
     gains = VelocityGains.paper()
     if settings.preset == "scaled":
@@ -145,8 +149,9 @@ def _gains(
         try:
             _, region = kinematic_rollout(reduced, kinematic, q0, horizon, _ROLLOUT_STEP)
         except SingularityError as error:
-            error.what = f"the reference leads into a singular configuration ({error.what})"
-            raise
+            # The run will end there too, and its results are wanted: gains of the start will do until then.
+            warnings.append(f"the reference leads into a singular configuration: {error}")
+            region = q0[None]
         try:
             gains = VelocityGains.scaled(reduced, region, simulation.dt, settings.bandwidth)
         except ConfigurationError as error:
@@ -167,8 +172,6 @@ def _gain(value: float | list[float] | None, default: float | np.ndarray) -> flo
 
 
 def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:
-    from rnc_pin.errors import nearest
-
     valid = (*reduced.reducing.names, *reduced.vertical.names)
     for plot, settings in scenario.plots.items():
         for name in settings.outputs:

@@ -384,6 +384,8 @@ class PlotSettings(Strict):
 
     outputs: Annotated[list[str], Field(min_length=1)]
     title: str | None = None
+    comparisons: list[str] | None = None
+    """Labels of the comparisons that it shows; all by default."""
 
 
 class View(Strict):
@@ -393,6 +395,8 @@ class View(Strict):
     """Frames whose paths are drawn."""
     camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    ground: float | None = 0.0
+    """Height of the grid [m]; null for none."""
 
 
 class Scenario(Strict):

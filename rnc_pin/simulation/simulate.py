@@ -105,7 +105,7 @@ def simulate(
             error.time = t
         outcome = next((value for kind, value in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
         information.update(outcome=outcome, message=str(error))
-        error.trajectory = record.finish(information, dt)  # type: ignore[union-attr]
+        error.trajectory = record.finish(information, dt)
         raise
     information.update(outcome=outcome)
     return record.finish(information, dt)

@@ -40,6 +40,12 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
         **({"message": trajectory.meta["message"]} if "message" in trajectory.meta else {}),
         "duration": duration,
         "samples": len(trajectory.time),
+        "final_output": {
+            name: float(column[-1])
+            for kind in ("x2", "x1")
+            for name, column in zip(trajectory.meta["names"][kind], getattr(trajectory, kind).T, strict=True)
+            if len(column)
+        },
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
         "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},

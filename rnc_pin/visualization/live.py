@@ -26,6 +26,7 @@ class LiveView:
         trail: frames whose paths are drawn.
         camera: position of the camera in the world [m].
         target: what it looks at [m].
+        ground: height of the grid [m]; None for no grid.
         speed: simulated over real time; 0 does not wait.
         open_browser: show the page at once.
     """
@@ -36,11 +37,12 @@ class LiveView:
         trail: Sequence[str] = (),
         camera: Sequence[float] | None = None,
         target: Sequence[float] = (0.0, 0.0, 0.0),
+        ground: float | None = 0.0,
         speed: float = 1.0,
         open_browser: bool = True,
     ) -> None:
         self._window = SceneWindow()
-        self.scene = Scene(robot, self._window, camera, target)
+        self.scene = Scene(robot, self._window, camera, target, ground)
         self.url = self._window.serve()
         self._trail, self._speed = list(trail), speed
         self._path: list[np.ndarray] = []
@@ -72,7 +74,7 @@ class LiveView:
             if t >= self._next_trail and len(self._path) > 1:
                 self._next_trail = t + 1.0 / _TRAIL_RATE
                 for name, points in self.scene.paths(np.stack(self._path), self._trail).items():
-                    self.scene.draw_line(f"trail/{name}", points, ACTUAL)
+                    self.scene.draw_path(f"trail/{name}", points, ACTUAL)
 
     def close(self) -> None:
         """Stop serving."""

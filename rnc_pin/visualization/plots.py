@@ -8,10 +8,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rnc_pin.simulation import Trajectory, tracking_errors
 
-COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"]  # Okabe and Ito
+# Okabe and Ito, in an order in which neighbours differ in lightness too.
+COLORS = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"]
 _STYLE = {
     "font.size": 10.0,
     "axes.grid": True,
@@ -48,20 +50,28 @@ def plot_outputs(
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(6.4, 3.6))
         axes = figure.subplots()
-        units = []
+        units: list[str] = []
+        others = comparisons or {}
+        handles = []
         for color, name in zip(_cycle(outputs), outputs, strict=True):
             actual, desired, unit = _series(trajectory, name)
             units.append(unit)
-            axes.plot(trajectory.time, actual, color=color, label=_words(name))
+            handles += axes.plot(trajectory.time, actual, color=color, label=_words(name))
+            for style, other in zip(_DASHES, others.values(), strict=False):
+                axes.plot(other.time, _series(other, name)[0], color=color, ls=style, lw=1.5)
             if name in trajectory.meta["goals"]:
                 # Above the solid line, or a dotted one that it follows closely could not be seen.
-                axes.plot(trajectory.time, desired, color="black", ls=(0, (1, 2)), lw=1.3, label=f"{_words(name)}, desired")
-            for style, (label, other) in zip(_DASHES, (comparisons or {}).items(), strict=False):
-                axes.plot(other.time, _series(other, name)[0], color=color, ls=style, lw=1.5, label=f"{_words(name)}, {label}")
+                axes.plot(trajectory.time, desired, color="black", ls=_DOTS, lw=1.3)
+        if any(name in trajectory.meta["goals"] for name in outputs):
+            handles.append(Line2D([], [], color="black", ls=_DOTS, lw=1.3, label="desired"))
+        handles += [
+            Line2D([], [], color="0.3", ls=style, lw=1.5, label=label)
+            for style, label in zip(_DASHES, others, strict=False)
+        ]
         axes.set_xlabel("time [s]")
         axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
         axes.margins(x=0.01)
-        axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(4, len(handles)), fontsize=9)
         if title:
             axes.set_title(title, loc="left")
         figure.savefig(path)
@@ -97,6 +107,7 @@ def plot_overview(trajectory: Trajectory, path: str | Path, title: str | None = 
     return Path(path)
 
 
+_DOTS = (0, (1, 2))
 _DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2))]
 
 

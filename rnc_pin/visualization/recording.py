@@ -36,6 +36,7 @@ def record_html(
     trail: Sequence[str] = (),
     camera: Sequence[float] | None = None,
     target: Sequence[float] = (0.0, 0.0, 0.0),
+    ground: float | None = 0.0,
     title: str = "rnc_pin",
 ) -> Path:
     """Write an animation that needs nothing but a browser.
@@ -47,9 +48,10 @@ def record_html(
         trail: frames whose paths are drawn.
         camera: position of the camera in the world [m].
         target: what it looks at [m].
+        ground: height of the grid [m]; None for no grid.
         title: of the page.
     """
-    scene = Scene(robot, camera=camera, target=target)
+    scene = Scene(robot, camera=camera, target=target, ground=ground)
     scene.animate(sample_configurations(robot, trajectory), RATE, trail)
     html = scene.window.get_scene().replace("<title> MeshCat </title>", "<title>MeshCat</title>")
     html = html.replace("<title>MeshCat</title>", f"<title>{escape(title)}</title>")

@@ -15,6 +15,7 @@ from rnc_pin.errors import ModelError
 from rnc_pin.robot import Robot
 from rnc_pin.visualization.scene_server import SceneWindow
 
+_MOST_DOTS = 2000
 ACTUAL, DESIRED = 0xD55E00, 0x0072B2  # vermillion and blue of Okabe and Ito
 
 
@@ -26,6 +27,7 @@ class Scene:
         window: where to; a window that nothing listens to by default.
         camera: position of the camera in the world [m].
         target: what it looks at [m].
+        ground: height of the grid [m]; None for no grid.
 
     Raises:
         ModelError: the robot has no geometry to draw, or a mesh cannot be read.
@@ -37,6 +39,7 @@ class Scene:
         window: SceneWindow | None = None,
         camera: Sequence[float] | None = None,
         target: Sequence[float] = (0.0, 0.0, 0.0),
+        ground: float | None = 0.0,
     ) -> None:
         self.robot = robot
         self.window = window or SceneWindow()
@@ -50,6 +53,10 @@ class Scene:
         self.root["/Background"].set_property("top_color", [0.93, 0.95, 0.98])
         self.root["/Background"].set_property("bottom_color", [0.80, 0.84, 0.90])
         self.root["/Axes"].set_property("visible", False)
+        if ground is None:
+            self.root["/Grid"].set_property("visible", False)
+        else:
+            self.root["/Grid"].set_transform(pin.SE3(np.eye(3), np.array([0.0, 0.0, ground])).homogeneous)
         self._look(np.array([2.5, -4.5, 4.5] if camera is None else camera), np.array(target, dtype=float))
         self._data = robot.model.createData()
 
@@ -75,10 +82,16 @@ class Scene:
                 points[row, k] = self._data.oMf[frame].translation
         return dict(zip(frames, points, strict=True))
 
-    def draw_line(self, name: str, points: np.ndarray, color: int, width: float = 3.0) -> None:
-        """Draw a line through points (N, 3) [m]; a path with slashes groups lines in Meshcat's controls."""
-        vertices = np.ascontiguousarray(points.T, dtype=np.float32)
-        self.root[name].set_object(mg.Line(mg.PointsGeometry(vertices), mg.LineBasicMaterial(color=color, linewidth=width)))
+    def draw_path(self, name: str, points: np.ndarray, color: int, width: float = 0.025) -> None:
+        """Draw a path through points (N, 3) [m]; a name with slashes groups paths in Meshcat's controls."""
+        # WebGL draws every line one pixel wide, so a path is a row of dots, close enough to touch.
+        length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        dots = max(2, min(_MOST_DOTS, int(length[-1] / (0.4 * width)) + 1))
+        along = np.linspace(0.0, length[-1], dots)
+        vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
+        shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
+        colors = np.tile(shade[:, None], (1, dots))
+        self.root[name].set_object(mg.PointCloud(vertices, colors, size=width))
 
     def animate(self, configurations: np.ndarray, rate: float, trail: Sequence[str] = ()) -> None:
         """Put an animation on the stage, with trails that grow as it plays.
@@ -96,7 +109,7 @@ class Scene:
             for piece in range(pieces):
                 first, last = ends[piece], ends[piece + 1]
                 node = f"trail/{name}/{piece:02d}"
-                self.draw_line(node, points[first : last + 1], ACTUAL)
+                self.draw_path(node, points[first : last + 1], ACTUAL)
                 for frame, visible in ((0, piece == 0), (int(last), True)):
                     with animation.at_frame(self.root, frame) as at:
                         at[node].set_property("visible", "boolean", visible)

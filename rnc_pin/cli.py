@@ -1,0 +1,394 @@
+"""The command line: thin, one line for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from rnc_pin.errors import ConfigurationError, RncError
+
+_DONE, _FAILED, _USAGE = 0, 1, 2
+
+_options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
+_debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
+
+
+def main() -> None:
+    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
+    try:
+        status = cli.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        _complain("interrupted")
+        sys.exit(_FAILED)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "rnc-pin"
+        _complain(f"{' '.join(error.format_message().split())} (see '{command} --help')")
+        sys.exit(_USAGE)
+    except click.ClickException as error:
+        _complain(error.format_message())
+        sys.exit(_USAGE)
+    except RncError as error:
+        if "--debug" in sys.argv:
+            traceback.print_exc()
+        _complain(str(error))
+        sys.exit(_USAGE)
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        sys.stderr.close()
+        sys.exit(_FAILED)
+    except Exception as error:
+        if "--debug" in sys.argv:
+            traceback.print_exc()
+        _complain(f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)")
+        sys.exit(_FAILED)
+    sys.exit(status if isinstance(status, int) else _DONE)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="rnc_pin", prog_name="rnc-pin")
+@_debug
+def cli() -> None:
+    """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+
+
+@cli.command("list")
+@_json
+@_debug
+def list_scenarios(as_json: bool) -> None:
+    """List the built-in scenarios."""
+    from rnc_pin.scenario.loading import built_in_names, find_scenario, read_yaml
+
+    titles = {name: read_yaml(find_scenario(name)).get("title") or "" for name in built_in_names()}
+    if as_json:
+        _print_json(titles)
+        return
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scenario", style="bold")
+    table.add_column("what it shows")
+    for name, title in titles.items():
+        table.add_row(name, title)
+    Console().print(table)
+
+
+@cli.command()
+@click.argument("scenario")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
+@_options
+@click.option("--show", is_flag=True, help="Show the robot in the browser while it runs, in real time.")
+@click.option("--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0 for no wait.")
+@click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or only print the address.")
+@_json
+@_force
+@_debug
+def run(
+    scenario: str,
+    out: Path | None,
+    options: tuple[str, ...],
+    show: bool,
+    speed: float,
+    browser: bool,
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Run a SCENARIO: a built-in name or a YAML file."""
+    from rnc_pin.scenario.output import OutputFolder
+    from rnc_pin.scenario.run import execute, plan, write
+
+    prepared = plan(scenario, _parsed(options))
+    folder = OutputFolder(out or Path("runs") / prepared.name, force)
+    notes = Console(stderr=True)
+    for warning in prepared.experiment.warnings:
+        notes.print(f"rnc-pin: warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+    live = _live_view(prepared, speed, browser) if show else None
+    try:
+        with _progress(notes, prepared.total_duration, f"{prepared.name}", quiet=as_json) as advance:
+            result = execute(prepared, live, advance)
+    finally:
+        if live is not None:
+            live.close()
+    written = write(prepared, result, folder)
+    result.summary["files"] = [path.name for path in written]
+    if as_json:
+        _print_json(result.summary)
+    else:
+        _print_summary(result.summary, folder.path)
+    if result.error is not None:
+        _complain(f"{result.error}; results so far are in {folder.path}")
+    return _DONE if result.summary["outcome"] == "completed" else _FAILED
+
+
+@cli.command()
+@click.argument("system")
+@_options
+@click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
+@click.option("--seed", type=int, default=0, help="Of the sampled configurations.")
+@_json
+@_debug
+def inspect(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
+    """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
+    from rnc_pin.analysis import analyze
+    from rnc_pin.scenario.builder import build_reduced, build_task
+    from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
+
+    path = find_scenario(system)
+    checked = validate(with_options(read_yaml(path), _parsed(options)), path.name)
+    built, reduced = build_reduced(checked, path.parent)
+    task = build_task(checked, reduced)
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed)
+    content = {
+        "system": system,
+        "robot": built.robot.name,
+        "joints": list(built.robot.joint_names),
+        "reducing": list(reduced.reducing.names),
+        "vertical": list(reduced.vertical.names),
+        "actuators": list(reduced.actuation.names),
+        "primary": list(task.primary_names),
+        "redundant": list(task.redundant_names),
+        **report.to_dict(),
+    }
+    if as_json:
+        _print_json(content)
+    else:
+        _print_report(content)
+
+
+@cli.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option("--show", is_flag=True, help="Play it in the browser.")
+@click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file.")
+@click.option("--speed", type=click.FloatRange(min=0.01), default=1.0, help="With --show: times real time.")
+@click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or only print the address.")
+@_force
+@_debug
+def replay(source: Path, show: bool, html: Path | None, speed: float, browser: bool, force: bool) -> None:
+    """Play a run again: a folder that run wrote, or its trajectory.npz."""
+    from rnc_pin.scenario.builder import build_system
+    from rnc_pin.scenario.loading import validate
+    from rnc_pin.simulation import Trajectory, summarize
+
+    trajectory = Trajectory.load(source / "trajectory.npz" if source.is_dir() else source)
+    if "config" not in trajectory.meta:
+        raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")
+    scenario = validate(trajectory.meta["config"], str(source))
+    robot = build_system(scenario, Path(trajectory.meta.get("folder", "."))).robot
+    if len(trajectory.time) < 2:
+        raise ConfigurationError(f"{source}: holds {len(trajectory.time)} samples, nothing to play")
+    view = scenario.view
+    if html is not None:
+        from rnc_pin.visualization.recording import record_html
+
+        if html.exists() and not force:
+            raise ConfigurationError(f"--html {html}: exists; choose another name or add --force")
+        if not html.absolute().parent.is_dir():
+            raise ConfigurationError(f"--html {html}: there is no folder {html.absolute().parent}")
+        title = scenario.title or str(trajectory.meta.get("scenario"))
+        record_html(robot, trajectory, html, view.trail, view.camera, view.target, view.ground, title)
+        click.echo(f"wrote {html}")
+    if show:
+        from rnc_pin.visualization.live import LiveView
+
+        live = LiveView(robot, view.trail, view.camera, view.target, view.ground, speed, browser)
+        click.echo(f"showing on {live.url}", err=True)
+        live.wait_for_browser(10.0)
+        try:
+            for t, q in zip(trajectory.time, trajectory.q, strict=True):
+                live(float(t), q)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            live.close()
+    if not show and html is None:
+        _print_summary(summarize(trajectory), source)
+
+
+@cli.command()
+@click.argument("scenario")
+@click.option("--runs", type=click.IntRange(min=1), required=True, help="How many runs.")
+@click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
+@_options
+@_json
+@_force
+@_debug
+def sweep(
+    scenario: str,
+    runs: int,
+    jobs: int,
+    scheduler: str | None,
+    out: Path,
+    options: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'."""
+    from rnc_pin.scenario.output import OutputFolder
+    from rnc_pin.scenario.sweep import draw, spread, write_table
+    from rnc_pin.scenario.sweep import sweep as run_sweep
+
+    if jobs == 0:
+        raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
+    parsed = _parsed(options)
+    draw(scenario, parsed, 1)
+    folder = OutputFolder(out, force)
+    rows: list[dict[str, Any]] = []
+    with _progress(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
+        for row in run_sweep(scenario, parsed, runs, folder, jobs, scheduler):
+            rows.append(row)
+            advance(len(rows))
+    write_table(rows, folder.file("sweep.csv"))
+    summary = {"scenario": scenario, **spread(rows)}
+    folder.write_json("sweep.json", summary)
+    if as_json:
+        _print_json(summary)
+    else:
+        _print_spread(summary, folder.path)
+    return _DONE if summary["outcomes"].get("completed", 0) == runs else _FAILED
+
+
+# ---------------------------------------------------------------------- what is shared
+
+
+def _parsed(options: tuple[str, ...]) -> dict[str, Any]:
+    from rnc_pin.scenario.loading import parse_option
+
+    return dict(parse_option(option) for option in options)
+
+
+def _live_view(prepared: Any, speed: float, browser: bool) -> Any:
+    from rnc_pin.visualization.live import LiveView
+
+    view = prepared.experiment.scenario.view
+    robot = prepared.experiment.reduced.robot
+    live = LiveView(robot, view.trail, view.camera, view.target, view.ground, speed, browser)
+    click.echo(f"showing on {live.url}", err=True)
+    live.wait_for_browser(10.0)
+    return live
+
+
+class _progress:
+    """A progress bar on stderr; gives a function that takes how far it is."""
+
+    def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=quiet or not console.is_terminal,
+        )
+        self._task = self._bar.add_task(text, total=total)
+        self._shown, self._grain = 0.0, total / 400
+
+    def __enter__(self) -> Callable[[float], None]:
+        self._bar.start()
+        return self._advance
+
+    def _advance(self, done: float) -> None:
+        # Called at every sample: the bar need not know of each.
+        if done >= self._shown:
+            self._shown = done + self._grain
+            self._bar.update(self._task, completed=done)
+
+    def __exit__(self, *error: object) -> None:
+        if error[0] is None:
+            self._bar.update(self._task, completed=self._bar.tasks[0].total)
+        self._bar.stop()
+
+
+def _complain(message: str) -> None:
+    click.echo(f"rnc-pin: error: {' '.join(message.split())}", err=True)
+
+
+def _print_json(content: Any) -> None:
+    click.echo(json.dumps(content, indent=2))
+
+
+def _print_summary(summary: dict[str, Any], folder: Path) -> None:
+    console = Console()
+    errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
+    errors.add_column("output")
+    for column in ("final error", "largest error", "rms error"):
+        errors.add_column(column, justify="right")
+    for name in summary["final_error"]:
+        figures = (summary[key][name] for key in ("final_error", "max_error", "rms_error"))
+        errors.add_row(name, *(f"{figure:.2e}" for figure in figures))
+    console.print(errors)
+    invariants = Table(show_header=False, box=None, pad_edge=False)
+    invariants.add_column()
+    invariants.add_column(justify="right")
+    invariants.add_row("simulated time", f"{summary['duration']:.2f} s")
+    if summary["wall_time"]:
+        invariants.add_row("computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)")
+    invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
+    invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
+    invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
+    for name, figure in summary["max_input"].items():
+        invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
+    console.print(invariants)
+    if "files" in summary:
+        console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
+
+
+def _print_report(content: dict[str, Any]) -> None:
+    console = Console()
+    table = Table(show_header=False, title=f"{content['system']} ({content['robot']})", title_justify="left")
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    condition, lemma = content["condition"], content["lemma1"]
+    dropped = [f"{row['name']}: {row['reason']}" for row in content["dropped_rows"]]
+    realised = "every F can be realised" if content["actuation_rank"] == content["r"] else "not every F can be realised"
+    growth = content["growth_vector"]
+    whole = "completely nonholonomic" if content["completely_nonholonomic"] else f"reaches {growth[-1]} of {content['n']}"
+    redundancy = content["redundancy"]
+    table.add_row("degrees of freedom", f"{content['n']}, of which {content['r']} are left by the constraints")
+    table.add_row("constraint rows kept", "\n".join(content["kept_rows"]) or "none")
+    table.add_row("constraint rows dropped", "\n".join(dropped) or "none")
+    table.add_row("reducing outputs", ", ".join(content["reducing"]))
+    table.add_row("vertical outputs", ", ".join(content["vertical"]) or "none")
+    table.add_row("actuators", f"{', '.join(content['actuators']) or 'none'}")
+    table.add_row("rank of R^T B", f"{content['actuation_rank']} of {content['r']}: {realised}")
+    table.add_row("growth vector", f"({', '.join(map(str, growth))}): {whole}")
+    table.add_row("redundancy class", f"{content['redundancy_class'] or 'none'}: {redundancy['reason']}")
+    figures = [f"{key} = {value}" for key, value in redundancy.items() if key not in ("reason", "tracked", "driven")]
+    table.add_row("  evidence", "\n".join(figures) or "none")
+    table.add_row(
+        "condition of E",
+        f"{condition['min']:.3g} to {condition['max']:.3g}, median {condition['median']:.3g}; "
+        f"{content['singular_samples']} of {content['samples']} samples singular",
+    )
+    table.add_row(
+        "Lemma 1",
+        ("holds: " if content["lemma1_holds"] else "DOES NOT HOLD: ")
+        + ", ".join(f"{name} {value:.1e}" for name, value in lemma.items()),
+    )
+    console.print(table)
+
+
+def _print_spread(summary: dict[str, Any], folder: Path) -> None:
+    console = Console()
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
+    table = Table(title=f"{summary['scenario']}: {outcomes}", title_justify="left", title_style="bold")
+    table.add_column("output")
+    table.add_column("median final error", justify="right")
+    table.add_column("largest final error", justify="right")
+    for name, figures in summary["final_error"].items():
+        table.add_row(name, f"{figures['median']:.2e}", f"{figures['max']:.2e}")
+    console.print(table)
+    console.print(f"in {folder}: sweep.csv, sweep.json and a folder for each run", highlight=False)
+
+
+if __name__ == "__main__":
+    main()

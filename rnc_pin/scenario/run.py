@@ -1,0 +1,181 @@
+"""Running a scenario: the run, what it is compared with, and everything it writes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.errors import RncError
+from rnc_pin.scenario.builder import Experiment, build_experiment
+from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.simulation import Outcome, Trajectory, simulate, summarize
+
+Observer = Callable[[float, np.ndarray], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A scenario read, checked and ready to run, before anything is written."""
+
+    name: str
+    raw: dict[str, Any]
+    folder: Path
+    experiment: Experiment
+    comparisons: dict[str, Experiment]
+
+    @property
+    def duration(self) -> float:
+        """Simulated time of the run itself [s]."""
+        return self.experiment.simulation.duration
+
+    @property
+    def total_duration(self) -> float:
+        """Simulated time of the run and its comparisons [s]."""
+        return self.duration + sum(each.simulation.duration for each in self.comparisons.values())
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run gave."""
+
+    trajectory: Trajectory
+    summary: dict[str, Any]
+    error: RncError | None = None
+    comparisons: dict[str, Trajectory] = field(default_factory=dict)
+
+
+def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
+    """Read a scenario and build everything in it.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values to replace.
+
+    Raises:
+        RncError: anything is wrong with it.
+    """
+    path = find_scenario(scenario)
+    raw = with_options(read_yaml(path), options or {})
+    source = path.name if scenario != path.stem else scenario
+    checked = validate(raw, source)
+    comparisons = {}
+    for label, changes in checked.comparisons.items():
+        other = validate(with_options(raw, changes), f"{source}: comparisons.{label}")
+        comparisons[label] = build_experiment(other, path.parent)
+    return Plan(path.stem, raw, path.parent, build_experiment(checked, path.parent), comparisons)
+
+
+def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[float], None] | None = None) -> Result:
+    """Run a plan.
+
+    Args:
+        plan: what to run.
+        observer: called with (t, q) at every sample of the run itself.
+        progress: called with the simulated time so far [s], of all runs together.
+
+    Returns:
+        The result; a run that failed keeps what it reached, with ``error`` set.
+    """
+
+    def watch(base: float, inner: Observer | None) -> Observer:
+        def call(t: float, q: np.ndarray) -> None:
+            if progress is not None:
+                progress(base + t)
+            if inner is not None:
+                inner(t, q)
+
+        return call
+
+    # The summary's wall time is that of the simulation: building and drawing are not in it.
+    start = time.perf_counter()
+    trajectory, error = _simulate(plan, plan.experiment, watch(0.0, observer))
+    summary = summarize(trajectory, time.perf_counter() - start)
+    others: dict[str, Trajectory] = {}
+    done = plan.duration
+    if error is None and trajectory.outcome is Outcome.COMPLETED:
+        for label, experiment in plan.comparisons.items():
+            others[label], failure = _simulate(plan, experiment, watch(done, None))
+            done += experiment.simulation.duration
+            compared = summarize(others[label])
+            chosen = ("outcome", "message", "final_output", "final_error", "max_error", "rms_error")
+            summary.setdefault("comparisons", {})[label] = {key: compared[key] for key in chosen if key in compared}
+            if failure is not None:
+                summary["comparisons"][label]["message"] = str(failure)
+    return Result(trajectory, summary, error, others)
+
+
+def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
+    settings = experiment.simulation
+    meta = {
+        "scenario": plan.name,
+        "seed": experiment.scenario.seed,
+        "config": plan.raw,
+        "folder": str(plan.folder),
+        **experiment.notes,
+    }
+    try:
+        return simulate(
+            experiment.reduced,
+            experiment.controller,
+            experiment.q0,
+            settings.duration,
+            settings.dt,
+            substeps=settings.substeps,
+            joint_damping=settings.joint_damping,
+            actuator_limits=settings.actuator_limits,
+            position_limits=settings.position_limits,
+            observer=observer,
+            meta=meta,
+        ), None
+    except RncError as error:
+        trajectory = getattr(error, "trajectory", None)
+        if trajectory is None:
+            raise
+        return trajectory, error
+
+
+def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = True) -> list[Path]:
+    """Write a result: trajectory, summary, scenario, plots and animation."""
+    trajectory = result.trajectory
+    written = [folder.file("trajectory.npz")]
+    trajectory.save(written[0])
+    for label, other in result.comparisons.items():
+        path = folder.file(f"trajectory_{slug(label)}.npz")
+        other.save(path)
+        written.append(path)
+    written.append(folder.write_json("summary.json", result.summary))
+    written.append(folder.write_yaml("scenario.yaml", plan.raw))
+    if not pictures or len(trajectory.time) < 2:
+        return written
+    from rnc_pin.visualization.plots import plot_outputs, plot_overview
+
+    scenario = plan.experiment.scenario
+    for name, settings in scenario.plots.items():
+        labels = result.comparisons if settings.comparisons is None else settings.comparisons
+        shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
+        path = folder.file(f"{name}.png")
+        written.append(plot_outputs(trajectory, settings.outputs, path, settings.title, shown))
+    written.append(plot_overview(trajectory, folder.file("overview.png"), scenario.title))
+    visual = plan.experiment.reduced.robot.visual_model
+    if visual is not None and len(visual.geometryObjects):
+        from rnc_pin.visualization.recording import record_html
+
+        view = scenario.view
+        title = scenario.title or plan.name
+        page = folder.file("animation.html")
+        robot = plan.experiment.reduced.robot
+        written.append(record_html(robot, trajectory, page, view.trail, view.camera, view.target, view.ground, title))
+    return written
+
+
+def slug(label: str) -> str:
+    """A label as part of a file's name."""
+    return "".join(letter if letter.isalnum() else "_" for letter in label)
+
+
