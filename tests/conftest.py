@@ -7,7 +7,7 @@ from jaxtyping import install_import_hook
 install_import_hook(
     [
         f"rnc_pin.{module}"
-        for module in ("kinematics", "linear_algebra", "reduction", "measurement", "control", "planning", "simulation")
+        for module in ("reduction", "measurement", "control", "planning", "simulation")
     ],
-    "beartype.beartype",
+    "shape_checker.check",
 )

@@ -10,10 +10,10 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.reduction import ReducedModel
 
-_STEP = 0.02
+_STEP = 0.01
 # Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.
 _STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-5  # of unit vectors; nested differences lose two digits a level
 _DEEPEST = 8
 
 Field = Callable[[np.ndarray], np.ndarray]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
-from scipy.interpolate import BPoly, BSpline, make_interp_spline
+from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from rnc_pin.errors import InputError
 
@@ -59,8 +59,13 @@ class Hold:
 class _Polynomial:
     """A smooth curve on [begin, end], at rest at both ends and beyond."""
 
-    def __init__(self, curve: BPoly | BSpline, begin: float, end: float) -> None:
-        self._curves = [curve, *(curve.derivative(order) for order in (1, 2, 3))]
+    def __init__(self, curve: PPoly, begin: float, end: float) -> None:
+        # The curve and three derivatives side by side in one piecewise polynomial: one look-up gives all.
+        orders = [curve.derivative(order).c for order in range(4)]
+        together = np.zeros((curve.c.shape[0], curve.c.shape[1], 4, *curve.c.shape[2:]))
+        for order, coefficients in enumerate(orders):
+            together[len(together) - len(coefficients) :, :, order] = coefficients
+        self._curves = PPoly(together, curve.x)
         self._begin, self.duration = begin, end
         self._first, self._last = Hold(curve(begin)).at(begin), Hold(curve(end)).at(end)
         self.size = self._first.position.size
@@ -70,7 +75,7 @@ class _Polynomial:
             return self._first
         if t >= self.duration:
             return self._last
-        return ReferencePoint(*(curve(t) for curve in self._curves))
+        return ReferencePoint(*self._curves(t))
 
 
 class MinimumJerk(_Polynomial):
@@ -91,7 +96,7 @@ class MinimumJerk(_Polynomial):
             raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration}")
         zero = np.zeros_like(ends[0])
         curve = BPoly.from_derivatives([begin, begin + duration], [[end, zero, zero] for end in ends])
-        super().__init__(curve, begin, begin + duration)
+        super().__init__(PPoly.from_bernstein_basis(curve), begin, begin + duration)
 
 
 class ViaPoints(_Polynomial):
@@ -110,7 +115,10 @@ class ViaPoints(_Polynomial):
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])
         rest = [(1, zero), (2, zero)]
-        super().__init__(make_interp_spline(knots, values, k=5, bc_type=(rest, rest)), knots[0], knots[-1])
+        spline = make_interp_spline(knots, values, k=5, bc_type=(rest, rest))
+        columns = [PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
+        curve = PPoly(np.stack([column.c for column in columns], axis=-1), columns[0].x)
+        super().__init__(curve, float(knots[0]), float(knots[-1]))
 
 
 class Harmonic:

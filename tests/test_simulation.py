@@ -1,0 +1,240 @@
+"""The sampled loop and the integrator under it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import Command
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from systems import ALL, random_states, space_robot, space_robot_in_joints
+from tolerances import REFERENCE_SIMULATION
+
+DATA = Path(__file__).parent / "data"
+
+
+class Inputs:
+    """Actuator inputs as a function of time: a controller that looks at nothing."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def initial_state(self, measurement):
+        return 0
+
+    def step(self, t, measurement, state):
+        return Command(T=self.function(t)), state + 1
+
+
+def integrate(reduced, q, v2, T, duration, steps):
+    """(q, v2) after a time under constant inputs."""
+
+    def rate(p, y):
+        v, v2_dot, _ = reduced.flow(p, y, T)
+        return v, v2_dot
+
+    integrator, h = LieRungeKutta4(reduced.robot), duration / steps
+    for _ in range(steps):
+        q, v2 = integrator.step(rate, q, v2, h)
+    return q, v2
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_integrator_has_order_four_on_every_kind_of_joint(name):
+    reduced = ALL[name]()
+    q, v2 = random_states(reduced, 1, seed=5)[0]
+    # A long enough step for the error to stand above rounding, a short enough one for its order to show.
+    v2 = 0.7 * v2 / np.linalg.norm(reduced.terms(q, v2).v)
+    T = 0.3 * np.ones(reduced.p)
+    scale = np.abs(reduced.forward_dynamics(q, v2, T)).max()
+    duration = 0.4 / max(1.0, np.sqrt(scale))
+    exact_q, exact_v2 = integrate(reduced, q, v2, T, duration, 64)
+    errors = []
+    for steps in (4, 8):
+        end_q, end_v2 = integrate(reduced, q, v2, T, duration, steps)
+        gap = pin.difference(reduced.robot.model, end_q, exact_q)
+        errors.append(np.linalg.norm(gap) + np.linalg.norm(end_v2 - exact_v2) / max(1.0, scale))
+    assert errors[0] > 1e-12, "too exact to tell the order"
+    assert np.log2(errors[0] / errors[1]) > 3.7
+
+
+@pytest.mark.parametrize("name", ["leaning_wheel", "free_flying_panda", "tiago"])
+def test_quaternions_and_angles_keep_their_length(name):
+    reduced = ALL[name]()
+    q, v2 = random_states(reduced, 1, seed=6)[0]
+    q, _ = integrate(reduced, q, 0.3 * v2, np.zeros(reduced.p), 0.2, 100)
+    assert pin.isNormalized(reduced.robot.model, q, 1e-12)
+
+
+def test_reference_simulation_of_the_space_robot():
+    """Open loop, against an order-20 integrator with 30 digits (tests/data)."""
+    data = json.loads((DATA / "space_robot.json").read_text())["simulation"]
+    reduced, dt, substeps = space_robot_in_joints(), 5e-4, 1
+
+    def torque(t):
+        return np.array([2 * np.sin(t), -1.5 * np.cos(2 * t), 0.7 * np.sin(3 * t)])
+
+    # The data have smooth torques, so integrate them as such: time goes along as a state.
+    def rate(q, y):
+        v, v2_dot, _ = reduced.flow(q, y[:3], torque(y[3]))
+        return v, np.append(v2_dot, 1.0)
+
+    integrator = LieRungeKutta4(reduced.robot)
+    q, y = np.array(data["q0"]), np.append(data["v0"], 0.0)
+    for k, t in enumerate(data["t"]):
+        while y[3] < t - dt / 2:
+            q, y = integrator.step(rate, q, y, dt / substeps)
+        np.testing.assert_allclose(q, data["q"][k], atol=REFERENCE_SIMULATION)
+        np.testing.assert_allclose(y[:3], data["v"][k], atol=REFERENCE_SIMULATION)
+
+
+def test_closed_form_motion_of_the_chaplygin_sleigh():
+    from test_reference_data import SLEIGH, chaplygin_sleigh
+
+    data, reduced = SLEIGH["trajectory"], chaplygin_sleigh()
+    q0 = reduced.robot.configuration({"root_joint": data["q0"]})
+    idle = Inputs(lambda t: np.zeros(2))
+    run = rnc.simulate(reduced, idle, q0, duration=10.0, dt=0.005, v2_0=np.array(data["v0"]))
+    every = np.searchsorted(run.time, np.array(data["t"]) - 1e-9)
+    x1, x2 = run.x1[every], run.x2[every]
+    np.testing.assert_allclose(np.column_stack([x1, x2[:, 1]]), data["q"], atol=REFERENCE_SIMULATION)
+    np.testing.assert_allclose(run.v2[every], data["v"], atol=REFERENCE_SIMULATION)
+    # The quasi-velocity has no coordinate: its column is its integral, here the length of the path.
+    speed = np.trapezoid(run.v2[:, 0], run.time)
+    assert run.x2[-1, 0] == pytest.approx(speed, abs=1e-5)
+
+
+def test_inputs_are_held_between_samples():
+    reduced = space_robot_in_joints()
+    q0 = reduced.robot.configuration({"joint_2": 1.0})
+    pulse = Inputs(lambda t: np.array([1.0, 0.0, 0.0]) if 0.05 <= t < 0.06 - 1e-9 else np.zeros(3))
+    run = rnc.simulate(reduced, pulse, q0, duration=0.1, dt=0.01)
+    held_q, held_v2 = integrate(reduced, q0, np.zeros(3), np.array([1.0, 0, 0]), 0.01, 1)
+    np.testing.assert_array_equal(run.q[6], held_q)
+    np.testing.assert_array_equal(run.v2[6], held_v2)
+    assert np.abs(run.v2[5]).max() == 0
+
+
+def test_energy_changes_by_the_work_of_the_inputs_and_the_constraint_holds():
+    reduced = space_robot_in_joints()
+    inputs = Inputs(lambda t: np.array([np.sin(3 * t), 0.5, -0.4 * np.cos(t)]))
+    run = rnc.simulate(reduced, inputs, reduced.robot.configuration({"joint_2": 1.0}), duration=3.0, dt=0.01)
+    assert np.ptp(run.energy) > 0.1
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-7)
+    assert run.constraint_residual.max() < 1e-9
+
+
+def test_joint_damping_takes_energy_and_only_when_switched_on():
+    reduced = space_robot_in_joints()
+    q0, v2_0 = reduced.robot.configuration({"joint_2": 1.0}), np.array([0.5, -0.5, 0.5])
+    idle = Inputs(lambda t: np.zeros(3))
+    free = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0)
+    damped = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0, joint_damping=True)
+    assert np.ptp(free.energy) < 1e-7
+    assert (np.diff(damped.energy) < 0).all()
+    np.testing.assert_allclose(damped.energy - damped.work, damped.energy[0], atol=1e-7)
+
+
+def test_damping_of_a_conserved_momentum_is_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    robot.model.damping = np.ones(4)
+    joints = ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+    reduced = system.reduce([rnc.JointPosition(joint) for joint in joints])
+    with pytest.raises(rnc.ConstraintError, match="joint damping acts on momentum"):
+        rnc.simulate(reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, joint_damping=True)
+
+
+def test_actuator_limits_clip_the_inputs():
+    reduced = space_robot_in_joints()
+    strong = Inputs(lambda t: np.array([1e3, -1e3, 1.0]))
+    run = rnc.simulate(reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01, actuator_limits=True)
+    np.testing.assert_array_equal(run.T[0], [400.0, -400.0, 1.0])
+    assert run.T.shape == (6, 3)
+
+
+def test_a_run_that_diverges_keeps_what_it_has():
+    reduced = space_robot_in_joints()
+    runaway = Inputs(lambda t: 1e6 * np.ones(3))
+    with pytest.raises(rnc.DivergenceError, match="diverged at t = ") as caught:
+        rnc.simulate(reduced, runaway, reduced.robot.configuration({"joint_2": 1.0}), 1.0)
+    run = caught.value.trajectory
+    assert run.outcome is rnc.Outcome.DIVERGED
+    assert 0 < len(run.time) < 501
+    assert all(np.isfinite(getattr(run, name)).all() for name in ("q", "v2", "T", "energy", "multipliers"))
+
+
+def test_singularity_in_a_simulation_carries_its_time():
+    reduced = space_robot()
+
+    class Straight(Inputs):
+        def step(self, t, measurement, state):
+            if t > 0.015:
+                reduced.forward_dynamics(reduced.robot.configuration(), np.zeros(3), np.zeros(3))
+            return super().step(t, measurement, state)
+
+    q0 = reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0})
+    with pytest.raises(rnc.SingularityError) as caught:
+        rnc.simulate(reduced, Straight(lambda t: np.zeros(3)), q0, 1.0)
+    error = caught.value
+    assert error.time == pytest.approx(0.016)
+    assert error.condition > 1e8
+    assert {"tip_x", "tip_y"} & set(error.rows)
+    assert error.trajectory.outcome is rnc.Outcome.SINGULAR
+
+
+def test_position_limits_end_the_run():
+    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+    reduced = ALL["fire_truck"]()
+    turn = Inputs(lambda t: np.array([0.0, 100.0, 0.0]))
+    with pytest.raises(rnc.LimitError, match="joint 'front_steering' left its range"):
+        rnc.simulate(reduced, turn, robot.configuration(), 2.0, position_limits=True)
+
+
+def test_interruption_keeps_the_run():
+    def interrupt(t, q):
+        if t > 0.1:
+            raise KeyboardInterrupt
+
+    reduced = space_robot_in_joints()
+    idle = Inputs(lambda t: np.zeros(3))
+    run = rnc.simulate(reduced, idle, reduced.robot.configuration({"joint_2": 1.0}), 1.0, observer=interrupt)
+    assert run.outcome is rnc.Outcome.INTERRUPTED
+    assert len(run.time) == 52
+
+
+@pytest.mark.parametrize("arguments", [{"duration": 0.0}, {"duration": 1.0, "dt": -1.0}, {"duration": 1.0, "substeps": 0}])
+def test_times_that_make_no_sense_are_refused(arguments):
+    reduced = space_robot_in_joints()
+    with pytest.raises(rnc.InputError):
+        rnc.simulate(reduced, Inputs(lambda t: np.zeros(3)), reduced.robot.configuration(), **arguments)
+
+
+def test_trajectory_survives_saving(tmp_path):
+    reduced = space_robot()
+    idle = Inputs(lambda t: np.zeros(3))
+    run = rnc.simulate(reduced, idle, reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), 0.1)
+    run.save(tmp_path / "run.npz")
+    again = rnc.Trajectory.load(tmp_path / "run.npz")
+    for name in ("time", "q", "v", "v2", "x1", "x2", "F", "T", "multipliers", "energy", "constraint_residual"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+    assert again.meta == run.meta
+    assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
+
+
+@pytest.mark.parametrize("content", [b"", b"rubbish", b"PK\x03\x04rubbish"])
+def test_a_file_that_is_no_trajectory_is_refused(tmp_path, content):
+    path = tmp_path / "run.npz"
+    path.write_bytes(content)
+    with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+        rnc.Trajectory.load(path)
+
+
+def test_pickles_are_not_loaded(tmp_path):
+    path = tmp_path / "run.npz"
+    np.savez(path, time=np.array([print], dtype=object))
+    with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+        rnc.Trajectory.load(path)
