@@ -331,7 +331,9 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     invariants.add_column(justify="right")
     invariants.add_row("simulated time", f"{summary['duration']:.2f} s")
     if summary["wall_time"]:
-        invariants.add_row("computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)")
+        invariants.add_row(
+            "computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
+        )
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
     invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
     invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
@@ -351,7 +353,9 @@ def _print_report(content: dict[str, Any]) -> None:
     dropped = [f"{row['name']}: {row['reason']}" for row in content["dropped_rows"]]
     realised = "every F can be realised" if content["actuation_rank"] == content["r"] else "not every F can be realised"
     growth = content["growth_vector"]
-    whole = "completely nonholonomic" if content["completely_nonholonomic"] else f"reaches {growth[-1]} of {content['n']}"
+    whole = (
+        "completely nonholonomic" if content["completely_nonholonomic"] else f"reaches {growth[-1]} of {content['n']}"
+    )
     redundancy = content["redundancy"]
     table.add_row("degrees of freedom", f"{content['n']}, of which {content['r']} are left by the constraints")
     table.add_row("constraint rows kept", "\n".join(content["kept_rows"]) or "none")

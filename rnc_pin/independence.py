@@ -22,9 +22,7 @@ class DroppedRow:
     reason: str
 
 
-def select_independent(
-    samples: np.ndarray, names: Sequence[str]
-) -> tuple[list[int], list[DroppedRow]]:
+def select_independent(samples: np.ndarray, names: Sequence[str]) -> tuple[list[int], list[DroppedRow]]:
     """A set of rows that is independent and complete at every sample.
 
     Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the

@@ -69,4 +69,3 @@ class Kinematics:
     def own_acceleration(self, frame: int) -> pin.Motion:
         """Rate of the frame's velocity components along its own axes, at zero ``vdot``."""
         return pin.getFrameAcceleration(self.model, self.data, frame, OWN_AXES)
-

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jaxtyping import Float
 from numpy import ndarray as Array
+
+_ABSENT: Any = None  # a loop that leaves a field out has a controller that does not read it
 
 
 class Measurement(NamedTuple):
@@ -15,16 +17,16 @@ class Measurement(NamedTuple):
     reads and leave the rest: each says in its docstring what that is.
     """
 
-    q: Float[Array, "*batch nq"] | None = None
+    q: Float[Array, "*batch nq"] = _ABSENT
     """Configuration."""
-    v2: Float[Array, "*batch r"] | None = None
+    v2: Float[Array, "*batch r"] = _ABSENT
     """Rates of the reducing outputs."""
-    x1: Float[Array, "*batch k"] | None = None
+    x1: Float[Array, "*batch k"] = _ABSENT
     """Vertical outputs."""
-    x2: Float[Array, "*batch r"] | None = None
+    x2: Float[Array, "*batch r"] = _ABSENT
     """Reducing outputs; integrals of v2 where they are quasi-velocities."""
-    v1: Float[Array, "*batch k"] | None = None
+    v1: Float[Array, "*batch k"] = _ABSENT
     """Rates of the vertical outputs, ``A_star v2``."""
-    A_star: Float[Array, "*batch k r"] | None = None
+    A_star: Float[Array, "*batch k r"] = _ABSENT
     """Kinematics (3a), ``v1 = A_star v2``."""
-    A_star_dot: Float[Array, "*batch k r"] | None = None
+    A_star_dot: Float[Array, "*batch k r"] = _ABSENT

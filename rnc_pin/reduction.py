@@ -11,16 +11,15 @@ one state is the same code without the axis.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
-from numpy.typing import ArrayLike
 
 from rnc_pin.actuators import Actuation
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
@@ -40,6 +39,8 @@ from rnc_pin.linear_algebra import (
 from rnc_pin.measurement import Measurement
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputStack, RowStack
+
+ArrayInput = Any  # whatever NumPy makes a float array of
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,12 @@ class ReducedModel:
 
     # ------------------------------------------------------------------ dynamics
 
-    def forward_dynamics(
-        self, q: ArrayLike, v2: ArrayLike, T: ArrayLike
-    ) -> Float[Array, "*batch r"]:
+    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations ``v2_dot`` under actuator inputs T [N or N m]."""
         v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
         return self._accelerate(self._admit(q, v2), v2, T, None)[0]
 
-    def flow(self, q: ArrayLike, v2: ArrayLike, T: ArrayLike, damping: Array | None = None) -> Flow:
+    def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> Flow:
         """What an integrator needs: full velocity, reduced acceleration and power, from one factorisation.
 
         Args:
@@ -169,9 +168,7 @@ class ReducedModel:
             self._explain_not_finite(q, v2=v2, T=T)
         return v2_dot, v, force
 
-    def inverse_dynamics(
-        self, q: ArrayLike, v2: ArrayLike, v2_dot: ArrayLike
-    ) -> Float[Array, "*batch r"]:
+    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2dot + V v2 + G``."""
         v2, v2_dot = self._shaped(v2, self.r, "v2"), self._shaped(v2_dot, self.r, "v2_dot")
         q = self._admit(q, v2)
@@ -182,12 +179,12 @@ class ReducedModel:
         acceleration = apply(R, v2_dot) - apply(E_inverse, gamma)
         return apply_transposed(R, apply(M, acceleration) + bias)
 
-    def input_matrix(self, q: ArrayLike) -> Float[Array, "*batch r p"]:
+    def input_matrix(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
         """``R^T B``: reduced force for unit actuator inputs."""
         E_inverse, _, B = self.stack(self._admit(q))
         return E_inverse[self._basis].mT @ B
 
-    def allocate(self, q: ArrayLike, F: ArrayLike) -> Float[Array, "*batch p"]:
+    def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
 
         Raises:
@@ -207,9 +204,7 @@ class ReducedModel:
             )
         return apply(np.linalg.pinv(matrix), F)
 
-    def multipliers(
-        self, q: ArrayLike, v2: ArrayLike, T: ArrayLike
-    ) -> Float[Array, "*batch m"]:
+    def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
         """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``."""
         v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
         q = self._admit(q, v2)
@@ -223,7 +218,7 @@ class ReducedModel:
         # A^T lambda + J2^T 0 = residual, that is E^T [lambda; 0] = residual.
         return apply_transposed(E_inverse[..., : self.m], residual)
 
-    def energy(self, q: ArrayLike, v2: ArrayLike) -> Float[Array, "*batch"] | float:
+    def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
         """Kinetic plus potential energy [J]."""
         v2 = self._shaped(v2, self.r, "v2")
         q = self._admit(q, v2)
@@ -240,12 +235,12 @@ class ReducedModel:
 
     # ------------------------------------------------------------------ matrices
 
-    def inertia(self, q: ArrayLike) -> Float[Array, "*batch r r"]:
+    def inertia(self, q: ArrayInput) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix H alone."""
         E_inverse, M, _ = self.stack(self._admit(q))
         return congruence(E_inverse[self._basis], M)
 
-    def terms(self, q: ArrayLike, v2: ArrayLike) -> ReducedTerms:
+    def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         """All matrices of the reduced system at (q, v2)."""
         v2 = self._shaped(v2, self.r, "v2")
         q = self._admit(q, v2)
@@ -268,7 +263,7 @@ class ReducedModel:
             v=v,
         )
 
-    def lagrangian_terms(self, q: ArrayLike, v2: ArrayLike) -> LagrangianTerms:
+    def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
         """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2``."""
         v2 = self._shaped(v2, self.r, "v2")
         q = self._admit(q, v2)
@@ -276,15 +271,13 @@ class ReducedModel:
         _, C, g, *_ = self._rates(q, apply(E_inverse[self._basis], v2))
         return LagrangianTerms(H=np.array(M), C=C, g=g, B=np.array(B))
 
-    def basis_rate(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+    def basis_rate(self, q: ArrayInput, v: ArrayInput) -> tuple[Array, Array]:
         """R and its derivative along any tangent vector v, (nv, r) each, at one configuration."""
         E_inverse, _, _ = self.stack(self._admit(q))
         R = E_inverse[:, self.m :]
         return R.copy(), -E_inverse @ (self._rates(q, np.asarray(v, dtype=float))[0] @ R)
 
-    def measure(
-        self, q: ArrayLike, v2: ArrayLike, integrals: Array | None = None
-    ) -> Measurement:
+    def measure(self, q: ArrayInput, v2: ArrayInput, integrals: Array | None = None) -> Measurement:
         """What controllers may see at a state: outputs, rates and the kinematics between them, no inertia.
 
         Args:
@@ -312,7 +305,7 @@ class ReducedModel:
             A_star_dot=J1_dot @ R + J1 @ R_dot,
         )
 
-    def outputs(self, q: ArrayLike, integrals: Array | None = None) -> tuple[Array, Array]:
+    def outputs(self, q: ArrayInput, integrals: Array | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r) of the vertical and reducing outputs."""
         q = self._admit(q)
         x1, x2 = np.empty((*q.shape[:-1], self.vertical.size)), np.empty((*q.shape[:-1], self.r))
@@ -325,7 +318,7 @@ class ReducedModel:
             x2[..., self.reducing.quasi] = integrals[..., self.reducing.quasi]
         return x1, x2
 
-    def constraint_residual(self, q: ArrayLike, v: ArrayLike) -> Array:
+    def constraint_residual(self, q: ArrayInput, v: ArrayInput) -> Array:
         """``A v``, (..., m)."""
         A = np.empty((*q.shape[:-1], self.m, self.n))
         for q_i, A_i in self._states(q, A):
@@ -333,11 +326,11 @@ class ReducedModel:
             A_i[...] = self.constraints.evaluate(self._state)
         return apply(A, v)
 
-    def condition(self, q: ArrayLike) -> Array | float:
+    def condition(self, q: ArrayInput) -> Array | float:
         """Condition number (...) of E with unit rows: how well x2 parametrises the motion at q."""
         return condition_number(self._position(self._admit(q))[0])
 
-    def smallest_singular_value(self, q: ArrayLike) -> Array | float:
+    def smallest_singular_value(self, q: ArrayInput) -> Array | float:
         """Smallest singular value (...) of E with unit rows; zero at a singular configuration."""
         return np.linalg.svd(unit_rows(self._position(self._admit(q))[0]), compute_uv=False)[..., -1]
 
@@ -412,18 +405,18 @@ class ReducedModel:
             g_i[...] = state.bias - apply(state.C, v_i)
         return E_dot, C, g, A, J1, J1_dot
 
-    def _states(self, q: Array, *arrays: Array):
+    def _states(self, q: Array, *arrays: Array) -> Iterable[tuple[Array, ...]]:
         """One tuple a state: views of q and of every array; a single state is one tuple."""
         if q.ndim == 1:
             return ((q, *arrays),)
         if q.ndim > 2:
             depth, count = q.ndim - 1, prod(q.shape[:-1])
-            q, *arrays = (each.reshape(count, *each.shape[depth:]) for each in (q, *arrays))
+            return zip(*(each.reshape(count, *each.shape[depth:]) for each in (q, *arrays)), strict=True)
         return zip(q, *arrays, strict=True)
 
     # ------------------------------------------------------------------ the boundary
 
-    def _admit(self, q: ArrayLike, beside: Array | None = None) -> Array:
+    def _admit(self, q: ArrayInput, beside: Array | None = None) -> Array:
         """A float array q (..., nq), one for each entry of ``beside``; unit complex numbers and quaternions checked."""
         q = np.asarray(q, float)  # by position: a keyword costs as much as the call
         if q.ndim == 0 or q.shape[-1] != self._nq:
@@ -442,7 +435,7 @@ class ReducedModel:
                     raise InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return q
 
-    def _shaped(self, array: ArrayLike, size: int, name: str) -> Array:
+    def _shaped(self, array: ArrayInput, size: int, name: str) -> Array:
         array = np.asarray(array, float)
         if array.ndim == 0 or array.shape[-1] != size:
             raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
@@ -471,4 +464,6 @@ class ReducedModel:
     def dependent_rows(self, E: Array) -> Sequence[str]:
         """Names of the rows that take part in the weakest combination of a stack (nv, nv)."""
         left = np.linalg.svd(unit_rows(E))[0][:, -1]
-        return [name for name, weight in zip(self._rows.names, np.abs(left), strict=True) if weight > 0.1 * max(abs(left))]
+        return [
+            name for name, weight in zip(self._rows.names, np.abs(left), strict=True) if weight > 0.1 * max(abs(left))
+        ]

@@ -170,9 +170,7 @@ class Robot:
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
         """A configuration (nq,) drawn within joint limits and within ``spread`` [rad or m] of neutral."""
-        q = pin.integrate(
-            self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv)
-        )
+        q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:
                 low = max(self.model.lowerPositionLimit[joint.idx_q], -spread)

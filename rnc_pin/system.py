@@ -57,7 +57,9 @@ class NonholonomicSystem:
         self.constraints = RowStack(blocks, _by_block(blocks, kept))
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
-            raise ConstraintError(f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom")
+            raise ConstraintError(
+                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom"
+            )
         self._check_conserved(blocks)
 
     @property
@@ -90,7 +92,9 @@ class NonholonomicSystem:
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), but {self.n} degrees of freedom "
                 f"under {self.m} constraints need {self.r}"
             )
-        reduced = ReducedModel(self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows)
+        reduced = ReducedModel(
+            self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows
+        )
         self._check_regular(reduced)
         return reduced
 

@@ -64,7 +64,9 @@ def test_redundancy_controller_gives_the_vertical_rate_that_it_wants(k21):
         x1d, x21d = kinematic.vertical.at(1.3), kinematic.primary.at(1.3)
         wanted = x1d.velocity + 2.0 * (x1d.position - measured.x1)
         np.testing.assert_allclose(measured.A_star @ target.v2, wanted, atol=ROUNDING)
-        np.testing.assert_allclose(target.v2[:2], x21d.velocity + k21 * (x21d.position - measured.x2[:2]), atol=ROUNDING)
+        np.testing.assert_allclose(
+            target.v2[:2], x21d.velocity + k21 * (x21d.position - measured.x2[:2]), atol=ROUNDING
+        )
 
 
 def test_rate_of_the_target_is_exact():

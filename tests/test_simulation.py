@@ -206,7 +206,9 @@ def test_interruption_keeps_the_run():
     assert len(run.time) == 52
 
 
-@pytest.mark.parametrize("arguments", [{"duration": 0.0}, {"duration": 1.0, "dt": -1.0}, {"duration": 1.0, "substeps": 0}])
+@pytest.mark.parametrize(
+    "arguments", [{"duration": 0.0}, {"duration": 1.0, "dt": -1.0}, {"duration": 1.0, "substeps": 0}]
+)
 def test_times_that_make_no_sense_are_refused(arguments):
     reduced = space_robot_in_joints()
     with pytest.raises(rnc.InputError):

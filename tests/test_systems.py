@@ -111,7 +111,9 @@ def test_fewer_actuators_than_motions_are_told_only_where_they_matter():
 def test_more_actuators_than_motions_share_with_the_least_effort():
     thrusters = ["joint_1", "joint_2", "joint_3", rnc.FrameTorque("link_3", "z")]
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    free = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: 0 * np.eye(4)[:1])], thrusters)
+    free = rnc.NonholonomicSystem(
+        robot, [rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: 0 * np.eye(4)[:1])], thrusters
+    )
     reduced = free.reduce([rnc.JointPosition(f"joint_{i}") for i in (1, 2, 3)])
     q, F = robot.configuration({"joint_2": 0.7}), np.array([1.0, 2.0, 3.0])
     T, matrix = reduced.allocate(q, F), reduced.input_matrix(q)
@@ -126,7 +128,11 @@ def test_more_actuators_than_motions_share_with_the_least_effort():
     ("make", "error", "words"),
     [
         (lambda: space(constraints=[rnc.MomentumConservation("platfrm")]), rnc.ModelError, "did you mean 'platform'"),
-        (lambda: space(constraints=[rnc.MomentumConservation("joint_2")]), rnc.ConstraintError, "depends on its position"),
+        (
+            lambda: space(constraints=[rnc.MomentumConservation("joint_2")]),
+            rnc.ConstraintError,
+            "depends on its position",
+        ),
         (lambda: space(constraints=[rnc.NoSideSlip("tipp")]), rnc.ModelError, "did you mean 'tip'"),
         (lambda: space(constraints=[rnc.NoSideSlip("tip", "w")]), rnc.ConfigurationError, "axis 'w' is not known"),
         (lambda: space(constraints=[rnc.RollingWheel("tip", 0.0)]), rnc.ConstraintError, "has to be positive"),
@@ -148,7 +154,9 @@ def test_more_actuators_than_motions_share_with_the_least_effort():
             r"shape \(1, 3\), expected \(1, 4\)",
         ),
         (
-            lambda: space(constraints=[rnc.Pfaffian(lambda q: np.eye(4)[:1] * (q[1] > 0), lambda q, v: np.zeros((1, 4)))]),
+            lambda: space(
+                constraints=[rnc.Pfaffian(lambda q: np.eye(4)[:1] * (q[1] > 0), lambda q, v: np.zeros((1, 4)))]
+            ),
             rnc.ConstraintError,
             "rank of the constraints changes with the configuration, from 0 to 1",
         ),
@@ -159,7 +167,9 @@ def test_more_actuators_than_motions_share_with_the_least_effort():
             "'joint_1' is there twice",
         ),
         (
-            lambda: space().reduce([rnc.JointPosition("joint_1"), rnc.FrameYaw("link_1"), rnc.JointPosition("platform")]),
+            lambda: space().reduce(
+                [rnc.JointPosition("joint_1"), rnc.FrameYaw("link_1"), rnc.JointPosition("platform")]
+            ),
             rnc.ConstraintError,
             "do not parametrise the motion",
         ),

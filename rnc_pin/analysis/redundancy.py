@@ -77,9 +77,7 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
             driven = tuple(name for name, flag in zip(names, steered, strict=True) if not flag)
             evidence["A5_along_x22"] = _largest(primary_along[:, ~steered])
             return Redundancy("2s", tracked, driven, {**evidence, "reason": reason})
-    reason = (
-        f"{rows} vertical outputs are moved by {columns} redundant ones, and no partition fits class 1, 2 or 2s"
-    )
+    reason = f"{rows} vertical outputs are moved by {columns} redundant ones, and no partition fits class 1, 2 or 2s"
     return Redundancy(None, tracked, driven, {**evidence, "reason": reason})
 
 

@@ -83,9 +83,9 @@ class _RollingRows(Rows):
         heading_dot = np.array([dy, -dx, 0.0]) / sine - directions[0] * sine_dot / sine
         across_dot = np.array([dx, dy, 0.0]) / sine - directions[1] * sine_dot / sine
         directions_dot = np.array([heading_dot, across_dot, np.zeros(3)])
-        arm_dot = self._radius / sine * np.array(
-            [dz * x + z * dx, dz * y + z * dy, 2 * z * dz]
-        ) - arm * (sine_dot / sine)
+        arm_dot = self._radius / sine * np.array([dz * x + z * dx, dz * y + z * dy, 2 * z * dz]) - arm * (
+            sine_dot / sine
+        )
         return directions, directions_dot, arm, arm_dot, velocity.linear + pin.skew(spin) @ arm
 
     def jacobian_dot(self, state: Kinematics) -> np.ndarray:

@@ -31,7 +31,7 @@ class VelocityGains:
 
     @classmethod
     def paper(cls) -> VelocityGains:
-        """k = 10, beta = 10, sigma = 0.1: paper section 4, for every system."""
+        """K = 10, beta = 10, sigma = 0.1: paper section 4, for every system."""
         return cls()
 
     @classmethod

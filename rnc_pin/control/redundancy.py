@@ -96,7 +96,9 @@ class RedundancyController:
         raise SingularityError(
             "redundant outputs cannot move the vertical ones (A4 is singular)",
             q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
-            condition=float(np.max(condition_number(A4))) if A4.shape[-1] > 1 else float(1 / max(np.abs(A4).min(), 1e-300)),
+            condition=float(np.max(condition_number(A4)))
+            if A4.shape[-1] > 1
+            else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
 

@@ -177,5 +177,3 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
 def slug(label: str) -> str:
     """A label as part of a file's name."""
     return "".join(letter if letter.isalnum() else "_" for letter in label)
-
-

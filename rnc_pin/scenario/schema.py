@@ -38,25 +38,17 @@ class Strict(BaseModel):
         return raw
 
 
-_PLAIN = "name"
+_NAME = "name"
 
 
-def _one_of(*models: type[Strict], plain: bool = False) -> Any:
-    """A union of models of one key each, which says what kind they are; and of names, where ``plain``."""
-    tags = {next(iter(model.model_fields)): model for model in models}
+def _kind(raw: Any) -> str:
+    """What an entry is: its one key, or a bare name."""
+    if isinstance(raw, dict) and len(raw) == 1:
+        return str(next(iter(raw)))
+    return _NAME if isinstance(raw, str) else str(raw)
 
-    def kind(raw: Any) -> str:
-        if isinstance(raw, BaseModel):
-            return next(iter(type(raw).model_fields))
-        if isinstance(raw, dict) and len(raw) == 1:
-            return str(next(iter(raw)))
-        return _PLAIN if plain and isinstance(raw, str) else str(raw)
 
-    union: Any = Annotated[str, Tag(_PLAIN)] if plain else None
-    for tag, model in tags.items():
-        tagged = Annotated[model, Tag(tag)]
-        union = tagged if union is None else union | tagged
-    return Annotated[union, Discriminator(kind)]
+_BY_KIND = Discriminator(_kind)
 
 
 # ---------------------------------------------------------------------- robot
@@ -134,7 +126,12 @@ class Wheel(Strict):
         return RollingWheel(self.rolling_wheel.frame, self.rolling_wheel.radius, self.rolling_wheel.axis)
 
 
-Constraint = _one_of(Momentum, SideSlip, Wheel)
+Constraint = Annotated[
+    Annotated[Momentum, Tag("momentum")]
+    | Annotated[SideSlip, Tag("no_side_slip")]
+    | Annotated[Wheel, Tag("rolling_wheel")],
+    _BY_KIND,
+]
 
 
 # ---------------------------------------------------------------------- actuators
@@ -162,7 +159,10 @@ class Torque(Strict):
         return FrameTorque(self.torque.frame, self.torque.axis, self.torque.limit or np.inf)
 
 
-ActuatorItem = _one_of(Force, Torque, plain=True)
+ActuatorItem = Annotated[
+    Annotated[str, Tag(_NAME)] | Annotated[Force, Tag("force")] | Annotated[Torque, Tag("torque")],
+    _BY_KIND,
+]
 
 
 # ---------------------------------------------------------------------- outputs
@@ -228,7 +228,14 @@ class Speed(Strict):
         return FrameSpeed(self.frame_speed.frame, self.frame_speed.axis)
 
 
-OutputItem = _one_of(Joint, Position, Yaw, DistanceBetween, Speed)
+OutputItem = Annotated[
+    Annotated[Joint, Tag("joint")]
+    | Annotated[Position, Tag("frame_position")]
+    | Annotated[Yaw, Tag("frame_yaw")]
+    | Annotated[DistanceBetween, Tag("distance")]
+    | Annotated[Speed, Tag("frame_speed")],
+    _BY_KIND,
+]
 
 
 class Outputs(Strict):
@@ -327,7 +334,13 @@ class HoldReference(Strict):
         return planning.Hold(start if self.hold.value is None else _sized(np.array(self.hold.value), start))
 
 
-ReferenceItem = _one_of(MinimumJerkReference, ViaReference, HarmonicReference, HoldReference)
+ReferenceItem = Annotated[
+    Annotated[MinimumJerkReference, Tag("minimum_jerk")]
+    | Annotated[ViaReference, Tag("via_points")]
+    | Annotated[HarmonicReference, Tag("harmonic")]
+    | Annotated[HoldReference, Tag("hold")],
+    _BY_KIND,
+]
 
 
 class References(Strict):

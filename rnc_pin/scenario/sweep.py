@@ -25,7 +25,9 @@ def draw(scenario: str, options: dict[str, Any], runs: int) -> list[dict[str, An
     path = find_scenario(scenario)
     checked = validate(with_options(read_yaml(path), options), path.name)
     if not checked.sweep:
-        raise ConfigurationError(f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]")
+        raise ConfigurationError(
+            f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
+        )
     for key, (low, high) in checked.sweep.items():
         if low > high:
             raise ConfigurationError(f"{path.name}: sweep.{key}: range [{low:g}, {high:g}] runs backwards")

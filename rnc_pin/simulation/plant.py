@@ -6,6 +6,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.reduction import ReducedModel
+from rnc_pin.simulation.lie_runge_kutta import Rate
 
 
 class Plant:
@@ -50,7 +51,7 @@ class Plant:
         """Inputs that the actuators can give."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
-    def rate(self, T: np.ndarray):
+    def rate(self, T: np.ndarray) -> Rate:
         """The rate of ``y = [v2, integrals of v2, work]`` under constant inputs, for an integrator."""
         flow, damping, r = self.reduced.flow, self._damping, self._r
 

@@ -148,7 +148,9 @@ class _Record:
             columns = outputs.angular
             a[name][:, columns] = np.unwrap(a[name][:, columns], axis=0)
         goals = {
-            name: [n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()]
+            name: [
+                n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()
+            ]
             for name, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
         }
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)

@@ -1,0 +1,1 @@
+"""Pictures: the browser, recordings, plots. Imported only where one is wanted."""

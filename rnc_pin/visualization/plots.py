@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +15,7 @@ from rnc_pin.simulation import Trajectory, tracking_errors
 
 # Okabe and Ito, in an order in which neighbours differ in lightness too.
 COLORS = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"]
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.grid": True,
     "grid.color": "0.88",
@@ -71,7 +72,9 @@ def plot_outputs(
         axes.set_xlabel("time [s]")
         axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
         axes.margins(x=0.01)
-        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(4, len(handles)), fontsize=9)
+        axes.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(4, len(handles)), fontsize=9
+        )
         if title:
             axes.set_title(title, loc="left")
         figure.savefig(path)

@@ -16,6 +16,7 @@ import tornado.httpserver
 import tornado.ioloop
 import tornado.netutil
 import tornado.web
+import tornado.websocket
 import umsgpack
 from meshcat.servers.tree import SceneTree
 from meshcat.servers.zmqserver import (
@@ -117,8 +118,7 @@ class SceneWindow:
         """The scene as one self-contained HTML page."""
         if self._loop is None:
             return self._scene()
-        done: asyncio.Future[str] | Any = asyncio.run_coroutine_threadsafe(self._scene_later(), self._loop)
-        return done.result(timeout=30)
+        return asyncio.run_coroutine_threadsafe(self._scene_later(), self._loop).result(timeout=30)
 
     def _scene(self) -> str:
         self._bridge.handle_zmq([b"get_scene"])
