@@ -1,0 +1,40 @@
+"""Make the pictures of the documentation again: run scenarios, copy their plots, photograph their animations.
+
+Needs Chromium and Playwright (``pip install '.[test]'``). Run ``python docs/make_pictures.py``.
+"""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.run import execute, plan, write
+
+IMAGES = Path(__file__).parent / "images"
+# scenario: plots to keep, and the time at which its animation is photographed [s]
+PICTURES = {"space-robot": (["figure_4a.png", "figure_4b.png"], 4.0)}
+CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+def main() -> None:
+    IMAGES.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM)
+        for name, (plots, moment) in PICTURES.items():
+            prepared = plan(name)
+            folder = OutputFolder(Path(scratch) / name)
+            write(prepared, execute(prepared), folder)
+            for plot in plots:
+                shutil.copy(folder.path / plot, IMAGES / plot)
+            page = browser.new_page(viewport={"width": 1000, "height": 600})
+            page.goto((folder.path / "animation.html").as_uri())
+            page.wait_for_timeout(moment * 1000)
+            page.screenshot(path=IMAGES / f"{name.replace('-', '_')}.png")
+            page.close()
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
