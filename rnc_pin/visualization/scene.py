@@ -53,10 +53,9 @@ class Scene:
         self.root["/Background"].set_property("top_color", [0.93, 0.95, 0.98])
         self.root["/Background"].set_property("bottom_color", [0.80, 0.84, 0.90])
         self.root["/Axes"].set_property("visible", False)
-        if ground is None:
-            self.root["/Grid"].set_property("visible", False)
-        else:
-            self.root["/Grid"].set_transform(pin.SE3(np.eye(3), np.array([0.0, 0.0, ground])).homogeneous)
+        self.root["/Grid"].set_property("visible", False)
+        if ground is not None:
+            self.root["ground"].set_object(_grid(ground))
         self._look(np.array([2.5, -4.5, 4.5] if camera is None else camera), np.array(target, dtype=float))
         self._data = robot.model.createData()
 
@@ -121,3 +120,15 @@ class Scene:
             self.visualizer.viewer = viewer
         self.visualizer.display(configurations[0])
         self.root.set_animation(animation, play=True, repetitions=1)
+
+
+def _grid(height: float, half: float = 10.0, pitch: float = 0.5) -> mg.LineSegments:
+    """A grid of short segments: renderers may drop a line that passes behind the camera, as Meshcat's own grid does."""
+    ticks = np.arange(-half, half + pitch / 2, pitch, dtype=np.float32)
+    along, across = np.meshgrid(ticks[:-1], ticks, indexing="ij")
+    starts, ends = along.ravel(), along.ravel() + np.float32(pitch)
+    lines, level = across.ravel(), np.full(along.size, height, dtype=np.float32)
+    parallel = np.stack([np.stack([starts, lines, level]), np.stack([ends, lines, level])], axis=-1)
+    crossing = parallel[[1, 0, 2]]
+    points = np.concatenate([parallel, crossing], axis=1).reshape(3, -1)
+    return mg.LineSegments(mg.PointsGeometry(points), mg.LineBasicMaterial(color=0x9AA3AD))

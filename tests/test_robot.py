@@ -1,0 +1,383 @@
+"""Robots from files: what is in them, how names and joints are treated, and one line for whatever is wrong."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from tolerances import ROUNDING
+
+SHIPPED = ["space_robot.urdf", "mobile_manipulator.urdf", "fire_truck.urdf"]
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+# ---------------------------------------------------------------------- what is in the files
+
+
+@pytest.mark.parametrize(
+    ("file", "base", "nq", "nv"),
+    [
+        ("space_robot.urdf", "fixed", 4, 4),
+        ("mobile_manipulator.urdf", "fixed", 2, 2),
+        ("mobile_manipulator.urdf", "planar", 6, 5),
+        ("mobile_manipulator.urdf", "free", 9, 8),
+        ("fire_truck.urdf", "fixed", 3, 3),
+        ("fire_truck.urdf", "planar", 7, 6),
+        ("fire_truck.urdf", "free", 10, 9),
+    ],
+)
+def test_sizes_on_each_base(file, base, nq, nv):
+    robot = rnc.Robot.from_urdf(file, base=base)
+    assert (robot.nq, robot.nv) == (nq, nv) == (robot.model.nq, robot.model.nv)
+    assert len(robot.velocity_names) == nv
+    assert ("root_joint" in robot.joint_names) == (base != "fixed")
+    assert robot.is_commutative == (base == "fixed")
+
+
+def inertia_behind(robot, joint):
+    """(mass, centre of mass, rotational inertia about it) of the body that a joint carries."""
+    inertia = robot.model.inertias[robot.joint_id(joint)]
+    return inertia.mass, inertia.lever.tolist(), inertia.inertia
+
+
+@pytest.mark.parametrize(
+    ("file", "base", "body", "links"),
+    [
+        ("space_robot.urdf", "fixed", "platform", ["joint_1", "joint_2", "joint_3"]),
+        ("mobile_manipulator.urdf", "planar", "root_joint", ["joint_1", "joint_2"]),
+    ],
+)
+def test_case_studies_have_the_inertia_of_the_paper(file, base, body, links):
+    robot = rnc.Robot.from_urdf(file, base=base)
+    mass, lever, tensor = inertia_behind(robot, body)
+    # M = J = 10, about the pin or the middle of the axle.
+    assert (mass, lever, tensor[2, 2]) == (10.0, [0.0, 0.0, 0.0], 10.0)
+    for link in links:
+        mass, lever, tensor = inertia_behind(robot, link)
+        assert (mass, lever) == (10.0, [1.0, 0.0, 0.0])  # a point mass at the far end of a link of 1 m
+        assert not tensor.any()
+
+
+@pytest.mark.parametrize(
+    ("file", "base", "expected"),
+    [
+        # Stretched out, point masses are 1, 2, 3 m from where the arm is mounted.
+        ("space_robot.urdf", "fixed", [10 + 10 * (1 + 4 + 9), 10 * (1 + 4 + 9), 10 * (1 + 4), 10]),
+        ("mobile_manipulator.urdf", "planar", [30, 30, 10 + 10 * (1 + 4), 10 * (1 + 4), 10]),
+    ],
+)
+def test_inertia_of_the_stretched_arm_is_the_sum_of_its_point_masses(file, base, expected):
+    robot = rnc.Robot.from_urdf(file, base=base)
+    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
+    np.testing.assert_allclose(np.diag(inertia), expected, rtol=ROUNDING)
+
+
+def test_the_fire_truck_has_wheel_bases_of_one_metre():
+    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.configuration())
+    axles = [data.oMf[robot.frame_id(name)].translation[0] for name in ("front_axle", "tractor_axle", "rear_axle")]
+    assert axles == [1.0, 0.0, -1.0]
+
+
+@pytest.mark.parametrize("file", SHIPPED)
+def test_visual_geometry_loads(file, capfd):
+    geometry = rnc.Robot.from_urdf(file).visual_model
+    assert len(geometry.geometryObjects) > 10
+    assert all(shape.meshColor[3] > 0 for shape in geometry.geometryObjects)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_any_pinocchio_model_will_do_and_has_no_geometry_unless_given():
+    model = rnc.Robot.from_urdf("space_robot.urdf").model
+    assert rnc.Robot(model).visual_model is None
+    assert rnc.Robot(model).joint_names == ("platform", "joint_1", "joint_2", "joint_3")
+
+
+def test_a_file_is_found_relative_to_where_one_stands_before_a_shipped_one(tmp_path, monkeypatch):
+    (tmp_path / "space_robot.urdf").write_text(urdf())
+    monkeypatch.chdir(tmp_path)
+    assert rnc.Robot.from_urdf("space_robot.urdf").name == "tiny"
+    assert rnc.Robot.from_urdf("fire_truck.urdf").name == "fire_truck"
+
+
+def test_an_example_robot_by_name(capfd):
+    robot = rnc.Robot.from_example("panda", base="planar")
+    assert robot.joint_names[:2] == ("root_joint", "panda_joint1")
+    assert (robot.nq, robot.nv) == (4 + 9, 3 + 9)
+    assert len(robot.visual_model.geometryObjects) >= 10
+    assert capfd.readouterr() == ("", "")
+
+
+# ---------------------------------------------------------------------- gravity and frozen joints
+
+
+def test_gravity_is_the_one_given_and_the_earths_otherwise():
+    def torque(gravity):
+        robot = rnc.Robot.from_example("double_pendulum_continuous", gravity=gravity)
+        q = robot.configuration({"joint1": 0.4, "joint2": 0.9})
+        return pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
+
+    assert np.abs(torque(None)).min() > 0.01
+    np.testing.assert_array_equal(torque((0, 0, 0)), 0.0)
+    np.testing.assert_allclose(torque((0, 0, -1.62)), torque(GRAVITY) * 1.62 / 9.81, rtol=ROUNDING)
+    # Pinocchio's default must not have been changed for robots loaded later.
+    np.testing.assert_array_equal(torque(None), torque(GRAVITY))
+
+
+@pytest.mark.parametrize(
+    ("load", "lock"),
+    [
+        (lambda **options: rnc.Robot.from_urdf("space_robot.urdf", **options), {"joint_2": 0.7}),
+        (lambda **options: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", **options), {"hitch": -0.4}),
+        (
+            lambda **options: rnc.Robot.from_example("panda", base="free", **options),
+            {"panda_joint4": -1.2, "panda_finger_joint1": 0.02},
+        ),
+        (lambda **options: rnc.Robot.from_example("double_pendulum_continuous", **options), {"joint2": 0.9}),
+    ],
+    ids=["space_robot", "fire_truck", "panda", "continuous"],
+)
+def test_a_locked_joint_is_gone_and_the_rest_moves_as_with_the_joint_held(load, lock):
+    whole, locked = load(), load(lock=lock)
+    assert set(locked.joint_names) == set(whole.joint_names) - set(lock)
+    generator = np.random.default_rng(0)
+    q, v = locked.random_configuration(generator), generator.uniform(-1, 1, locked.nv)
+    whole_q, whole_v = whole.configuration(lock), np.zeros(whole.nv)
+    moving = []
+    for name in locked.joint_names:
+        here, there = locked.model.joints[locked.joint_id(name)], whole.model.joints[whole.joint_id(name)]
+        whole_q[there.idx_q : there.idx_q + there.nq] = q[here.idx_q : here.idx_q + here.nq]
+        whole_v[there.idx_v : there.idx_v + there.nv] = v[here.idx_v : here.idx_v + here.nv]
+        moving += range(there.idx_v, there.idx_v + there.nv)
+    data, whole_data = locked.model.createData(), whole.model.createData()
+    inertia, whole_inertia = pin.crba(locked.model, data, q), pin.crba(whole.model, whole_data, whole_q)
+    np.testing.assert_allclose(inertia, whole_inertia[np.ix_(moving, moving)], atol=ROUNDING)
+    bias, whole_bias = pin.nle(locked.model, data, q, v), pin.nle(whole.model, whole_data, whole_q, whole_v)
+    np.testing.assert_allclose(bias, whole_bias[moving], atol=ROUNDING)
+
+
+def test_a_locked_robot_is_drawn_whole():
+    whole = rnc.Robot.from_urdf("space_robot.urdf")
+    locked = rnc.Robot.from_urdf("space_robot.urdf", lock={"joint_2": 0.7})
+    assert len(locked.visual_model.geometryObjects) == len(whole.visual_model.geometryObjects)
+
+
+# ---------------------------------------------------------------------- configurations
+
+
+@pytest.mark.parametrize(
+    ("load", "values", "expected"),
+    [
+        (lambda: rnc.Robot.from_urdf("space_robot.urdf"), None, [0, 0, 0, 0]),
+        (lambda: rnc.Robot.from_urdf("space_robot.urdf"), {"joint_2": 7.0}, [0, 0, 7, 0]),
+        (
+            lambda: rnc.Robot.from_example("double_pendulum_continuous"),
+            {"joint2": 2.0},
+            [1, 0, np.cos(2.0), np.sin(2.0)],
+        ),
+        (
+            lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
+            {"root_joint": [1, 2, 0.5], "joint_2": 0.3},
+            [1, 2, np.cos(0.5), np.sin(0.5), 0, 0.3],
+        ),
+        (
+            lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="free"),
+            {"root_joint": [1, 2, 3, 0, 0, 3, 4]},  # a quaternion of any length
+            [1, 2, 3, 0, 0, 0.6, 0.8, 0, 0],
+        ),
+    ],
+    ids=["neutral", "revolute", "continuous", "planar", "free"],
+)
+def test_configuration(load, values, expected):
+    np.testing.assert_allclose(load().configuration(values), expected, rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar"),
+        lambda: rnc.Robot.from_example("panda", base="free"),
+        lambda: rnc.Robot.from_example("double_pendulum_continuous"),
+    ],
+    ids=["planar", "free", "continuous"],
+)
+def test_random_configurations_are_seeded_normalised_and_within_limits(load):
+    robot = load()
+    one, same, other = (np.random.default_rng(seed) for seed in (1, 1, 2))
+    drawn = np.stack([robot.random_configuration(one) for _ in range(50)])
+    np.testing.assert_array_equal(drawn, [robot.random_configuration(same) for _ in range(50)])
+    assert np.abs(drawn[0] - robot.random_configuration(other)).max() > 1e-3
+    assert (np.ptp(drawn, axis=0) > 1e-3).all()
+    assert all(pin.isNormalized(robot.model, q, ROUNDING) for q in drawn)
+    for joint in list(robot.model.joints)[1:]:
+        if joint.nq == 1:
+            values = drawn[:, joint.idx_q]
+            assert robot.model.lowerPositionLimit[joint.idx_q] <= values.min()
+            assert values.max() <= robot.model.upperPositionLimit[joint.idx_q]
+
+
+def test_random_configurations_stay_within_the_spread():
+    robot, generator = rnc.Robot.from_urdf("space_robot.urdf"), np.random.default_rng(0)
+    drawn = np.stack([robot.random_configuration(generator, spread=0.2) for _ in range(50)])
+    assert 0.1 < np.abs(drawn).max() <= 0.2
+
+
+@pytest.mark.parametrize("example", ["panda", "double_pendulum_continuous"])
+def test_prismatic_revolute_and_continuous_joints_commute(example):
+    assert rnc.Robot.from_example(example).is_commutative
+
+
+# ---------------------------------------------------------------------- what is refused
+
+
+def inertial(mass="1", moment="1"):
+    tensor = f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
+    return f'<inertial><mass value="{mass}"/>{tensor}</inertial>'
+
+
+BODY = inertial()
+
+
+def urdf(arm=BODY, joint_type="revolute", origin="0 0 0", more=""):
+    """A link on a hinge."""
+    return f"""<robot name="tiny">
+      <link name="ground"/>
+      <link name="arm">{arm}</link>
+      <joint name="hinge" type="{joint_type}">
+        <parent link="ground"/><child link="arm"/><origin xyz="{origin}"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/>
+      </joint>{more}
+    </robot>"""
+
+
+SECOND_HINGE = """<link name="hand"/><joint name="wrist" type="continuous">
+    <parent link="arm"/><child link="hand"/><axis xyz="0 0 1"/></joint>"""
+
+BAD_FILES = {
+    "not XML": ("wheels: 4", ["not well-formed XML", "line 1"]),
+    "cut off": (urdf()[:150], ["not well-formed XML", "line 3"]),
+    "empty": ("", ["not well-formed XML"]),
+    "not a URDF": ("<html/>", ["outermost element is <html>", "expected <robot>"]),
+    "two roots": (urdf(more='<link name="stray"/>'), ["root", "[ground]", "[stray]"]),
+    "unknown joint type": (urdf(joint_type="rotating"), ["hinge", "rotating"]),
+    "unknown child": (urdf().replace('child link="arm"', 'child link="am"'), ["hinge", "am"]),
+    "link twice": (urdf(more='<link name="arm"/>'), ["'arm'", "unique"]),
+    "mass that is no number": (urdf(inertial(mass="heavy")), ["heavy", "arm"]),
+    "NaN mass": (urdf(inertial(mass="nan")), ["nan", "arm"]),
+    "NaN inertia": (urdf(inertial(moment="nan")), ["arm"]),
+    "NaN origin": (urdf(origin="0 nan 0"), ["nan", "hinge"]),
+    "negative mass": (urdf(inertial(mass="-2")), ["mass behind joint 'hinge' is negative: -2 kg"]),
+    "negative inertia": (urdf(inertial(moment="-1")), ["inertia behind joint 'hinge' is not positive"]),
+    "inertia without mass": (urdf(inertial(mass="0")), ["behind joint 'hinge'", "zero mass"]),
+    "joint that moves no mass": (urdf(arm=""), ["joint 'hinge' moves no mass"]),
+    "last joint moves no mass": (urdf(more=SECOND_HINGE), ["joint 'wrist' moves no mass"]),
+    "two joints move one mass": (
+        urdf(arm="", more=SECOND_HINGE.replace("/><joint", f">{BODY}</link><joint", 1)),
+        ["inertia matrix is singular", "can move without moving mass"],
+    ),
+    "nothing moves": ('<robot name="tiny"><link name="ground"/></robot>', ["'tiny' has no moving joint"]),
+}
+
+
+def refusal(call, capfd):
+    """The one line that a call is refused with, nothing else being printed."""
+    with pytest.raises(rnc.ModelError) as caught:
+        call()
+    assert capfd.readouterr() == ("", "")
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    return message
+
+
+@pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
+def test_a_file_that_describes_no_robot_is_refused_in_one_line(text, words, tmp_path, capfd):
+    path = tmp_path / "bad.urdf"
+    path.write_text(text)
+    message = refusal(lambda: rnc.Robot.from_urdf(path), capfd)
+    assert all(word in message for word in words), message
+
+
+def space_robot(**options):
+    return rnc.Robot.from_urdf("space_robot.urdf", **options)
+
+
+BAD_CALLS = {
+    "no such file": (lambda: rnc.Robot.from_urdf("/nowhere/arm.urdf"), ["no URDF file '/nowhere/arm.urdf'"]),
+    "misspelt file": (lambda: rnc.Robot.from_urdf("space_robt.urdf"), ["did you mean 'space_robot.urdf'?"]),
+    "a folder": (lambda: rnc.Robot.from_urdf("/proc"), ["no URDF file '/proc'"]),
+    "misspelt example": (lambda: rnc.Robot.from_example("pandaa"), ["'pandaa'", "did you mean 'panda'?"]),
+    "unknown example": (lambda: rnc.Robot.from_example("zzzz"), ["'zzzz'", "expected one of"]),
+    "unknown base": (lambda: space_robot(base="plannar"), ["base 'plannar'", "did you mean 'planar'?"]),
+    # The massless ground would be carried along, and its yaw is the platform's.
+    "base of no mass": (lambda: space_robot(base="planar"), ["inertia matrix is singular"]),
+    "short gravity": (lambda: space_robot(gravity=(0, 0)), ["gravity", "three finite numbers"]),
+    "NaN gravity": (lambda: space_robot(gravity=(0, 0, np.nan)), ["gravity", "three finite numbers"]),
+    "gravity in words": (lambda: space_robot(gravity="down"), ["gravity", "three finite numbers"]),
+    "misspelt joint": (lambda: space_robot().joint_id("platfrom"), ["joint 'platfrom'", "did you mean 'platform'?"]),
+    "misspelt frame": (lambda: space_robot().frame_id("tpi"), ["frame 'tpi'", "did you mean 'tip'?"]),
+    "part of a name": (lambda: space_robot().joint_id("plat"), ["did you mean 'platform'?"]),
+    "joint by number": (lambda: space_robot().joint_id(2), ["no joint '2'", "expected one of: platform"]),
+    "frame by number": (lambda: space_robot().frame_id(2), ["no frame '2'", "expected one of"]),
+    "misspelt lock": (lambda: space_robot(lock={"jiont_2": 0}), ["joint 'jiont_2'", "did you mean 'joint_2'?"]),
+    "NaN lock": (lambda: space_robot(lock={"joint_2": np.nan}), ["joint 'joint_2' takes finite numbers, found nan"]),
+    "all locked": (
+        lambda: space_robot(lock=dict.fromkeys(["platform", "joint_1", "joint_2", "joint_3"], 0.0)),
+        ["'space_robot' has no moving joint"],
+    ),
+    "locked base": (
+        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar", lock={"root_joint": [0, 0, 0]}),
+        ["'root_joint' cannot be locked", "base='fixed'"],
+    ),
+    "misspelt joint in q": (lambda: space_robot().configuration({"jiont_1": 1}), ["did you mean 'joint_1'?"]),
+    "too many values": (lambda: space_robot().configuration({"joint_1": [1, 2]}), ["joint 'joint_1'", "found 2"]),
+    "no number": (lambda: space_robot().configuration({"joint_1": "up"}), ["joint 'joint_1'", "'up'"]),
+    "infinite value": (lambda: space_robot().configuration({"joint_1": np.inf}), ["joint 'joint_1'", "inf"]),
+    "planar base without yaw": (
+        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar").configuration({"root_joint": [1, 2]}),
+        ["'root_joint' takes 3 (x, y, yaw) values, found 2"],
+    ),
+    "quaternion of no length": (
+        lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="free").configuration({"root_joint": [0] * 7}),
+        ["'root_joint'", "zero length"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "words"), BAD_CALLS.values(), ids=BAD_CALLS)
+def test_a_wrong_argument_is_refused_in_one_line(call, words, capfd):
+    message = refusal(call, capfd)
+    assert all(word in message for word in words), message
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, capfd):
+    path = tmp_path / "bytes.urdf"
+    path.write_bytes(bytes(range(256)))
+    assert "bytes.urdf" in refusal(lambda: rnc.Robot.from_urdf(path), capfd)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_model_with_an_inertia_that_is_not_finite_is_refused(bad, capfd):
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([bad, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    assert "'hinge' is not finite" in refusal(lambda: rnc.Robot(model), capfd)
+
+
+@pytest.mark.parametrize("file", ["hand.stl", "package://nowhere/hand.stl"])
+def test_a_missing_mesh_stops_only_who_wants_to_draw(file, tmp_path, capfd):
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf(BODY + f'<visual><geometry><mesh filename="{file}"/></geometry></visual>'))
+    robot = rnc.Robot.from_urdf(path)
+    message = refusal(lambda: robot.visual_model, capfd)
+    assert "arm.urdf" in message
+    assert "hand.stl" in message
+
+
+def test_a_mesh_that_is_rubbish_is_refused_by_its_name(tmp_path, capfd):
+    (tmp_path / "hand.stl").write_text("rubbish")
+    path = tmp_path / "arm.urdf"
+    visual = f'<visual><geometry><mesh filename="{tmp_path}/hand.stl"/></geometry></visual>'
+    path.write_text(urdf(BODY + visual))
+    robot = rnc.Robot.from_urdf(path)
+    assert "hand.stl" in refusal(lambda: robot.visual_model, capfd)
