@@ -16,8 +16,9 @@ q, v2, T = robot.random_configuration(generator), generator.normal(size=7), gene
 
 terms = reduced.terms(q, v2)
 vdot = terms.R @ reduced.forward_dynamics(q, v2, T) + terms.R_dot @ v2
+# Momentum is conserved by itself, so that the free robot needs no constraint forces.
 full = np.concatenate([np.zeros(6), T])
-expected = pin.aba(robot.model, robot.model.createData(), q, terms.v, full)  # no constraint needed: momentum is conserved
+expected = pin.aba(robot.model, robot.model.createData(), q, terms.v, full)
 
 report = rnc.analyze(reduced, samples=16)
 print(f"reduced from {reduced.n} to {reduced.r}, inertia matrix {terms.H.shape}")

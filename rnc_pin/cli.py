@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from rnc_pin.console import ProgressBar, print_json, print_report, print_spread, print_summary
 from rnc_pin.errors import ConfigurationError, RncError
 
 _DONE, _FAILED, _USAGE = 0, 1, 2
@@ -70,7 +68,7 @@ def list_scenarios(as_json: bool) -> None:
 
     titles = {name: read_yaml(find_scenario(name)).get("title") or "" for name in built_in_names()}
     if as_json:
-        _print_json(titles)
+        print_json(titles)
         return
     table = Table(box=None, pad_edge=False)
     table.add_column("scenario", style="bold")
@@ -111,7 +109,7 @@ def run(
         notes.print(f"rnc-pin: warning: {warning}", markup=False, highlight=False, soft_wrap=True)
     live = _live_view(prepared, speed, browser) if show else None
     try:
-        with _progress(notes, prepared.total_duration, f"{prepared.name}", quiet=as_json) as advance:
+        with ProgressBar(notes, prepared.total_duration, f"{prepared.name}", quiet=as_json) as advance:
             result = execute(prepared, live, advance)
     finally:
         if live is not None:
@@ -119,9 +117,9 @@ def run(
     written = write(prepared, result, folder)
     result.summary["files"] = [path.name for path in written]
     if as_json:
-        _print_json(result.summary)
+        print_json(result.summary)
     else:
-        _print_summary(result.summary, folder.path)
+        print_summary(result.summary, folder.path)
     if result.error is not None:
         _complain(f"{result.error}; results so far are in {folder.path}")
     return _DONE if result.summary["outcome"] == "completed" else _FAILED
@@ -157,9 +155,9 @@ def inspect(system: str, options: tuple[str, ...], samples: int, seed: int, as_j
         **report.to_dict(),
     }
     if as_json:
-        _print_json(content)
+        print_json(content)
     else:
-        _print_report(content)
+        print_report(content)
 
 
 @cli.command()
@@ -208,7 +206,7 @@ def replay(source: Path, show: bool, html: Path | None, speed: float, browser: b
         finally:
             live.close()
     if not show and html is None:
-        _print_summary(summarize(trajectory), source)
+        print_summary(summarize(trajectory), source)
 
 
 @cli.command()
@@ -242,7 +240,7 @@ def sweep(
     draw(scenario, parsed, 1)
     folder = OutputFolder(out, force)
     rows: list[dict[str, Any]] = []
-    with _progress(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
+    with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
         for row in run_sweep(scenario, parsed, runs, folder, jobs, scheduler):
             rows.append(row)
             advance(len(rows))
@@ -250,9 +248,9 @@ def sweep(
     summary = {"scenario": scenario, **spread(rows)}
     folder.write_json("sweep.json", summary)
     if as_json:
-        _print_json(summary)
+        print_json(summary)
     else:
-        _print_spread(summary, folder.path)
+        print_spread(summary, folder.path)
     return _DONE if summary["outcomes"].get("completed", 0) == runs else _FAILED
 
 
@@ -276,122 +274,8 @@ def _live_view(prepared: Any, speed: float, browser: bool) -> Any:
     return live
 
 
-class _progress:
-    """A progress bar on stderr; gives a function that takes how far it is."""
-
-    def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            disable=quiet or not console.is_terminal,
-        )
-        self._task = self._bar.add_task(text, total=total)
-        self._shown, self._grain = 0.0, total / 400
-
-    def __enter__(self) -> Callable[[float], None]:
-        self._bar.start()
-        return self._advance
-
-    def _advance(self, done: float) -> None:
-        # Called at every sample: the bar need not know of each.
-        if done >= self._shown:
-            self._shown = done + self._grain
-            self._bar.update(self._task, completed=done)
-
-    def __exit__(self, *error: object) -> None:
-        if error[0] is None:
-            self._bar.update(self._task, completed=self._bar.tasks[0].total)
-        self._bar.stop()
-
-
 def _complain(message: str) -> None:
     click.echo(f"rnc-pin: error: {' '.join(message.split())}", err=True)
-
-
-def _print_json(content: Any) -> None:
-    click.echo(json.dumps(content, indent=2))
-
-
-def _print_summary(summary: dict[str, Any], folder: Path) -> None:
-    console = Console()
-    errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
-    errors.add_column("output")
-    for column in ("final error", "largest error", "rms error"):
-        errors.add_column(column, justify="right")
-    for name in summary["final_error"]:
-        figures = (summary[key][name] for key in ("final_error", "max_error", "rms_error"))
-        errors.add_row(name, *(f"{figure:.2e}" for figure in figures))
-    console.print(errors)
-    invariants = Table(show_header=False, box=None, pad_edge=False)
-    invariants.add_column()
-    invariants.add_column(justify="right")
-    invariants.add_row("simulated time", f"{summary['duration']:.2f} s")
-    if summary["wall_time"]:
-        invariants.add_row(
-            "computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
-        )
-    invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
-    invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
-    invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
-    for name, figure in summary["max_input"].items():
-        invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
-    console.print(invariants)
-    if "files" in summary:
-        console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
-
-
-def _print_report(content: dict[str, Any]) -> None:
-    console = Console()
-    table = Table(show_header=False, title=f"{content['system']} ({content['robot']})", title_justify="left")
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    condition, lemma = content["condition"], content["lemma1"]
-    dropped = [f"{row['name']}: {row['reason']}" for row in content["dropped_rows"]]
-    realised = "every F can be realised" if content["actuation_rank"] == content["r"] else "not every F can be realised"
-    growth = content["growth_vector"]
-    whole = (
-        "completely nonholonomic" if content["completely_nonholonomic"] else f"reaches {growth[-1]} of {content['n']}"
-    )
-    redundancy = content["redundancy"]
-    table.add_row("degrees of freedom", f"{content['n']}, of which {content['r']} are left by the constraints")
-    table.add_row("constraint rows kept", "\n".join(content["kept_rows"]) or "none")
-    table.add_row("constraint rows dropped", "\n".join(dropped) or "none")
-    table.add_row("reducing outputs", ", ".join(content["reducing"]))
-    table.add_row("vertical outputs", ", ".join(content["vertical"]) or "none")
-    table.add_row("actuators", f"{', '.join(content['actuators']) or 'none'}")
-    table.add_row("rank of R^T B", f"{content['actuation_rank']} of {content['r']}: {realised}")
-    table.add_row("growth vector", f"({', '.join(map(str, growth))}): {whole}")
-    table.add_row("redundancy class", f"{content['redundancy_class'] or 'none'}: {redundancy['reason']}")
-    figures = [f"{key} = {value}" for key, value in redundancy.items() if key not in ("reason", "tracked", "driven")]
-    table.add_row("  evidence", "\n".join(figures) or "none")
-    table.add_row(
-        "condition of E",
-        f"{condition['min']:.3g} to {condition['max']:.3g}, median {condition['median']:.3g}; "
-        f"{content['singular_samples']} of {content['samples']} samples singular",
-    )
-    table.add_row(
-        "Lemma 1",
-        ("holds: " if content["lemma1_holds"] else "DOES NOT HOLD: ")
-        + ", ".join(f"{name} {value:.1e}" for name, value in lemma.items()),
-    )
-    console.print(table)
-
-
-def _print_spread(summary: dict[str, Any], folder: Path) -> None:
-    console = Console()
-    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
-    table = Table(title=f"{summary['scenario']}: {outcomes}", title_justify="left", title_style="bold")
-    table.add_column("output")
-    table.add_column("median final error", justify="right")
-    table.add_column("largest final error", justify="right")
-    for name, figures in summary["final_error"].items():
-        table.add_row(name, f"{figures['median']:.2e}", f"{figures['max']:.2e}")
-    console.print(table)
-    console.print(f"in {folder}: sweep.csv, sweep.json and a folder for each run", highlight=False)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,8 @@ one state is the same code without the axis.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -39,51 +38,9 @@ from rnc_pin.linear_algebra import (
 from rnc_pin.measurement import Measurement
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputStack, RowStack
+from rnc_pin.terms import Flow, LagrangianTerms, ReducedTerms
 
 ArrayInput = Any  # whatever NumPy makes a float array of
-
-
-@dataclass(frozen=True)
-class ReducedTerms:
-    """Every matrix of the reduced system at a state; batch axes lead."""
-
-    R: Float[Array, "*batch nv r"]
-    """Null-space basis, ``v = R v2``."""
-    R_dot: Float[Array, "*batch nv r"]
-    H: Float[Array, "*batch r r"]
-    """Reduced inertia matrix."""
-    V: Float[Array, "*batch r r"]
-    """Coriolis matrix, with ``Hdot = V + V^T``."""
-    G: Float[Array, "*batch r"]
-    """Gravity forces."""
-    input_matrix: Float[Array, "*batch r p"]
-    """``R^T B``, so that ``F = input_matrix @ T``."""
-    A: Float[Array, "*batch m nv"]
-    """Independent constraint rows."""
-    A_dot: Float[Array, "*batch m nv"]
-    A_star: Float[Array, "*batch k r"]
-    """Kinematics of the vertical outputs, ``x1dot = A_star v2``."""
-    A_star_dot: Float[Array, "*batch k r"]
-    v: Float[Array, "*batch nv"]
-    """Full velocity ``R v2``."""
-
-
-@dataclass(frozen=True)
-class LagrangianTerms:
-    """The matrices of the system before reduction, paper (1)."""
-
-    H: Float[Array, "*batch nv nv"]
-    C: Float[Array, "*batch nv nv"]
-    g: Float[Array, "*batch nv"]
-    B: Float[Array, "*batch nv p"]
-
-
-class Flow(NamedTuple):
-    """How a state changes."""
-
-    v: Array  # (..., nv), full velocity
-    v2_dot: Array  # (..., r)
-    power: Array | float  # (...,) of actuators and damping [W]
 
 
 class ReducedModel:

@@ -1,4 +1,4 @@
-"""What the documents say is true: every example and every Python block of the README runs, every link leads somewhere."""
+"""What the documents say is true: examples and the README's Python blocks run, links lead somewhere."""
 
 import re
 import subprocess

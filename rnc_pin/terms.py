@@ -1,0 +1,52 @@
+"""What a reduced model gives back; shapes stand on the fields, batch axes lead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+
+@dataclass(frozen=True)
+class ReducedTerms:
+    """Every matrix of the reduced system at a state; batch axes lead."""
+
+    R: Float[Array, "*batch nv r"]
+    """Null-space basis, ``v = R v2``."""
+    R_dot: Float[Array, "*batch nv r"]
+    H: Float[Array, "*batch r r"]
+    """Reduced inertia matrix."""
+    V: Float[Array, "*batch r r"]
+    """Coriolis matrix, with ``Hdot = V + V^T``."""
+    G: Float[Array, "*batch r"]
+    """Gravity forces."""
+    input_matrix: Float[Array, "*batch r p"]
+    """``R^T B``, so that ``F = input_matrix @ T``."""
+    A: Float[Array, "*batch m nv"]
+    """Independent constraint rows."""
+    A_dot: Float[Array, "*batch m nv"]
+    A_star: Float[Array, "*batch k r"]
+    """Kinematics of the vertical outputs, ``x1dot = A_star v2``."""
+    A_star_dot: Float[Array, "*batch k r"]
+    v: Float[Array, "*batch nv"]
+    """Full velocity ``R v2``."""
+
+
+@dataclass(frozen=True)
+class LagrangianTerms:
+    """The matrices of the system before reduction, paper (1)."""
+
+    H: Float[Array, "*batch nv nv"]
+    C: Float[Array, "*batch nv nv"]
+    g: Float[Array, "*batch nv"]
+    B: Float[Array, "*batch nv p"]
+
+
+class Flow(NamedTuple):
+    """How a state changes."""
+
+    v: Array  # (..., nv), full velocity
+    v2_dot: Array  # (..., r)
+    power: Array | float  # (...,) of actuators and damping [W]

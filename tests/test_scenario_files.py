@@ -1,0 +1,356 @@
+"""Scenario files: what they build, what options change, and one line for whatever is wrong in them."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.scenario.loading import (
+    built_in_names,
+    find_scenario,
+    parse_option,
+    read_yaml,
+    validate,
+    with_options,
+)
+from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.sweep import draw
+from rnc_pin.urdf_files import shipped_directory
+
+# Comparisons would build everything twice; a roll-out of one second is enough for gains.
+SPACE_ROBOT = with_options(
+    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 1.0, "sweep": {}}
+)
+
+
+def plan_of(changes, folder):
+    """The plan of the space robot's scenario with values at dotted keys replaced."""
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(SPACE_ROBOT, changes)))
+    return plan(str(path))
+
+
+def refusal(call):
+    with pytest.raises(rnc.RncError) as caught:
+        call()
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    # The user wrote YAML and need not know what reads it.
+    assert not any(word in message for word in ("pydantic", "after validation", "Input should"))
+    return message
+
+
+# ---------------------------------------------------------------------- what is right
+
+
+@pytest.mark.parametrize("name", built_in_names())
+def test_built_in_scenarios_can_run(name):
+    prepared = plan(name)
+    scenario = prepared.experiment.scenario
+    assert prepared.name == name
+    assert scenario.title
+    assert scenario.plots
+    assert prepared.experiment.warnings == ()
+    assert set(prepared.comparisons) == set(scenario.comparisons)
+
+
+def test_what_the_file_says_is_what_is_built(tmp_path):
+    experiment = plan_of({}, tmp_path).experiment
+    assert experiment.reduced.robot.name == "space_robot"
+    assert experiment.reduced.constraints.names == ("momentum(platform)",)
+    assert experiment.reduced.reducing.names == ("tip_x", "tip_y", "joint_1")
+    assert experiment.reduced.vertical.names == ("platform",)
+    assert experiment.reduced.actuation.names == ("joint_1", "joint_2", "joint_3")
+    np.testing.assert_array_equal(experiment.q0, [0.0, -0.4, 1.8, -1.1])
+    assert (experiment.simulation.duration, experiment.simulation.dt) == (1.0, 0.002)
+
+
+def test_outputs_without_a_task_are_all_primary(tmp_path):
+    changes = {"task": {}, "controller.type": "reducing_outputs", "reference": {}}
+    experiment = plan_of(changes, tmp_path).experiment
+    reduced = experiment.reduced
+    v2 = np.zeros(reduced.r)
+    measurement = reduced.measure(experiment.q0, v2, v2)
+    command, _ = experiment.controller.step(0.0, measurement, experiment.controller.initial_state(measurement))
+    # Without a reference every one of them stays where it is.
+    np.testing.assert_array_equal(command.x2_desired, reduced.outputs(experiment.q0)[1])
+
+
+def test_a_robot_is_found_beside_its_scenario_from_anywhere(tmp_path, monkeypatch):
+    urdf = (shipped_directory() / "space_robot.urdf").read_text().replace('name="space_robot"', 'name="mine"')
+    (tmp_path / "mine.urdf").write_text(urdf)
+    monkeypatch.chdir("/")
+    assert plan_of({"robot.urdf": "mine.urdf"}, tmp_path).experiment.reduced.robot.name == "mine"
+
+
+def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
+    changes = {"controller.preset": "paper", "controller.k": [1.0, 2.0, 3.0], "controller.sigma": 0.5}
+    gains = plan_of(changes, tmp_path).experiment.notes["gains"]
+    assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
+
+
+def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
+    ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
+    drawn = draw("space-robot", {"sweep": ranges}, 20)
+    assert drawn == draw("space-robot", {"sweep": ranges}, 20)
+    assert drawn[:5] == draw("space-robot", {"sweep": ranges}, 5)
+    assert drawn != draw("space-robot", {"sweep": ranges, "seed": 1}, 20)
+    for key, (low, high) in ranges.items():
+        values = [each[key] for each in drawn]
+        assert low <= min(values) < max(values) <= high
+
+
+# ---------------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("simulation.duration=5", ("simulation.duration", 5)),
+        ("a.b=[1, 2.5]", ("a.b", [1, 2.5])),
+        ("a={b: c}", ("a", {"b": "c"})),
+        ("a=true", ("a", True)),
+        ("a=", ("a", None)),
+        ("a=b=c", ("a", "b=c")),
+        (" a = b ", ("a", "b")),
+    ],
+)
+def test_an_option_is_a_key_and_a_yaml_value(option, expected):
+    assert parse_option(option) == expected
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["", "simulation.duration", "=5", "a={b", "a=2020-13-45", "a={b: 1, b: 2}", "a=" + 5000 * "["],
+    ids=["empty", "no value", "no key", "cut off", "no such day", "key twice", "deep"],
+)
+def test_an_option_that_is_none_is_refused(option):
+    assert "option '" in refusal(lambda: parse_option(option))
+
+
+def test_options_replace_values_in_a_copy():
+    raw = {"a": {"b": 1, "c": [1, {"d": 2}]}}
+    changed = with_options(raw, {"a.b": 5, "a.c.0": 6, "a.c.1.d": 7, "new.key": 8})
+    assert changed == {"a": {"b": 5, "c": [6, {"d": 7}]}, "new": {"key": 8}}
+    assert raw == {"a": {"b": 1, "c": [1, {"d": 2}]}}
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("a.b.c", "'b' holds 1"),
+        ("a.list.2", "'2' is not an index into a list of 2"),
+        ("a.list.-1", "'-1' is not an index"),
+        ("a.list.x", "'x' is not an index"),
+        ("a.list.²", "'²' is not an index"),
+    ],
+)
+def test_an_option_that_leads_nowhere_is_refused(key, words):
+    assert words in refusal(lambda: with_options({"a": {"b": 1, "list": [1, 2]}}, {key: 3}))
+
+
+# ---------------------------------------------------------------------- what is wrong
+
+
+JERK = "reference.primary"
+FIRST = "outputs.reducing.0"
+TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
+
+BROKEN = {
+    "unknown key": ({"contoller": {}}, ["mine.yaml", "'contoller'", "did you mean 'controller'?"]),
+    "unknown key inside": ({"simulation.stpes": 2}, ["mine.yaml", "simulation: 'stpes'"]),
+    "no outputs": ({"outputs": None}, ["outputs"]),
+    "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
+    "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf' and 'example'"]),
+    "two robots": ({"robot.example": "panda"}, ["robot: expected one of 'urdf' and 'example'"]),
+    "misspelt URDF": ({"robot.urdf": "space_robt.urdf"}, ["did you mean 'space_robot.urdf'?"]),
+    "misspelt example": ({"robot": {"example": "pandaa"}}, ["did you mean 'panda'?"]),
+    "unknown base": ({"robot.base": "plannar"}, ["robot.base: expected 'fixed', 'planar' or 'free'", "'plannar'"]),
+    "short gravity": ({"robot.gravity": [0, 0]}, ["robot.gravity", "[0, 0]"]),
+    "unknown locked joint": ({"robot.lock": {"platfrom": 0}}, ["'platfrom'", "did you mean 'platform'?"]),
+    "unknown constraint": ({"constraints.0": {"momentom": "platform"}}, ["constraints[0]", "mean 'momentum'?"]),
+    "constraint of no joint": ({"constraints.0": {"momentum": "platfrom"}}, ["mean 'platform'?"]),
+    "constraint that is a word": ({"constraints.0": "momentum"}, ["constraints[0]", "'momentum'"]),
+    "constraint that is a number": ({"constraints.0": {"momentum": 3}}, ["constraints[0].momentum", "found 3"]),
+    "constraints that are a word": ({"constraints": "momentum"}, ["constraints: expected", "list"]),
+    "constraint twice": ({"constraints": 2 * [{"momentum": "platform"}]}, ["momentum(platform)", "twice"]),
+    "wheel of no radius": (
+        {"constraints.0": {"rolling_wheel": {"frame": "tip"}}},
+        ["constraints[0].rolling_wheel.radius: is missing"],
+    ),
+    "wheel of radius zero": (
+        {"constraints.0": {"rolling_wheel": {"frame": "tip", "radius": 0}}},
+        ["constraints[0].rolling_wheel.radius: expected greater than 0", "found 0"],
+    ),
+    "unknown axis": (
+        {"constraints.0": {"no_side_slip": {"frame": "tip", "axis": "w"}}},
+        ["constraints[0].no_side_slip.axis: expected 'x', 'y' or 'z'", "'w'"],
+    ),
+    "unknown actuator": ({"actuators.2": "jiont_3"}, ["'jiont_3'", "did you mean 'joint_3'?"]),
+    "unknown kind of actuator": ({"actuators.2": {"froce": {}}}, ["actuators[2]: 'froce'", "mean 'force'?"]),
+    "actuator twice": ({"actuators.2": "joint_1"}, ["actuator 'joint_1'", "twice"]),
+    "actuator of the platform": ({"actuators.2": "platform"}, ["'platform' drives momentum(platform)", "conserved"]),
+    "force from outside": (
+        {"actuators.2": {"force": {"frame": "tip", "axis": "x"}}},
+        ["force(tip.x)", "drives momentum(platform)"],
+    ),
+    "unknown frame": ({f"{FIRST}.frame_position.frame": "tpi"}, ["frame 'tpi'", "did you mean 'tip'?"]),
+    "unknown kind of output": ({FIRST: {"frame_positon": {}}}, ["outputs.reducing[0]", "mean 'frame_position'?"]),
+    "unknown axes": ({f"{FIRST}.frame_position.axes": "xw"}, ["'w'", "x, y, z"]),
+    "axis twice": ({f"{FIRST}.frame_position.axes": "xx"}, ["axes 'xx'", "'tip'", "at most once"]),
+    "no reducing outputs": ({"outputs.reducing": []}, ["outputs.reducing", "at least 1"]),
+    "too few outputs": ({"outputs.reducing": [TIP]}, ["2 reducing outputs (tip_x, tip_y)", "need 3"]),
+    "too many outputs": ({f"{FIRST}.frame_position.axes": "xyz"}, ["4 reducing outputs", "need 3"]),
+    "output twice": ({"outputs.vertical.0.joint": "joint_1"}, ["output 'joint_1'", "twice"]),
+    "outputs that cannot move": ({f"{FIRST}.frame_position.axes": "xz"}, ["do not parametrise", "tip_z"]),
+    "task of an unknown output": ({"task.primary": ["tip_x", "tip_z"]}, ["'tip_z'", "did you mean"]),
+    "task leaves an output out": ({"task.primary": ["tip_x"]}, ["'tip_y' is neither primary nor redundant"]),
+    "task names an output twice": ({"task.redundant": ["tip_x"]}, ["twice in primary and redundant"]),
+    "task of an unknown vertical": ({"task.vertical": ["platfrom"]}, ["'platfrom'", "mean 'platform'?"]),
+    "task that is a word": ({"task.primary": "tip_x"}, ["task.primary: expected", "list", "'tip_x'"]),
+    "unknown initial joint": ({"initial.q": {"jiont_1": 1}}, ["'jiont_1'", "did you mean 'joint_1'?"]),
+    "initial value in words": ({"initial.q.joint_1": "up"}, ["initial.q.joint_1: expected", "number", "'up'"]),
+    "initial value of two": ({"initial.q.joint_1": [1, 2]}, ["'joint_1'", "found 2"]),
+    "initial NaN": ({"initial.q.joint_1": math.nan}, ["initial.q.joint_1: expected a finite number", "nan"]),
+    "initial values in a list": ({"initial.q": [1, 2]}, ["initial.q: expected", "[1, 2]"]),
+    "singular start": ({"initial.q": {}}, ["singular configuration", "tip_x", "q = [0, 0, 0, 0]"]),
+    "unknown reference": ({JERK: {"minimum_jrek": {}}}, [f"{JERK}: 'minimum_jrek'", "mean 'minimum_jerk'?"]),
+    "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
+    "reference that is a word": ({JERK: "tip"}, [f"{JERK}: 'tip'"]),
+    "goal too short": ({f"{JERK}.minimum_jerk.to": [1.0]}, [f"{JERK}:", "1 values for 2 outputs"]),
+    "step too short": (
+        {JERK: {"minimum_jerk": {"by": [1.0], "duration": 1}}},
+        [f"{JERK}:", "1 values for 2 outputs"],
+    ),
+    "constant too long": (
+        {"reference.vertical": {"hold": {"value": [1, 2]}}},
+        ["reference.vertical:", "2 values for 1"],
+    ),
+    "goal and step": ({f"{JERK}.minimum_jerk.by": [1, 1]}, [f"{JERK}.minimum_jerk: expected one of 'to' and 'by'"]),
+    "infinite goal": ({f"{JERK}.minimum_jerk.to": [1, math.inf]}, [f"{JERK}.minimum_jerk.to[1]", "finite", "inf"]),
+    "motion of no time": ({f"{JERK}.minimum_jerk.duration": 0}, [f"{JERK}.minimum_jerk.duration", "found 0"]),
+    "times run backwards": (
+        {JERK: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
+        [JERK, "increasing times"],
+    ),
+    "frequencies too many": (
+        {JERK: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
+        [JERK, "frequency"],
+    ),
+    "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy' or"]),
+    "unknown preset": ({"controller.preset": "papr"}, ["controller.preset: expected 'paper' or 'scaled'"]),
+    "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
+    "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k:", "2"]),
+    "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta:", "1"]),
+    "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21:", "3"]),
+    "too many vertical gains": ({"controller.k3": [1, 2]}, ["controller.k3:", "2"]),
+    "negative leak": ({"controller.sigma": -1}, ["controller.sigma: expected greater than or equal to 0"]),
+    "bandwidth too large": ({"controller.bandwidth": 1e6}, ["controller:", "1e+06 rad/s", "outside the window"]),
+    "bandwidth too small": ({"controller.bandwidth": 1e-3}, ["controller:", "0.001 rad/s", "outside the window"]),
+    "bandwidth of the paper": (
+        {"controller": {"type": "redundancy", "preset": "paper", "bandwidth": 5}},
+        ["controller.bandwidth", "'scaled'"],
+    ),
+    "nothing redundant": (
+        {"task": {"primary": ["tip_x", "tip_y", "joint_1"]}, "reference": {}},
+        ["as many redundant as vertical outputs", "0 (none)", "1 (platform)"],
+    ),
+    "no simulation": ({"simulation": None}, ["simulation: is missing"]),
+    "no controller": ({"controller": None}, ["controller: is missing"]),
+    "negative duration": ({"simulation.duration": -1}, ["simulation.duration: expected greater than 0", "-1"]),
+    "duration in words": ({"simulation.duration": "long"}, ["simulation.duration: expected", "'long'"]),
+    "dt of zero": ({"simulation.dt": 0}, ["simulation.dt: expected greater than 0", "found 0"]),
+    "dt that is NaN": ({"simulation.dt": math.nan}, ["simulation.dt: expected a finite number", "nan"]),
+    "dt too long for the inertia": ({"simulation.dt": 0.5}, ["controller:", "every 0.5 s", "sample faster"]),
+    "half a substep": ({"simulation.substeps": 1.5}, ["simulation.substeps: expected", "1.5"]),
+    "negative seed": ({"seed": -1}, ["seed:", "-1"]),
+    "plot of an unknown output": ({"plots.figure_4a.outputs": ["tipx"]}, ["plots.figure_4a.outputs", "mean 'tip_x'?"]),
+    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["plots.figure_4a.outputs", "at least 1"]),
+    "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "'../stray'"]),
+    "unknown frame in view": ({"view.trail": ["tpi"]}, ["frame 'tpi'", "did you mean 'tip'?"]),
+    "camera on a plane": ({"view.camera": [1, 2]}, ["view.camera", "[1, 2]"]),
+    "comparison of an unknown key": (
+        {"comparisons": {"other": {"controller.typ": "x"}}},
+        ["comparisons.other", "controller: 'typ'", "mean 'type'?"],
+    ),
+    "range of one value": ({"sweep": {"initial.q.joint_1": [1]}}, ["sweep.initial.q.joint_1", "[1]"]),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), BROKEN.values(), ids=BROKEN)
+def test_a_mistake_is_named_in_one_line(changes, words, tmp_path):
+    message = refusal(lambda: plan_of(changes, tmp_path))
+    assert all(word in message for word in words), message
+
+
+TEXTS = {
+    "empty": ("", ["expected a mapping", "None"]),
+    "only a remark": ("# nothing\n", ["expected a mapping", "None"]),
+    "list": ("- robot\n- task\n", ["expected a mapping", "['robot', 'task']"]),
+    "word": ("robot\n", ["expected a mapping", "'robot'"]),
+    "bracket left open": ("seed: 1\nrobot: {urdf: a\ntask: b\n", ["line 3"]),
+    "tab": ("robot:\n\turdf: a\n", ["line 2", "'\\t'"]),
+    "key twice": ("seed: 1\nrobot: {}\nseed: 2\n", ["line 3", "key 'seed' is there twice"]),
+    "key twice inside": ("simulation:\n  dt: 1\n  dt: 2\n", ["line 3", "key 'dt' is there twice"]),
+    "contains itself": ("robot: &robot\n  urdf: *robot\n", ["line 1", "recursive"]),
+    "list contains itself": ("constraints: &all\n  - *all\n", ["line 1", "recursive"]),
+    "unknown alias": ("robot: *nobody\n", ["line 1", "'nobody'"]),
+    "Python object": ("robot: !!python/object/apply:os.getcwd []\n", ["line 1", "tag"]),
+    "two documents": ("seed: 1\n---\nseed: 2\n", ["line 2", "document"]),
+    "no such day": ("title: 2020-13-45\n", ["not YAML"]),
+    "nested without end": ("title: " + 5000 * "[", ["not YAML"]),
+    "zero byte": ("title: \0\n", ["not YAML"]),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), TEXTS.values(), ids=TEXTS)
+def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    message = refusal(lambda: plan(str(path)))
+    assert all(word in message for word in ["mine.yaml", *words]), message
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(b"title: \xff\n")
+    assert "mine.yaml: cannot be read" in refusal(lambda: plan(str(path)))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("space-robt", "did you mean 'space-robot'?"),
+        ("nowhere/mine.yaml", "'nowhere/mine.yaml'"),
+        ("", "neither built in nor a file"),
+        ("/", "neither built in nor a file"),
+    ],
+)
+def test_a_scenario_that_is_not_there_is_refused(name, words):
+    assert words in refusal(lambda: find_scenario(name))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ({}, "sweep: is missing"),
+        ({"initial.q.joint_2": [2.0, 1.0]}, "sweep.initial.q.joint_2: range [2, 1] runs backwards"),
+    ],
+)
+def test_a_sweep_of_nothing_is_refused(ranges, words):
+    assert words in refusal(lambda: draw("space-robot", {"sweep": ranges}, 2))
+
+
+def test_every_part_of_a_scenario_says_what_it_does_not_know():
+    """An unknown key is refused wherever it stands, not silently dropped."""
+    unheard = 0
+    for key, value in SPACE_ROBOT.items():
+        if isinstance(value, dict) and key not in ("comparisons", "sweep", "plots"):
+            message = refusal(
+                lambda key=key: validate(with_options(SPACE_ROBOT, {f"{key}.unheard_of": 1}), "mine.yaml")
+            )
+            assert f"mine.yaml: {key}: 'unheard_of' is not known" in message
+            unheard += 1
+    assert unheard >= 7
