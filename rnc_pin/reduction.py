@@ -141,6 +141,11 @@ class ReducedModel:
         E_inverse, _, B = self.stack(self._admit(q))
         return E_inverse[self._basis].mT @ B
 
+    def drive_jacobian(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
+        """``J2 B``: rate of the reducing outputs while each actuator moves alone, constraints apart."""
+        E, _, B = self._position(self._admit(q))
+        return E[..., self.m :, :] @ B
+
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
 

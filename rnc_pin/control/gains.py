@@ -1,4 +1,4 @@
-"""Gains of the velocity tracker (10): the paper's, and gains scaled to the inertia of a region."""
+"""Gains of the trackers (8)-(9) and (10): the paper's, and gains scaled to the inertia of a region."""
 
 from __future__ import annotations
 
@@ -62,11 +62,7 @@ class VelocityGains:
         Raises:
             ConfigurationError: the window is empty, or ``bandwidth`` is outside it; says the figures.
         """
-        H = reduced.inertia(np.atleast_2d(configurations))
-        diagonal = np.sqrt(np.einsum("...ii->...i", H).min(axis=0) * np.einsum("...ii->...i", H).max(axis=0))
-        scale = np.sqrt(diagonal)
-        # eig(H^-1 D) = 1 / eig(D^-1/2 H D^-1/2)
-        spread = np.linalg.eigvalsh(H / np.multiply.outer(scale, scale))
+        diagonal, spread = _scaled(reduced.inertia(np.atleast_2d(configurations)))
         low, high = slowest * float(spread.max()), FASTEST / dt * float(spread.min())
         if low > high:
             raise ConfigurationError(
@@ -78,3 +74,67 @@ class VelocityGains:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
         k = (high if bandwidth is None else bandwidth) * diagonal
         return cls(k=k, beta=k.copy(), sigma=sigma)
+
+
+@dataclass(frozen=True)
+class PositionGains:
+    """Gains of (8)-(9); numbers, or one for each output (k,).
+
+    Attributes:
+        k1: of the filtered error w, which stands for the rate.
+        k2: of the error.
+        gamma: of the filter [1/s], one number.
+        beta: adaptation.
+        sigma: leak of the adaptation [1/s].
+    """
+
+    k1: Gain = 10.0
+    k2: Gain = 10.0
+    gamma: float = 2.0
+    beta: Gain = 10.0
+    sigma: float = 0.1
+
+    @classmethod
+    def paper(cls) -> PositionGains:
+        """k1 = k2 = 10, gamma = 2, beta = 10, sigma = 0.1: paper section 4, for every system."""
+        return cls()
+
+    @classmethod
+    def scaled(
+        cls, inertia: np.ndarray, dt: float, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1
+    ) -> PositionGains:
+        """Diagonal gains that suit the inertia over a region.
+
+        With ``k = kappa diag(H)`` the closed loop oscillates at ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``,
+        damped at about ``gamma`` by the filter, while holding inputs over a sample feeds it at
+        ``omega^2 dt / 4``: omega^2 may be gamma / dt. The error itself then fades at
+        ``rate = 2 kappa2 gamma^3 / omega^2``.
+
+        Args:
+            inertia: of the outputs over the region, (count, k, k).
+            dt: sampling period [s].
+            gamma: of the filter [1/s].
+            rate: at which the error should fade [1/s].
+            sigma: leak of the adaptation [1/s].
+
+        Raises:
+            ConfigurationError: sampling is too slow for these rates; says the figures.
+        """
+        diagonal, spread = _scaled(inertia)
+        square = gamma / dt * float(spread.min())
+        kappa2 = rate * square / (2.0 * gamma**3)
+        kappa1 = (square - kappa2 * gamma**2) / gamma**4
+        if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(spread.max()):
+            raise ConfigurationError(
+                f"no position gains suit this region: sampling every {dt:g} s allows oscillations of "
+                f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
+            )
+        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
+
+
+def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A typical diagonal D (k,) of inertia matrices (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
+    entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
+    diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))
+    scale = np.sqrt(diagonal)
+    return diagonal, np.linalg.eigvalsh(H / np.multiply.outer(scale, scale))

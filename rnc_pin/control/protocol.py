@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
 
 
 class VelocityTarget(NamedTuple):
@@ -58,3 +61,29 @@ class KinematicController(Protocol):
     def initial_state(self, measurement: Measurement) -> Any: ...
 
     def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...
+
+
+def check_size(reference: Reference, size: int, what: str) -> None:
+    """Refuse a reference that is not one number for each of its outputs."""
+    if reference.size != size:
+        raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
+
+
+def elapsed_time(t: float, last: float | None) -> float:
+    """Time since the last sample [s]; zero at the first.
+
+    Raises:
+        InputError: time runs backwards.
+    """
+    if last is None:
+        return 0.0
+    if t < last:
+        raise InputError(f"time runs backwards: {t:g} s after {last:g} s")
+    return t - last
+
+
+def spread(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Values at some places of an array of this shape, and NaN, "no goal", at the others."""
+    whole = np.full(shape, np.nan)
+    whole[..., where] = values
+    return whole

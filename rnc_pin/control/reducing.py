@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.protocol import VelocityTarget
-from rnc_pin.control.redundancy import check_size
+from rnc_pin.control.protocol import VelocityTarget, check_size
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.reduction import ReducedModel

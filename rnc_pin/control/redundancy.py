@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.protocol import VelocityTarget
+from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.linear_algebra import apply, condition_number
 from rnc_pin.measurement import Measurement
@@ -77,8 +77,8 @@ class RedundancyController:
         return VelocityTarget(
             v2=self._merge(v21, v22, batch),
             v2_dot=self._merge(v21_dot, v22_dot, batch),
-            x1=_spread(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
-            x2=_spread(x21d.position, task.primary, (*batch, task.r)),
+            x1=spread(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
+            x2=spread(x21d.position, task.primary, (*batch, task.r)),
         ), None
 
     def _merge(self, first: np.ndarray, second: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
@@ -102,14 +102,3 @@ class RedundancyController:
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
 
-
-def check_size(reference: Reference, size: int, what: str) -> None:
-    """Refuse a reference that is not one number for each of its outputs."""
-    if reference.size != size:
-        raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
-
-
-def _spread(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    whole = np.full(shape, np.nan)
-    whole[..., where] = values
-    return whole

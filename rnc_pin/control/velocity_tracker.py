@@ -9,8 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.gains import VelocityGains
-from rnc_pin.control.protocol import Command, KinematicController
-from rnc_pin.errors import InputError
+from rnc_pin.control.protocol import Command, KinematicController, elapsed_time
 from rnc_pin.linear_algebra import apply
 from rnc_pin.measurement import Measurement
 
@@ -63,9 +62,7 @@ class VelocityTracker:
         Raises:
             InputError: time runs backwards.
         """
-        elapsed = 0.0 if state.time is None else t - state.time
-        if elapsed < 0:
-            raise InputError(f"time runs backwards: {t:g} s after {state.time:g} s")
+        elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
         v2 = measurement.v2
         error = target.v2 - v2

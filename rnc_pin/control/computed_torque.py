@@ -1,0 +1,35 @@
+"""The model-based baseline: what knowing the model is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control.protocol import Command, KinematicController
+from rnc_pin.measurement import Measurement
+from rnc_pin.reduction import ReducedModel
+
+
+class ComputedTorque:
+    """``F = H (v2d_dot + k (v2d - v2)) + V v2 + G``: the velocity error decays as exp(-k t).
+
+    Reads the model, unlike the adaptive trackers, and from the measurement ``q, v2`` and what its kinematic
+    controller reads.
+
+    Args:
+        reduced: the model.
+        target: kinematic controller that decides ``v2d`` and its rate.
+        k: [1/s]; a number or one for each output.
+    """
+
+    def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:
+        self._reduced, self.target, self.k = reduced, target, k
+
+    def initial_state(self, measurement: Measurement) -> object:
+        """That of the kinematic controller."""
+        return self.target.initial_state(measurement)
+
+    def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:
+        target, state = self.target.step(t, measurement, state)
+        rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
+        F = self._reduced.inverse_dynamics(measurement.q, measurement.v2, rate)
+        return Command(F=F, v2_desired=target.v2, x1_desired=target.x1, x2_desired=target.x2), state

@@ -1,0 +1,63 @@
+"""Some actuators drive some outputs, the others are off. Paper section 4.1, "first joint off"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rnc_pin.control.position_tracker import PositionState, PositionTracker
+from rnc_pin.control.protocol import Command
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.linear_algebra import apply_transposed
+from rnc_pin.measurement import Measurement
+from rnc_pin.reduction import ReducedModel
+
+
+class JacobianTransposeController:
+    """``T = (J21 B)^T F21`` on the active actuators, zero on the others.
+
+    F21 comes from (8)-(9), so neither rates nor inertia are read; J21 is the Jacobian of the tracked outputs.
+    On the space robot with its first joint off nothing acts on the platform, so it stays where it is.
+
+    Reads from the measurement: ``q, x2``.
+
+    Args:
+        reduced: whose kinematics they are.
+        tracker: position tracker of the outputs x21.
+        active: names of the actuators that are on; at least as many as outputs.
+
+    Raises:
+        ConfigurationError: unknown actuator, or fewer of them than outputs.
+    """
+
+    def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
+        names = reduced.actuation.names
+        for name in active:
+            if name not in names:
+                raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
+        if len(active) < len(tracker.outputs):
+            raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(tracker.outputs)} outputs")
+        self.tracker = tracker
+        self._reduced = reduced
+        self._active = np.array([list(names).index(name) for name in active], dtype=int)
+
+    def initial_state(self, measurement: Measurement) -> PositionState:
+        """That of the tracker."""
+        return self.tracker.initial_state(measurement)
+
+    def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
+        command, state = self.tracker.step(t, measurement, state)
+        assert command.F is not None
+        drive = self._reduced.drive_jacobian(measurement.q)[..., self.tracker.outputs, :][..., self._active]
+        T = np.zeros((*command.F.shape[:-1], self._reduced.p))
+        T[..., self._active] = apply_transposed(drive, command.F)
+        return command._replace(F=None, T=T), state
+
+    def effective_inertia(self, q: np.ndarray) -> np.ndarray:
+        """What F21 has to move, (..., k, k): ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand."""
+        reduced = self._reduced
+        drive = reduced.drive_jacobian(q)[..., self.tracker.outputs, :][..., self._active]
+        forces = reduced.input_matrix(q)[..., self._active] @ drive.mT
+        response = np.linalg.solve(reduced.inertia(q), forces)[..., self.tracker.outputs, :]
+        return np.linalg.inv(0.5 * (response + response.mT))

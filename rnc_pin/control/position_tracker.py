@@ -1,0 +1,126 @@
+"""Adaptive position tracker: no rates, no model. Paper (8)-(9), Lemma 2."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.gains import PositionGains
+from rnc_pin.control.protocol import Command, check_size, elapsed_time, spread
+from rnc_pin.linear_algebra import apply
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.rows import angle_difference
+
+
+class PositionState(NamedTuple):
+    """What the tracker remembers; batch axes lead. Primes mark what is left after integrating by parts."""
+
+    time: float | None
+    z: Float[Array, "*batch k"]
+    """``w - gamma^2 e``, the filter's own state."""
+    f: Float[Array, "*batch k"]
+    """``f - beta e``."""
+    A: Float[Array, "*batch k k"]
+    """``A - beta e x2d_ddot^T``."""
+    B: Float[Array, "*batch k k"]
+    """``B - beta e x2d_dot^T``."""
+
+
+class PositionTracker:
+    """``F = A x2d_ddot + B x2d_dot + f + k1 gamma^2 w + k2 gamma^2 e``, paper (8)-(9), without rates.
+
+    The paper's laws contain ``edot``: the scan drops a dot from ``fdot = -sigma f + beta q_f`` with
+    ``q_f = edot + k2 e / (k1 gamma) - w / gamma``. Integrated by parts they need positions only:
+
+        w = z + gamma^2 e                      zdot  = -2 gamma w
+        f = f' + beta e                        f'dot = -sigma f + beta q
+        A = A' + beta e x2d_ddot^T             A'dot = -sigma A + beta (q x2d_ddot^T - e x2d_dddot^T)
+        B = B' + beta e x2d_dot^T              B'dot = -sigma B + beta (q x2d_dot^T - e x2d_ddot^T)
+
+    with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
+
+    Reads from the measurement: ``x2`` alone.
+
+    Args:
+        reference: of the outputs that it tracks.
+        gains: k1, k2, gamma, beta, sigma; the paper's by default.
+        outputs: positions of those outputs in x2; all by default. F has their length.
+        angular: which of them are angles.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        gains: PositionGains | None = None,
+        outputs: np.ndarray | None = None,
+        angular: np.ndarray | None = None,
+    ) -> None:
+        self.reference = reference
+        self.gains = PositionGains.paper() if gains is None else gains
+        self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
+        self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
+        check_size(reference, len(self.outputs), "tracked")
+
+    def initial_state(self, measurement: Measurement) -> PositionState:
+        """Adaptive gains zero, and the filter at rest at the present error."""
+        error = self._error(0.0, measurement)
+        k, gamma = error.shape[-1], self.gains.gamma
+        nothing, point = np.zeros((*error.shape, k)), self.reference.at(0.0)
+        # So that f, A and B, not their primed parts, are zero.
+        step = np.broadcast_to(self.gains.beta * error, error.shape)
+        return PositionState(
+            time=None,
+            z=-(gamma**2) * error,
+            f=-step,
+            A=nothing - step[..., :, None] * point.acceleration,
+            B=nothing - step[..., :, None] * point.velocity,
+        )
+
+    def _error(self, t: float, measurement: Measurement) -> np.ndarray:
+        return angle_difference(self.reference.at(t).position, measurement.x2[..., self.outputs], self.angular)
+
+    def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
+        """One sample; the time since the last one may vary.
+
+        Raises:
+            InputError: time runs backwards.
+        """
+        elapsed = elapsed_time(t, state.time)
+        g, desired = self.gains, self.reference.at(t)
+        xd, xdd, xddd = desired.velocity, desired.acceleration, desired.jerk
+        e = self._error(t, measurement)
+        # z' = -2 gamma (z + gamma^2 e) with e held over the sample.
+        fade = np.exp(-2.0 * g.gamma * elapsed)
+        z = fade * state.z - (1.0 - fade) * g.gamma**2 * e
+        w = z + g.gamma**2 * e
+        q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
+        decay = np.exp(-g.sigma * elapsed)
+        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma > 0 else elapsed
+        step = g.beta * e
+        drive = g.beta * q
+
+        def adapt(primed: np.ndarray, regressor: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            gain = drive[..., :, None] * regressor - step[..., :, None] * (rate + g.sigma * regressor)
+            return decay * primed + held * gain
+
+        f = decay * state.f + held * (drive - g.sigma * step)
+        A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
+        F = (
+            apply(A + step[..., :, None] * xdd, np.broadcast_to(xdd, e.shape))
+            + apply(B + step[..., :, None] * xd, np.broadcast_to(xd, e.shape))
+            + (f + step)
+            + g.k1 * g.gamma**2 * w
+            + g.k2 * g.gamma**2 * e
+        )
+        size = measurement.x2.shape
+        command = Command(
+            F=F,
+            v2_desired=spread(xd, self.outputs, size),
+            x2_desired=spread(desired.position, self.outputs, size),
+        )
+        return command, PositionState(t, z, f, A, B)
+

@@ -1,0 +1,57 @@
+"""Several controllers for one robot, each for some of the reducing outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.measurement import Measurement
+
+
+class SplitController:
+    """Each part sees and commands its own reducing outputs; what they do to each other they take as disturbance.
+
+    A part's measurement has ``x2`` and ``v2`` cut down to its outputs; everything else is whole.
+
+    Args:
+        parts: controllers and the positions of their outputs in x2.
+        r: number of reducing outputs; every one has to belong to one part.
+
+    Raises:
+        ConfigurationError: an output belongs to no part, or to two.
+    """
+
+    def __init__(self, parts: Sequence[tuple[Controller, np.ndarray]], r: int) -> None:
+        self._parts = [(controller, np.asarray(outputs, dtype=int)) for controller, outputs in parts]
+        self._r = r
+        places = np.concatenate([outputs for _, outputs in self._parts])
+        if sorted(places.tolist()) != list(range(r)):
+            raise ConfigurationError(f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once")
+
+    def initial_state(self, measurement: Measurement) -> tuple[Any, ...]:
+        """Those of the parts."""
+        return tuple(controller.initial_state(_part(measurement, outputs)) for controller, outputs in self._parts)
+
+    def step(self, t: float, measurement: Measurement, state: tuple[Any, ...]) -> tuple[Command, tuple[Any, ...]]:
+        shape = measurement.x2.shape
+        F, v2, x2 = np.empty(shape), np.full(shape, np.nan), np.full(shape, np.nan)
+        x1: np.ndarray | None = None
+        states = []
+        for (controller, outputs), own in zip(self._parts, state, strict=True):
+            command, own = controller.step(t, _part(measurement, outputs), own)
+            states.append(own)
+            F[..., outputs] = command.F
+            if command.v2_desired is not None:
+                v2[..., outputs] = command.v2_desired
+            if command.x2_desired is not None:
+                x2[..., outputs] = command.x2_desired
+            x1 = command.x1_desired if x1 is None else x1
+        return Command(F=F, v2_desired=v2, x1_desired=x1, x2_desired=x2), tuple(states)
+
+
+def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
+    return measurement._replace(x2=measurement.x2[..., outputs], v2=measurement.v2[..., outputs])
