@@ -2,9 +2,9 @@
 
 from jaxtyping import install_import_hook
 
-# Before anything imports rnc_pin: from here on the array code checks the shapes it is given and returns. What reads
-# names and files is left out: it has to answer wrong input with an error of its own, and tests look at that.
+# Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
+# sample and annotates none is left out, because a checked call costs several times an unchecked one.
 install_import_hook(
-    [f"rnc_pin.{module}" for module in ("reduction", "terms", "measurement", "control", "planning", "simulation")],
+    [f"rnc_pin.{module}" for module in ("reduction", "terms", "measurement", "simulation.trajectory")],
     "shape_checker.check",
 )

@@ -55,9 +55,12 @@ class JacobianTransposeController:
         return command._replace(F=None, T=T), state
 
     def effective_inertia(self, q: np.ndarray) -> np.ndarray:
-        """What F21 has to move, (..., k, k): ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand."""
+        """What F21 has to move, (..., k, k): ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand.
+
+        Not symmetric: the joints that are off move along.
+        """
         reduced = self._reduced
         drive = reduced.drive_jacobian(q)[..., self.tracker.outputs, :][..., self._active]
         forces = reduced.input_matrix(q)[..., self._active] @ drive.mT
         response = np.linalg.solve(reduced.inertia(q), forces)[..., self.tracker.outputs, :]
-        return np.linalg.inv(0.5 * (response + response.mT))
+        return np.linalg.inv(response)

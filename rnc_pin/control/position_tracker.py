@@ -123,4 +123,3 @@ class PositionTracker:
             x2_desired=spread(desired.position, self.outputs, size),
         )
         return command, PositionState(t, z, f, A, B)
-

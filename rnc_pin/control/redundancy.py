@@ -101,4 +101,3 @@ class RedundancyController:
             else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
-

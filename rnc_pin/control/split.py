@@ -30,7 +30,9 @@ class SplitController:
         self._r = r
         places = np.concatenate([outputs for _, outputs in self._parts])
         if sorted(places.tolist()) != list(range(r)):
-            raise ConfigurationError(f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once")
+            raise ConfigurationError(
+                f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
+            )
 
     def initial_state(self, measurement: Measurement) -> tuple[Any, ...]:
         """Those of the parts."""

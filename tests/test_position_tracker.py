@@ -1,0 +1,185 @@
+"""Controller (8)-(9) in its rate-free form, the model-based baseline beside it, and the first joint off (section 4.1)."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import (
+    ComputedTorque,
+    JacobianTransposeController,
+    PositionGains,
+    PositionTracker,
+    ReducingOutputController,
+    VelocityGains,
+    VelocityTracker,
+)
+from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+from systems import space_robot, space_robot_in_joints
+from tolerances import ROUNDING
+
+START = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}
+
+
+def waves(center):
+    return Harmonic(center, 0.3 * np.ones(3), [0.1, 0.13, 0.16], ramp=2.0)
+
+
+def in_joints():
+    reduced = space_robot_in_joints()
+    q0 = reduced.robot.configuration(START)
+    return reduced, q0, reduced.outputs(q0)[1]
+
+
+def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
+    """Lemma 2."""
+    reduced, q0, x2 = in_joints()
+    balls = []
+    for k in (8.0, 24.0, 72.0):
+        tracker = PositionTracker(waves(x2), PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
+        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.002)
+        error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
+        balls.append(error[run.time > 4.0].max())
+    assert balls[1] < 0.6 * balls[0]
+    assert balls[2] < 0.6 * balls[1]
+
+
+def test_it_never_touches_a_velocity():
+    reduced, q0, x2 = in_joints()
+    tracker = PositionTracker(waves(x2), PositionGains(k1=60.0, k2=60.0, gamma=4.0))
+    whole = reduced.measure(q0, np.array([0.3, -0.2, 0.1]))
+    blind = rnc.Measurement(x2=whole.x2)
+    state = tracker.initial_state(blind)
+    for t in (0.0, 0.002, 0.004):
+        seen, blind_state = tracker.step(t, blind, state)
+        assert np.array_equal(seen.F, tracker.step(t, whole, state)[0].F)
+        state = blind_state
+
+
+def test_rate_free_form_is_the_papers_laws_with_rates():
+    """(8)-(9) with the dot the scan lost, integrated by brute force with edot known, against ours."""
+    generator = np.random.default_rng(3)
+    g = PositionGains(k1=3.0, k2=5.0, gamma=2.0, beta=4.0, sigma=0.3)
+    reference = Harmonic([0.1, -0.2], [0.4, 0.3], [0.3, 0.2], ramp=0.5)
+    phase = generator.uniform(0, 6, 2)
+
+    def actual(t):
+        return np.array([0.1, -0.2]) + 0.2 * np.sin(1.7 * t + phase) - 0.2 * np.sin(phase)
+
+    def error(t):
+        return reference.at(t).position - actual(t)
+
+    def error_rate(t):
+        return reference.at(t).velocity - 0.2 * 1.7 * np.cos(1.7 * t + phase)
+
+    end, steps = 2.0, 20_000
+    h = end / steps
+    w, f, A, B = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
+
+    def rates(t, w, f, A, B):
+        e, edot, point = error(t), error_rate(t), reference.at(t)
+        qf = edot + g.k2 * e / (g.k1 * g.gamma) - w / g.gamma
+        return (
+            -2 * g.gamma * w + g.gamma**2 * edot,
+            -g.sigma * f + g.beta * qf,
+            -g.sigma * A + g.beta * np.outer(qf, point.acceleration),
+            -g.sigma * B + g.beta * np.outer(qf, point.velocity),
+        )
+
+    for k in range(steps):  # explicit midpoint
+        t, state = k * h, (w, f, A, B)
+        middle = [x + h / 2 * d for x, d in zip(state, rates(t, *state), strict=True)]
+        w, f, A, B = (x + h * d for x, d in zip(state, rates(t + h / 2, *middle), strict=True))
+    point = reference.at(end)
+    F = A @ point.acceleration + B @ point.velocity + f + g.k1 * g.gamma**2 * w + g.k2 * g.gamma**2 * error(end)
+
+    tracker = PositionTracker(reference, g)
+    # The filter starts at rest at the present error, which is zero here, as the brute force does.
+    state = tracker.initial_state(rnc.Measurement(x2=actual(0.0)))
+    for k in range(2001):
+        command, state = tracker.step(k * end / 2000, rnc.Measurement(x2=actual(k * end / 2000)), state)
+    np.testing.assert_allclose(command.F, F, rtol=5e-3, atol=5e-3)
+
+
+def test_gains_start_at_zero_whatever_the_error():
+    tracker = PositionTracker(Harmonic([1.0], 0.5, 0.2), PositionGains.paper())
+    measured = rnc.Measurement(x2=np.array([0.3]))
+    command, _ = tracker.step(0.0, measured, tracker.initial_state(measured))
+    np.testing.assert_allclose(command.F, 10.0 * 4.0 * 0.7, atol=ROUNDING)  # k2 gamma^2 e alone
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.01])
+def test_scaled_gains_hold_at_both_sampling_periods(dt):
+    reduced, q0, x2 = in_joints()
+    gains = PositionGains.scaled(reduced.inertia(q0)[None], dt, rate=2.0 if dt > 0.005 else 3.0, gamma=8.0)
+    goal = MinimumJerk(x2, x2 + np.array([0.4, -0.5, 0.3]), 3.0)
+    run = rnc.simulate(reduced, PositionTracker(goal, gains), q0, 5.0, dt)
+    assert max(rnc.summarize(run)["final_error"].values()) < 0.01
+
+
+def test_sampling_that_is_too_slow_is_said():
+    reduced, q0, _ = in_joints()
+    with pytest.raises(rnc.ConfigurationError, match="no position gains suit this region"):
+        PositionGains.scaled(reduced.inertia(q0)[None], dt=0.1)
+
+
+def test_knowing_the_model_is_worth_something():
+    """Computed torque leaves what sampling leaves; the adaptive tracker with the same bandwidth leaves more."""
+    reduced, q0, x2 = in_joints()
+    kinematic = ReducingOutputController(reduced, waves(x2), k2=2.0)
+    gains = VelocityGains.scaled(reduced, q0[None], 0.002, bandwidth=20.0)
+    late = {}
+    for name, controller in {
+        "model": ComputedTorque(reduced, kinematic, k=20.0),
+        "adaptive": VelocityTracker(kinematic, gains),
+    }.items():
+        run = rnc.simulate(reduced, controller, q0, 4.0, 0.002)
+        late[name] = np.abs(run.v2_desired - run.v2)[run.time > 2.0].max()
+    assert late["model"] < 0.1 * late["adaptive"]
+
+
+def test_velocity_error_of_computed_torque_decays_at_its_gain():
+    reduced, q0, x2 = in_joints()
+    controller = ComputedTorque(reduced, ReducingOutputController(reduced, Hold(x2), k2=0.0), k=3.0)
+    v0 = np.array([0.2, -0.1, 0.3])
+    run = rnc.simulate(reduced, controller, q0, 1.0, 0.001, v2_0=v0)
+    np.testing.assert_allclose(run.v2[-1], v0 * np.exp(-3.0), rtol=0.01)
+
+
+# ---------------------------------------------------------------------- section 4.1
+
+
+@pytest.mark.parametrize("preset", ["paper", "scaled"])
+def test_first_joint_off_the_platform_does_not_move(preset):
+    reduced = space_robot()
+    q0 = reduced.robot.configuration(START)
+    goal = MinimumJerk(reduced.outputs(q0)[1][:2], [1.15, 0.6], 4.0)
+    tracker = PositionTracker(goal, PositionGains.paper(), outputs=np.array([0, 1]))
+    controller = JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
+    if preset == "scaled":
+        tracker.gains = PositionGains.scaled(controller.effective_inertia(q0)[None], 0.002)
+    run = rnc.simulate(reduced, controller, q0, 8.0, 0.002)
+    assert np.abs(run.x1 - run.x1[0]).max() < 1e-9
+    assert (run.T[:, 0] == 0).all()
+    assert np.ptp(run.x2[:, 2]) > 0.1  # the first joint turns freely
+    assert max(rnc.summarize(run)["final_error"].values()) < 0.02
+
+
+def test_effective_inertia_is_what_a_force_has_to_move():
+    reduced = space_robot()
+    q0 = reduced.robot.configuration(START)
+    tracker = PositionTracker(Hold(reduced.outputs(q0)[1][:2]), outputs=np.array([0, 1]))
+    controller = JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
+    F = np.array([1.3, -0.4])
+    T = np.zeros(3)
+    T[1:] = reduced.drive_jacobian(q0)[:2, 1:].T @ F
+    acceleration = reduced.forward_dynamics(q0, np.zeros(3), T)[:2]
+    np.testing.assert_allclose(controller.effective_inertia(q0) @ acceleration, F, atol=1e-9)
+
+
+def test_jacobian_transpose_refuses_wrong_actuators():
+    reduced = space_robot()
+    tracker = PositionTracker(Hold(np.zeros(2)), outputs=np.array([0, 1]))
+    with pytest.raises(rnc.ConfigurationError, match="no actuator 'joint_4'; did you mean 'joint_"):
+        JacobianTransposeController(reduced, tracker, ["joint_2", "joint_4"])
+    with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):
+        JacobianTransposeController(reduced, tracker, ["joint_2"])
