@@ -18,7 +18,7 @@ from rnc_pin.measurement import Measurement
 from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
-from rnc_pin.simulation import Outcome, Trajectory, kinematic_rollout, simulate, summarize
+from rnc_pin.simulation import Outcome, Trajectory, kinematic_rollout, preflight, simulate, summarize
 from rnc_pin.system import NonholonomicSystem
 from rnc_pin.task import Task
 
@@ -54,6 +54,7 @@ __all__ = [
     "Trajectory",
     "analyze",
     "kinematic_rollout",
+    "preflight",
     "simulate",
     "summarize",
 ]

@@ -1,4 +1,4 @@
-"""Controller (8)-(9) in its rate-free form, the model-based baseline beside it, and the first joint off (section 4.1)."""
+"""Controller (8)-(9) in its rate-free form, the baseline beside it, and the first joint off (section 4.1)."""
 
 import numpy as np
 import pytest

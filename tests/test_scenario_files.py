@@ -154,14 +154,14 @@ def test_an_option_that_leads_nowhere_is_refused(key, words):
 # ---------------------------------------------------------------------- what is wrong
 
 
-JERK = "reference.primary"
+PRIMARY = "reference.primary"
 FIRST = "outputs.reducing.0"
 TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
 
 BROKEN = {
     "unknown key": ({"contoller": {}}, ["mine.yaml", "'contoller'", "did you mean 'controller'?"]),
     "unknown key inside": ({"simulation.stpes": 2}, ["mine.yaml", "simulation: 'stpes'"]),
-    "no outputs": ({"outputs": None}, ["outputs"]),
+    "no outputs": ({"outputs": None}, ["mine.yaml: outputs: expected a mapping"]),
     "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
     "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf' and 'example'"]),
     "two robots": ({"robot.example": "panda"}, ["robot: expected one of 'urdf' and 'example'"]),
@@ -200,7 +200,7 @@ BROKEN = {
     "unknown kind of output": ({FIRST: {"frame_positon": {}}}, ["outputs.reducing[0]", "mean 'frame_position'?"]),
     "unknown axes": ({f"{FIRST}.frame_position.axes": "xw"}, ["'w'", "x, y, z"]),
     "axis twice": ({f"{FIRST}.frame_position.axes": "xx"}, ["axes 'xx'", "'tip'", "at most once"]),
-    "no reducing outputs": ({"outputs.reducing": []}, ["outputs.reducing", "at least 1"]),
+    "no reducing outputs": ({"outputs.reducing": []}, ["mine.yaml: outputs.reducing:"]),
     "too few outputs": ({"outputs.reducing": [TIP]}, ["2 reducing outputs (tip_x, tip_y)", "need 3"]),
     "too many outputs": ({f"{FIRST}.frame_position.axes": "xyz"}, ["4 reducing outputs", "need 3"]),
     "output twice": ({"outputs.vertical.0.joint": "joint_1"}, ["output 'joint_1'", "twice"]),
@@ -216,36 +216,42 @@ BROKEN = {
     "initial NaN": ({"initial.q.joint_1": math.nan}, ["initial.q.joint_1: expected a finite number", "nan"]),
     "initial values in a list": ({"initial.q": [1, 2]}, ["initial.q: expected", "[1, 2]"]),
     "singular start": ({"initial.q": {}}, ["singular configuration", "tip_x", "q = [0, 0, 0, 0]"]),
-    "unknown reference": ({JERK: {"minimum_jrek": {}}}, [f"{JERK}: 'minimum_jrek'", "mean 'minimum_jerk'?"]),
+    "unknown reference": ({PRIMARY: {"minimum_jrek": {}}}, [f"{PRIMARY}: 'minimum_jrek'", "mean 'minimum_jerk'?"]),
     "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
-    "reference that is a word": ({JERK: "tip"}, [f"{JERK}: 'tip'"]),
-    "goal too short": ({f"{JERK}.minimum_jerk.to": [1.0]}, [f"{JERK}:", "1 values for 2 outputs"]),
+    "reference that is a word": ({PRIMARY: "tip"}, [f"{PRIMARY}: 'tip'"]),
+    "goal too short": ({f"{PRIMARY}.minimum_jerk.to": [1.0]}, [f"{PRIMARY}:", "1 value"]),
     "step too short": (
-        {JERK: {"minimum_jerk": {"by": [1.0], "duration": 1}}},
-        [f"{JERK}:", "1 values for 2 outputs"],
+        {PRIMARY: {"minimum_jerk": {"by": [1.0], "duration": 1}}},
+        [f"{PRIMARY}:", "1 value"],
     ),
     "constant too long": (
         {"reference.vertical": {"hold": {"value": [1, 2]}}},
         ["reference.vertical:", "2 values for 1"],
     ),
-    "goal and step": ({f"{JERK}.minimum_jerk.by": [1, 1]}, [f"{JERK}.minimum_jerk: expected one of 'to' and 'by'"]),
-    "infinite goal": ({f"{JERK}.minimum_jerk.to": [1, math.inf]}, [f"{JERK}.minimum_jerk.to[1]", "finite", "inf"]),
-    "motion of no time": ({f"{JERK}.minimum_jerk.duration": 0}, [f"{JERK}.minimum_jerk.duration", "found 0"]),
+    "goal and step": (
+        {f"{PRIMARY}.minimum_jerk.by": [1, 1]},
+        [f"{PRIMARY}.minimum_jerk: expected one of 'to' and 'by'"],
+    ),
+    "infinite goal": (
+        {f"{PRIMARY}.minimum_jerk.to": [1, math.inf]},
+        [f"{PRIMARY}.minimum_jerk.to[1]", "finite", "inf"],
+    ),
+    "motion of no time": ({f"{PRIMARY}.minimum_jerk.duration": 0}, [f"{PRIMARY}.minimum_jerk.duration", "found 0"]),
     "times run backwards": (
-        {JERK: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
-        [JERK, "increasing times"],
+        {PRIMARY: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
+        [PRIMARY, "increasing times"],
     ),
     "frequencies too many": (
-        {JERK: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
-        [JERK, "frequency"],
+        {PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
+        [PRIMARY, "frequency"],
     ),
     "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy' or"]),
     "unknown preset": ({"controller.preset": "papr"}, ["controller.preset: expected 'paper' or 'scaled'"]),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
-    "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k:", "2"]),
-    "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta:", "1"]),
-    "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21:", "3"]),
-    "too many vertical gains": ({"controller.k3": [1, 2]}, ["controller.k3:", "2"]),
+    "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
+    "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta"]),
+    "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21"]),
+    "too many vertical gains": ({"controller.k3": [1, 2]}, ["controller.k3"]),
     "negative leak": ({"controller.sigma": -1}, ["controller.sigma: expected greater than or equal to 0"]),
     "bandwidth too large": ({"controller.bandwidth": 1e6}, ["controller:", "1e+06 rad/s", "outside the window"]),
     "bandwidth too small": ({"controller.bandwidth": 1e-3}, ["controller:", "0.001 rad/s", "outside the window"]),
@@ -267,8 +273,8 @@ BROKEN = {
     "half a substep": ({"simulation.substeps": 1.5}, ["simulation.substeps: expected", "1.5"]),
     "negative seed": ({"seed": -1}, ["seed:", "-1"]),
     "plot of an unknown output": ({"plots.figure_4a.outputs": ["tipx"]}, ["plots.figure_4a.outputs", "mean 'tip_x'?"]),
-    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["plots.figure_4a.outputs", "at least 1"]),
-    "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "'../stray'"]),
+    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["mine.yaml: plots.figure_4a.outputs:"]),
+    "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "../stray"]),
     "unknown frame in view": ({"view.trail": ["tpi"]}, ["frame 'tpi'", "did you mean 'tip'?"]),
     "camera on a plane": ({"view.camera": [1, 2]}, ["view.camera", "[1, 2]"]),
     "comparison of an unknown key": (

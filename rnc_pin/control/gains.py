@@ -133,8 +133,8 @@ class PositionGains:
 
 
 def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A typical diagonal D (k,) of inertia matrices (count, k, k), symmetric part, and the eigenvalues of D^-1/2 H D^-1/2."""
-    H = 0.5 * (H + H.mT)
+    """A typical diagonal D (k,) of inertia matrices H (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
+    H = 0.5 * (H + H.mT)  # an effective inertia need not be symmetric
     entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
     diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))
     scale = np.sqrt(diagonal)

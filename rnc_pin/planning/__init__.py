@@ -1,5 +1,14 @@
 """Where outputs should go."""
 
-from rnc_pin.planning.references import Harmonic, Hold, Joined, MinimumJerk, Reference, ReferencePoint, ViaPoints
+from rnc_pin.planning.references import (
+    Harmonic,
+    Hold,
+    Joined,
+    MinimumJerk,
+    Reference,
+    ReferencePoint,
+    TaskReference,
+    ViaPoints,
+)
 
-__all__ = ["Harmonic", "Hold", "Joined", "MinimumJerk", "Reference", "ReferencePoint", "ViaPoints"]
+__all__ = ["Harmonic", "Hold", "Joined", "MinimumJerk", "Reference", "ReferencePoint", "TaskReference", "ViaPoints"]

@@ -173,6 +173,20 @@ class Harmonic:
         )
 
 
+class TaskReference(NamedTuple):
+    """What a task asks for."""
+
+    primary: Reference
+    """Of x21."""
+    vertical: Reference
+    """Of x1."""
+
+    @property
+    def duration(self) -> float:
+        """Time after which both rest [s]."""
+        return max(self.primary.duration, self.vertical.duration)
+
+
 class Joined:
     """Several references as one, their outputs one after the other."""
 

@@ -1,8 +1,19 @@
 """Running controllers against models."""
 
+from rnc_pin.simulation.preflight import Margin, Margins, preflight
 from rnc_pin.simulation.rollout import kinematic_rollout
 from rnc_pin.simulation.simulate import simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
-__all__ = ["Outcome", "Trajectory", "kinematic_rollout", "simulate", "summarize", "tracking_errors"]
+__all__ = [
+    "Margin",
+    "Margins",
+    "Outcome",
+    "Trajectory",
+    "kinematic_rollout",
+    "preflight",
+    "simulate",
+    "summarize",
+    "tracking_errors",
+]

@@ -23,7 +23,8 @@ def kinematic_rollout(
         dt: step [s]; the dynamics play no part, so it can be coarse.
 
     Raises:
-        SingularityError: the reference runs into a singular configuration; says when.
+        SingularityError: the reference runs into a singular configuration; says when, with the roll-out so far
+            in ``error.trajectory``.
     """
     integrator = LieRungeKutta4(reduced.robot)
     r = reduced.r
@@ -47,5 +48,6 @@ def kinematic_rollout(
             path.append(q)
     except SingularityError as error:
         error.time = t
+        error.trajectory = np.array(times), np.stack(path)
         raise
     return np.array(times), np.stack(path)

@@ -1,0 +1,446 @@
+"""The command line as its users meet it: what it prints, what it writes, and its exit status."""
+
+import io
+import json
+import signal
+import subprocess
+import sys
+import sysconfig
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from rnc_pin.cli import main
+from rnc_pin.scenario.loading import built_in_names, find_scenario
+from rnc_pin.urdf_files import shipped_directory
+
+COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
+SHORT = ["--set", "simulation.duration=0.2"]
+ALONE = ["--set", "comparisons={}"]
+
+ARRAYS = {  # sizes of one sample: nq = nv = 4, r = p = 3, m = 1
+    "time": (), "q": (4,), "v": (4,), "v2": (3,), "v2_desired": (3,), "x1": (1,), "x1_desired": (1,), "x2": (3,),
+    "x2_desired": (3,), "F": (3,), "T": (3,), "multipliers": (1,), "energy": (), "constraint_residual": (),
+}  # fmt: skip
+
+
+def shell(*arguments, cwd=None):
+    """Run rnc-pin in a process of its own."""
+    return subprocess.run([COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Run rnc-pin in this process, which is faster: (status, stdout, stderr)."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory):
+    """A run of the paper's figure 4, cut short: (its process, its folder). Look at it, do not write into it."""
+    folder = tmp_path_factory.mktemp("first") / "out"
+    return shell("run", "space-robot", *SHORT, "--out", folder), folder
+
+
+def parsed(text):
+    """JSON as the standard has it, which knows neither NaN nor Infinity."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def arrays(path):
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def the_line(error):
+    """The message of an error that is exactly one line, as every error has to be."""
+    assert error.endswith("\n")
+    assert len(error.splitlines()) == 1, error
+    assert error.startswith("rnc-pin: error: ")
+    assert "unexpected" not in error
+    return error.removeprefix("rnc-pin: error: ").strip()
+
+
+def test_list_names_every_scenario(call):
+    status, out, error = call("list")
+    assert (status, error) == (0, "")
+    assert all(name in out for name in built_in_names())
+    status, out, error = call("list", "--json")
+    assert sorted(parsed(out)) == built_in_names()
+    assert all(parsed(out).values())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["run", "--help"], ["sweep", "-h"]])
+def test_help_is_no_error(arguments, call):
+    status, out, error = call(*arguments)
+    assert (status, error) == (0, "")
+    assert "rnc-pin" in out
+
+
+# ---------------------------------------------------------------------- run
+
+
+def test_run_writes_what_the_manual_says(first_run):
+    process, folder = first_run
+    assert (process.returncode, process.stderr) == (0, "")
+    written = {path.name for path in folder.iterdir()} - {".rnc_pin"}
+    assert written == {
+        "trajectory.npz", "trajectory_platform_uncontrolled.npz", "summary.json", "scenario.yaml",
+        "figure_4a.png", "figure_4b.png", "overview.png", "animation.html",
+    }  # fmt: skip
+    assert all(name in process.stdout for name in written)
+    for picture in folder.glob("*.png"):
+        assert picture.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    assert "<html" in (folder / "animation.html").read_text()[:200]
+
+
+def test_the_trajectory_holds_finite_arrays_of_the_right_sizes(first_run):
+    trajectory = arrays(first_run[1] / "trajectory.npz")
+    meta = parsed(str(trajectory.pop("meta")))
+    assert trajectory["time"].tolist() == pytest.approx(np.arange(101) * 0.002)
+    for name, size in ARRAYS.items():
+        assert trajectory[name].shape == (101, *size)
+        assert trajectory[name].dtype == np.float64
+        assert np.isfinite(trajectory[name]).all(), name
+    assert meta["names"]["x2"] == ["tip_x", "tip_y", "joint_1"]
+    assert meta["units"]["x2"] == ["m", "m", "rad"]
+    assert {"scenario", "versions", "seed"} <= set(meta)
+
+
+def test_the_summary_fits_the_trajectory(first_run):
+    _, folder = first_run
+    summary, trajectory = parsed((folder / "summary.json").read_text()), arrays(folder / "trajectory.npz")
+    assert summary["scenario"] == "space-robot"
+    assert summary["outcome"] == "completed"
+    assert summary["duration"] == trajectory["time"][-1]
+    error = np.abs(trajectory["x2_desired"][:, 0] - trajectory["x2"][:, 0])
+    assert summary["final_error"]["tip_x"] == error[-1]
+    assert summary["max_error"]["tip_x"] == error.max()
+    assert summary["rms_error"]["tip_x"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert set(summary["final_error"]) == {"tip_x", "tip_y", "platform"}
+    assert summary["constraint_residual_max"] == trajectory["constraint_residual"].max() < 1e-12
+    assert 0 < summary["min_singular_value"] < 1
+    assert summary["energy_drift"] >= 0
+    assert summary["wall_time"] > 0
+    assert summary["realtime_factor"] == pytest.approx(summary["duration"] / summary["wall_time"])
+
+
+def test_the_scenario_written_down_is_the_one_that_ran(first_run):
+    scenario = yaml.safe_load((first_run[1] / "scenario.yaml").read_text())
+    assert scenario["simulation"]["duration"] == 0.2
+    assert scenario["constraints"] == [{"momentum": "platform"}]
+
+
+def test_the_same_seed_gives_the_same_bits(first_run, call, tmp_path):
+    status, *_ = call("run", "space-robot", *SHORT, "--out", tmp_path)
+    assert status == 0
+    for name in ("trajectory.npz", "trajectory_platform_uncontrolled.npz"):
+        one, other = arrays(first_run[1] / name), arrays(tmp_path / name)
+        assert list(one) == list(other)
+        for array in one:
+            np.testing.assert_array_equal(one[array], other[array], err_msg=array)
+
+
+def test_a_run_goes_into_runs_by_default(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "space-robot", *SHORT, *ALONE)[0] == 0
+    assert (tmp_path / "runs" / "space-robot" / "summary.json").is_file()
+
+
+def test_json_is_all_that_is_printed(tmp_path):
+    process = shell("run", "space-robot", *SHORT, *ALONE, "--json", "--out", tmp_path)
+    assert (process.returncode, process.stderr) == (0, "")
+    printed = parsed(process.stdout)
+    files = printed.pop("files")
+    assert printed == parsed((tmp_path / "summary.json").read_text())
+    assert set(files) == {path.name for path in tmp_path.iterdir()} - {".rnc_pin"}
+
+
+def test_a_failed_run_has_status_1_and_keeps_its_results(tmp_path):
+    # The paper's gains, towards a point beyond the reach of three links of a metre: through the stretched arm.
+    far = "reference.primary={minimum_jerk: {to: [4, 0], duration: 1}}"
+    options = ["--set", "controller.preset=paper", "--set", far, "--set", "simulation.duration=2"]
+    process = shell("run", "space-robot", *options, *ALONE, "--json", "--out", tmp_path)
+    assert process.returncode == 1
+    message = the_line(process.stderr)
+    assert " at t = 0." in message
+    assert str(tmp_path) in message
+    summary, trajectory = parsed((tmp_path / "summary.json").read_text()), arrays(tmp_path / "trajectory.npz")
+    assert parsed(process.stdout)["outcome"] == summary["outcome"] in ("diverged", "singular")
+    assert summary["message"] in message
+    assert 0 < summary["duration"] == trajectory["time"][-1] < 1
+    assert summary["samples"] == len(trajectory["time"])
+    assert all(np.isfinite(trajectory[name]).all() for name in ARRAYS)
+    assert parsed(str(trajectory["meta"]))["outcome"] == summary["outcome"]
+    assert (tmp_path / "overview.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "outcome"),
+    [
+        (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
+        (["actuators=[]"], "failed"),
+    ],
+)
+def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_path):
+    settings = [word for option in options for word in ("--set", option)]
+    status, out, error = call("run", "space-robot", *SHORT, *ALONE, *settings, "--json", "--out", tmp_path)
+    assert status == 1
+    the_line(error)
+    assert parsed(out)["outcome"] == parsed((tmp_path / "summary.json").read_text())["outcome"] == outcome
+
+
+def test_ctrl_c_ends_a_run_and_keeps_its_results(tmp_path):
+    folder = tmp_path / "out"
+    command = [COMMAND, "run", "space-robot", *ALONE, "--set", "simulation.duration=1000", "--out", folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        end = time.monotonic() + 60
+        while not (folder / ".rnc_pin").exists() and process.poll() is None and time.monotonic() < end:
+            time.sleep(0.05)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "Traceback" not in error
+    summary = parsed((folder / "summary.json").read_text())
+    assert summary["outcome"] == "interrupted"
+    assert 0 < summary["duration"] < 1000
+    assert len(arrays(folder / "trajectory.npz")["time"]) == summary["samples"]
+
+
+# ---------------------------------------------------------------------- the folder
+
+
+def test_a_folder_of_somebody_elses_is_refused_without_force(call, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    (tmp_path / "summary.json").write_text("mine")
+    arguments = ["run", "space-robot", *SHORT, *ALONE, "--out", tmp_path]
+    status, out, error = call(*arguments)
+    assert (status, out) == (2, "")
+    assert "--force" in the_line(error)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "thesis.txt": "mine",
+        "summary.json": "mine",
+    }
+    assert call(*arguments, "--force")[0] == 0
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    assert parsed((tmp_path / "summary.json").read_text())["outcome"] == "completed"
+
+
+def test_a_run_into_its_own_folder_replaces_the_one_before(call, tmp_path):
+    assert call("run", "space-robot", *SHORT, "--out", tmp_path)[0] == 0
+    (tmp_path / "notes.txt").write_text("mine")
+    assert call("run", "space-robot", *SHORT, *ALONE, "--set", "plots={}", "--out", tmp_path)[0] == 0
+    written = {path.name for path in tmp_path.iterdir()} - {".rnc_pin"}
+    expected = {"trajectory.npz", "summary.json", "scenario.yaml", "overview.png", "animation.html", "notes.txt"}
+    assert written == expected
+
+
+# ---------------------------------------------------------------------- inspect
+
+
+def test_inspect_says_what_the_paper_says_of_the_space_robot(call):
+    status, out, error = call("inspect", "space-robot", "--samples", 8, "--json")
+    assert (status, error) == (0, "")
+    report = parsed(out)
+    assert (report["n"], report["r"], report["p"], report["rank"]) == (4, 3, 3, 1)
+    assert report["kept_rows"] == ["momentum(platform)"]
+    assert report["dropped_rows"] == []
+    assert report["growth_vector"] == [3, 4]
+    assert report["completely_nonholonomic"] is True
+    assert report["redundancy_class"] == "1"
+    assert report["actuation_rank"] == 3
+    assert 1 <= report["condition"]["min"] <= report["condition"]["median"] <= report["condition"]["max"]
+    assert report["lemma1_holds"] is True
+    assert report["lemma1"]["A R"] < 1e-12
+    assert (report["primary"], report["redundant"]) == (["tip_x", "tip_y"], ["joint_1"])
+
+
+def test_inspect_for_people(call):
+    status, out, _ = call("inspect", "space-robot", "--samples", 4)
+    assert status == 0
+    assert "(3, 4): completely nonholonomic" in out
+    assert "Lemma 1" in out
+
+
+# ---------------------------------------------------------------------- replay
+
+
+@pytest.mark.parametrize("source", ["", "trajectory.npz"], ids=["folder", "file"])
+def test_replay_shows_the_summary_or_writes_a_page(source, first_run, call, tmp_path):
+    source, page = first_run[1] / source, tmp_path / "page.html"
+    status, out, error = call("replay", source)
+    assert (status, error) == (0, "")
+    assert "space-robot: completed" in out
+    assert call("replay", source, "--html", page)[0] == 0
+    assert page.stat().st_size > 500_000  # the viewer is in it
+    written = page.read_bytes()
+    status, _, error = call("replay", source, "--html", page)
+    assert status == 2
+    assert "page.html" in the_line(error)
+    assert page.read_bytes() == written
+    assert call("replay", source, "--html", page, "--force")[0] == 0
+
+
+def test_replay_finds_the_robot_from_anywhere(call, tmp_path, monkeypatch):
+    """The run was started beside a scenario and a URDF of one's own; the replay is not."""
+    raw = yaml.safe_load(find_scenario("space-robot").read_text())
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({**raw, "robot": {"urdf": "mine.urdf"}}))
+    (tmp_path / "mine.urdf").write_bytes((shipped_directory() / "space_robot.urdf").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "mine.yaml", *SHORT, *ALONE, "--out", "out")[0] == 0
+    monkeypatch.chdir("/")
+    status, _, error = call("replay", tmp_path / "out", "--html", tmp_path / "page.html")
+    assert (status, error) == (0, "")
+
+
+def packed(content):
+    buffer = io.BytesIO()
+    np.savez(buffer, **content)
+    return buffer.getvalue()
+
+
+def with_meta(good, text):
+    return packed({**good, "meta": np.array(text)})
+
+
+RUBBISH = {
+    "nothing": lambda good: b"",
+    "text": lambda good: b"hello",
+    "half of it": lambda good: packed(good)[:3000],
+    "another archive": lambda good: packed({"a": np.zeros(3)}),
+    "an array less": lambda good: packed({name: array for name, array in good.items() if name != "energy"}),
+    "no scenario": lambda good: with_meta(good, "{}"),
+    "meta that is a number": lambda good: with_meta(good, "3"),
+    "meta that is no JSON": lambda good: with_meta(good, "rubbish"),
+    "scenario that is a number": lambda good: with_meta(good, '{"config": 3}'),
+    "another robot": lambda good: packed({**good, "q": good["q"][:, :2]}),
+    "NaN": lambda good: packed({**good, "q": np.full_like(good["q"], np.nan)}),
+}
+
+
+@pytest.mark.parametrize("content", RUBBISH.values(), ids=RUBBISH)
+def test_replay_of_rubbish_is_refused(content, first_run, call, tmp_path):
+    path = tmp_path / "rubbish.npz"
+    path.write_bytes(content(arrays(first_run[1] / "trajectory.npz")))
+    status, out, error = call("replay", path, "--html", tmp_path / "page.html")
+    assert (status, out) == (2, "")
+    message = the_line(error)
+    assert "rubbish.npz" in message
+    assert "pickle" not in message  # what NumPy proposes would run what is in the file
+    assert [each.name for each in tmp_path.iterdir()] == ["rubbish.npz"]
+
+
+def test_a_trajectory_that_does_not_name_its_outputs_has_no_summary(first_run, call, tmp_path):
+    good = arrays(first_run[1] / "trajectory.npz")
+    scenario = parsed(str(good["meta"]))["config"]
+    (tmp_path / "rubbish.npz").write_bytes(with_meta(good, json.dumps({"config": scenario})))
+    status, _, error = call("replay", tmp_path / "rubbish.npz")
+    assert status == 2
+    assert "rubbish.npz" in the_line(error)
+
+
+# ---------------------------------------------------------------------- sweep
+
+
+def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path):
+    arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.1", "--runs", "3"]
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert call(*arguments, "--jobs", 1, "--out", one)[0] == 0
+    process = shell(*arguments, "--jobs", "2", "--json", "--out", two)
+    assert (process.returncode, process.stderr) == (0, "")
+    assert parsed(process.stdout) == parsed((two / "sweep.json").read_text())
+    assert parsed(process.stdout)["outcomes"] == {"completed": 3}
+    assert (one / "sweep.csv").read_text() == (two / "sweep.csv").read_text()
+    assert (one / "sweep.json").read_text() == (two / "sweep.json").read_text()
+    starts = []
+    for run in ("run_0000", "run_0001", "run_0002"):
+        here, there = arrays(one / run / "trajectory.npz"), arrays(two / run / "trajectory.npz")
+        assert all((here[name] == there[name]).all() for name in here)
+        starts.append(tuple(here["q"][0]))
+    assert len(set(starts)) == 3
+
+
+def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
+    # The stretched arm is drawn with certainty.
+    ranges = "sweep={initial.q.joint_2: [0, 0], initial.q.joint_3: [0, 0]}"
+    status, out, _ = call("sweep", "space-robot", "--set", ranges, "--runs", 2, "--json", "--out", tmp_path)
+    assert status == 1
+    assert parsed(out)["outcomes"] == {"refused": 2}
+    assert "singular configuration" in (tmp_path / "sweep.csv").read_text()
+
+
+# ---------------------------------------------------------------------- wrong usage
+
+USAGE = {
+    "no command": ([], "command"),
+    "unknown command": (["rnu"], "No such command 'rnu'"),
+    "unknown option": (["run", "space-robot", "--ot", "x"], "No such option '--ot'"),
+    "no scenario": (["run"], "Missing argument 'SCENARIO'"),
+    "no system": (["inspect"], "Missing argument 'SYSTEM'"),
+    "nothing to replay": (["replay"], "Missing argument 'SOURCE'"),
+    "two scenarios": (["run", "space-robot", "other"], "unexpected extra argument"),
+    "misspelt scenario": (["run", "space-robt"], "did you mean 'space-robot'?"),
+    "misspelt system": (["inspect", "space-robt"], "did you mean 'space-robot'?"),
+    "option without value": (["run", "space-robot", "--set", "seed"], "option 'seed': expected key=value"),
+    "option of an unknown key": (["run", "space-robot", "--set", "sede=1"], "did you mean 'seed'?"),
+    "file as folder": (["run", "space-robot", "--out", "/dev/null"], "--out /dev/null: is a file"),
+    "no such trajectory": (["replay", "nowhere.npz"], "no file 'nowhere.npz'"),
+    "page in no folder": (["replay", "RUN", "--html", "nowhere/page.html"], "there is no folder"),
+    "page that is a folder": (["replay", "RUN", "--html", ".", "--force"], "--html .:"),
+    "sweep of no runs": (["sweep", "space-robot", "--runs", "0", "--out", "x"], "'--runs'"),
+    "sweep of some runs": (["sweep", "space-robot", "--runs", "some", "--out", "x"], "'--runs'"),
+    "sweep without count": (["sweep", "space-robot", "--out", "x"], "Missing option '--runs'"),
+    "sweep without folder": (["sweep", "space-robot", "--runs", "2"], "Missing option '--out'"),
+    "sweep on no process": (["sweep", "space-robot", "--runs", "2", "--jobs", "0", "--out", "x"], "--jobs 0"),
+    "inspect without samples": (["inspect", "space-robot", "--samples", "0"], "'--samples'"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), USAGE.values(), ids=USAGE)
+def test_wrong_usage_is_one_line_and_status_2(arguments, words, call, tmp_path, monkeypatch, request):
+    if "RUN" in arguments:
+        arguments = [request.getfixturevalue("first_run")[1] if each == "RUN" else each for each in arguments]
+    monkeypatch.chdir(tmp_path)
+    status, out, error = call(*arguments)
+    assert (status, out) == (2, "")
+    assert error.startswith("rnc-pin: error: ")
+    assert len(error.splitlines()) == 1
+    assert words in error
+    assert len(error) < 300
+    assert list(tmp_path.iterdir()) == []  # nothing is written before everything is checked
+
+
+def test_wrong_usage_in_a_shell():
+    process = shell("run", "space-robt")
+    assert (process.returncode, process.stdout) == (2, "")
+    assert "did you mean 'space-robot'?" in the_line(process.stderr)
+
+
+@pytest.mark.parametrize("arguments", [["--debug", "run", "nowhere"], ["run", "nowhere", "--debug"]])
+def test_debug_shows_where(arguments, call):
+    status, _, error = call(*arguments)
+    assert status == 2
+    assert "Traceback" in error
+    assert "find_scenario" in error
+    assert error.splitlines()[-1].startswith("rnc-pin: error: no scenario 'nowhere'")
+
+
+def test_the_module_is_the_command_too(tmp_path):
+    command = [sys.executable, "-m", "rnc_pin.cli", "list", "--json"]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert sorted(parsed(process.stdout)) == built_in_names()
