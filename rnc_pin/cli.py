@@ -31,7 +31,7 @@ def main() -> None:
         sys.exit(_FAILED)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "rnc-pin"
-        _complain(f"{' '.join(error.format_message().split())} (see '{command} --help')")
+        _complain(f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
         sys.exit(_USAGE)
     except click.ClickException as error:
         _complain(error.format_message())
@@ -52,11 +52,14 @@ def main() -> None:
     sys.exit(status if isinstance(status, int) else _DONE)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
 @click.version_option(package_name="rnc_pin", prog_name="rnc-pin")
 @_debug
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> None:
     """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+    if context.invoked_subcommand is None:
+        raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
 
 
 @cli.command("list")
@@ -120,8 +123,8 @@ def run(
         print_json(result.summary)
     else:
         print_summary(result.summary, folder.path)
-    if result.error is not None:
-        _complain(f"{result.error}; results so far are in {folder.path}")
+    if result.summary["outcome"] != "completed":
+        _complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
     return _DONE if result.summary["outcome"] == "completed" else _FAILED
 
 
@@ -178,19 +181,26 @@ def replay(source: Path, show: bool, html: Path | None, speed: float, browser: b
     if "config" not in trajectory.meta:
         raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")
     scenario = validate(trajectory.meta["config"], str(source))
-    robot = build_system(scenario, Path(trajectory.meta.get("folder", "."))).robot
+    robot = build_system(scenario, Path(str(trajectory.meta.get("folder", ".")))).robot
+    if trajectory.q.shape[1] != robot.nq:
+        raise ConfigurationError(f"{source}: configurations have {trajectory.q.shape[1]} entries, its robot {robot.nq}")
     if len(trajectory.time) < 2:
         raise ConfigurationError(f"{source}: holds {len(trajectory.time)} samples, nothing to play")
     view = scenario.view
     if html is not None:
         from rnc_pin.visualization.recording import record_html
 
+        if html.is_dir() or not html.name:
+            raise ConfigurationError(f"--html {html}: is a folder, expected a file")
         if html.exists() and not force:
             raise ConfigurationError(f"--html {html}: exists; choose another name or add --force")
         if not html.absolute().parent.is_dir():
             raise ConfigurationError(f"--html {html}: there is no folder {html.absolute().parent}")
         title = scenario.title or str(trajectory.meta.get("scenario"))
-        record_html(robot, trajectory, html, view.trail, view.camera, view.target, view.ground, title)
+        try:
+            record_html(robot, trajectory, html, view.trail, view.camera, view.target, view.ground, title)
+        except OSError as error:
+            raise ConfigurationError(f"--html {html}: cannot be written: {error.strerror}") from None
         click.echo(f"wrote {html}")
     if show:
         from rnc_pin.visualization.live import LiveView

@@ -71,7 +71,8 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
         )
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
     invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
-    invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
+    if summary["min_singular_value"] is not None:
+        invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
     for name, figure in summary["max_input"].items():
         invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
     console.print(invariants)

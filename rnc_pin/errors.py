@@ -83,8 +83,11 @@ class SingularityError(SimulationError):
         )
 
 
-def nearest(name: str, valid: Iterable[str]) -> str:
-    """Words that point from a wrong name to the valid ones: ``; did you mean 'b'?``."""
+def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
+    """Words that point from a wrong name to the valid ones: ``; did you mean 'b'?``.
+
+    An ``ending`` that all names share is shown but not compared, or it would make any two look alike.
+    """
     choices = [str(choice) for choice in valid]
     if not choices:
         return "; there are none"
@@ -92,6 +95,6 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     # A short word is often the part that a person remembers: `wheel` for `wheel_left_joint`.
     close = close or [choice for choice in choices if len(name) > 2 and name in choice][:1]
     if close:
-        return f"; did you mean '{close[0]}'?"
-    shown = ", ".join(choices[:12]) + (", ..." if len(choices) > 12 else "")
+        return f"; did you mean '{close[0]}{ending}'?"
+    shown = ", ".join(choice + ending for choice in choices[:12]) + (", ..." if len(choices) > 12 else "")
     return f"; expected one of: {shown}"

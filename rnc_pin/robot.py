@@ -82,12 +82,15 @@ class Robot:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
         path = urdf_files.find_urdf(path)
-        if base not in _ROOT_JOINTS:
+        if not isinstance(base, str) or base not in _ROOT_JOINTS:
             raise ModelError(f"base '{base}' is not known{nearest(str(base), _ROOT_JOINTS)}")
         folders = [str(each) for each in package_dirs] or [str(path.parent)]
         model = _parse_urdf(path, base)
         if gravity is not None:
-            acceleration = np.asarray(gravity, dtype=float)
+            try:
+                acceleration = np.asarray(gravity, dtype=float)
+            except (TypeError, ValueError):
+                acceleration = np.empty(0)
             if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
                 raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
             model.gravity.linear = acceleration
@@ -246,6 +249,8 @@ class _Names:
 
 def _configuration(model: pin.Model, names: _Names, values: Mapping[str, JointValue]) -> np.ndarray:
     q = pin.neutral(model)
+    if not isinstance(values, Mapping):
+        raise ModelError(f"joint values have to be a mapping from joint names, found {values!r}")
     for name, value in values.items():
         joint = model.joints[names.joint(name)]
         try:
@@ -272,7 +277,8 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
     if entry.size == joint.nq == joint.nv:
         return entry
     expected = {"JointModelPlanar": "3 (x, y, yaw)", "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)"}
-    raise ModelError(f"joint '{name}' takes {expected.get(kind, joint.nv)} values, found {entry.size}")
+    count = expected.get(kind, str(joint.nv))
+    raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
 
 
 def _parse_urdf(path: Path, base: str) -> pin.Model:
@@ -305,7 +311,9 @@ def _geometry_errors(path: Path) -> Iterator[None]:
         with _captured_stderr():
             yield
     except Exception as error:  # Boost.Python raises whatever the C++ side threw
-        raise ModelError(f"{path}: geometry cannot be loaded: {str(error).splitlines()[0]}") from None
+        lines = [line for line in str(error).splitlines() if not line.startswith("From file:")]
+        words = " ".join(lines) or type(error).__name__
+        raise ModelError(f"{path}: geometry cannot be loaded: {words}") from None
 
 
 @contextmanager
@@ -326,7 +334,9 @@ def _captured_stderr() -> Iterator[list[str]]:
 
 
 def _first_complaint(lines: list[str]) -> str | None:
-    for line in lines:
-        if line.startswith("Error:"):
-            return line.removeprefix("Error:").strip().split("  ")[0]
-    return None
+    """What urdfdom refused, with where it was: that it says in an error of its own, after the cause."""
+    errors = [line.removeprefix("Error:").strip().split("  ")[0] for line in lines if line.startswith("Error:")]
+    if not errors:
+        return None
+    place = next((error for error in errors[1:] if "[" in error), None)
+    return errors[0] if place is None else f"{errors[0]} ({place[0].lower()}{place[1:]})"

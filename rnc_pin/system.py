@@ -89,8 +89,8 @@ class NonholonomicSystem:
         _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
         if x2.size != self.r:
             raise ConstraintError(
-                f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), but {self.n} degrees of freedom "
-                f"under {self.m} constraints need {self.r}"
+                f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
+                f"{self.n} degrees of freedom less {self.m} of the constraints"
             )
         reduced = ReducedModel(
             self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows

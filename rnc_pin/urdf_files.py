@@ -28,8 +28,11 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate.resolve()
-    shipped = sorted(each.name for each in shipped_directory().glob("*.urdf"))
-    raise ModelError(f"no URDF file '{path}'{nearest(path.name, shipped)}")
+    if path.is_absolute():
+        raise ModelError(f"no URDF file '{path}'")
+    shipped = sorted(each.stem for each in shipped_directory().glob("*.urdf"))
+    hint = nearest(path.stem, shipped, ".urdf")
+    raise ModelError(f"no URDF file '{path}'{hint}")
 
 
 @cache

@@ -16,7 +16,7 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.errors import ConfigurationError, InputError, SingularityError, nearest
 from rnc_pin.planning import Hold, Joined, Reference, ReferencePoint
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema import ControllerSettings, Scenario, SimulationSettings
@@ -85,8 +85,9 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         settings = getattr(scenario.reference, name)
         try:
             references[name] = Hold(start) if settings is None else settings.build(start)
-        except ConfigurationError as error:
+        except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
+    _check_gain_lengths(scenario.controller, task)
     kinematic = _kinematic(scenario.controller, reduced, task, references)
     warnings: list[str] = []
     gains = _gains(scenario.controller, scenario.simulation, reduced, kinematic, references, q0, warnings)
@@ -169,6 +170,15 @@ def _gain(value: float | list[float] | None, default: float | np.ndarray) -> flo
     if value is None:
         return default
     return np.array(value) if isinstance(value, list) else value
+
+
+def _check_gain_lengths(settings: ControllerSettings, task: Task) -> None:
+    primary = len(task.primary) if settings.type == "redundancy" else task.r
+    sizes = {"k": task.r, "beta": task.r, "k3": len(task.vertical), "k21": primary}
+    for name, size in sizes.items():
+        value = getattr(settings, name)
+        if isinstance(value, list) and len(value) != size:
+            raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
 
 
 def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:

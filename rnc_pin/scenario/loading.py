@@ -24,6 +24,8 @@ class _Loader(yaml.SafeLoader):
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, Any]:
     seen: set[Any] = set()
     for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, Hashable):
             if key in seen:
@@ -83,8 +85,8 @@ def parse_option(option: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
     try:
-        return key.strip(), yaml.safe_load(text)
-    except yaml.YAMLError:
+        return key.strip(), yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, RecursionError, ValueError):
         raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
 
 
@@ -97,7 +99,7 @@ def with_options(raw: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str
         for depth, part in enumerate(parts):
             last = depth == len(parts) - 1
             if isinstance(where, list):
-                if not part.isdigit() or int(part) >= len(where):
+                if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
                     raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
                 if last:
                     where[int(part)] = value
@@ -131,14 +133,21 @@ def _explain(error: Mapping[str, Any]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind == "union_tag_invalid":
         expected = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
-        found = context["tag"] if len(context["tag"]) < 40 else _describe(error["input"])
-        return f"{where}: '{found}' is not known{nearest(found, expected)}"
+        words = ", ".join("a joint's name" if each == "name" else each for each in expected)
+        found = error["input"]
+        if isinstance(found, dict) and len(found) == 1:
+            return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
+        return f"{where}: expected a mapping with one key of {words}; found {_describe(found)}"
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        most = "at least" if kind == "too_short" else "at most"
+        return f"{where}: expected {most} {bound} item{'s' * (bound != 1)}, found {_describe(error['input'])}"
     if kind == "missing":
         return f"{where}: is missing"
     if kind == "value_error":
         return f"{where}: {context['error']}"
     message = "expected a mapping" if kind in ("model_type", "model_attributes_type") else error["msg"]
-    message = message.replace("Input should be", "expected").replace("String should", "expected to")
+    message = message.replace("Input should be", "expected").replace("a valid dictionary", "a mapping")
     return f"{where}: {message}, found {_describe(error['input'])}"
 
 

@@ -78,10 +78,13 @@ class OutputFolder:
             names = json.loads(self._mark.read_text(encoding="utf-8"))["files"]
         except (ValueError, KeyError, TypeError):
             return
-        for name in names:
-            path = self.path / str(name)
-            if path.resolve().parent != self.path.resolve():
-                continue  # a mark that points elsewhere is not ours to follow
+        for name in names if isinstance(names, list) else []:
+            # A mark that points elsewhere is not ours to follow.
+            if not isinstance(name, str) or name in ("", "..") or Path(name).name != name or "\0" in name:
+                continue
+            path = self.path / name
+            if path.is_symlink():
+                continue
             if path.is_dir():
                 shutil.rmtree(path)
             else:

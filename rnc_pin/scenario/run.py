@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.errors import RncError
+from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.scenario.builder import Experiment, build_experiment
 from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
 from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Outcome, Trajectory, simulate, summarize
 
 Observer = Callable[[float, np.ndarray], None]
@@ -60,15 +61,30 @@ def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
     Raises:
         RncError: anything is wrong with it.
     """
-    path = find_scenario(scenario)
+    path = find_scenario(scenario).resolve()
     raw = with_options(read_yaml(path), options or {})
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
-    comparisons = {}
+    comparisons: dict[str, Experiment] = {}
+    slugs: dict[str, str] = {}
     for label, changes in checked.comparisons.items():
         other = validate(with_options(raw, changes), f"{source}: comparisons.{label}")
-        comparisons[label] = build_experiment(other, path.parent)
-    return Plan(path.stem, raw, path.parent, build_experiment(checked, path.parent), comparisons)
+        if slugs.setdefault(slug(label), label) != label:
+            raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' name one file")
+        comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
+    experiment = _located(source, checked, path.parent)
+    _ = experiment.reduced.robot.visual_model  # a mesh that is missing is found before the run, not after it
+    return Plan(path.stem, raw, path.parent, experiment, comparisons)
+
+
+def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
+    """Build an experiment; what does not fit is told with the file that asks for it."""
+    try:
+        return build_experiment(scenario, folder)
+    except SingularityError:
+        raise
+    except RncError as error:
+        raise type(error)(f"{source}: {error}") from None
 
 
 def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[float], None] | None = None) -> Result:
@@ -150,7 +166,7 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
         other.save(path)
         written.append(path)
     written.append(folder.write_json("summary.json", result.summary))
-    written.append(folder.write_yaml("scenario.yaml", plan.raw))
+    written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
     if not pictures or len(trajectory.time) < 2:
         return written
     from rnc_pin.visualization.plots import plot_outputs, plot_overview
@@ -172,6 +188,15 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
         robot = plan.experiment.reduced.robot
         written.append(record_html(robot, trajectory, page, view.trail, view.camera, view.target, view.ground, title))
     return written
+
+
+def _portable(plan: Plan) -> dict[str, Any]:
+    """The scenario as it can be run from anywhere on this computer."""
+    source = plan.raw.get("robot", {})
+    beside = plan.folder / str(source.get("urdf"))
+    if not beside.is_file():
+        return plan.raw
+    return {**plan.raw, "robot": {**source, "urdf": str(beside.resolve())}}
 
 
 def slug(label: str) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from rnc_pin import planning
 from rnc_pin.actuators import Actuator, FrameForce, FrameTorque
@@ -21,6 +22,15 @@ from rnc_pin.urdf_files import find_urdf
 Positive = Annotated[float, Field(gt=0)]
 Axis = Literal["x", "y", "z"]
 Numbers = Annotated[list[float], Field(min_length=1)]
+
+
+def _file_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise ValueError(f"'{name}' cannot name a file: use letters, digits, - and _")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_file_name)]
 
 
 class Strict(BaseModel):
@@ -38,14 +48,14 @@ class Strict(BaseModel):
         return raw
 
 
-_NAME = "name"
+_NAME, _OTHER = "name", "other"
 
 
 def _kind(raw: Any) -> str:
     """What an entry is: its one key, or a bare name."""
     if isinstance(raw, dict) and len(raw) == 1:
         return str(next(iter(raw)))
-    return _NAME if isinstance(raw, str) else str(raw)
+    return _NAME if isinstance(raw, str) else _OTHER
 
 
 _BY_KIND = Discriminator(_kind)
@@ -277,8 +287,8 @@ class MinimumJerkReference(Strict):
 
     def build(self, start: np.ndarray) -> planning.Reference:
         a = self.minimum_jerk
-        goal = np.array(a.to) if a.to is not None else _sized(a.by, start) + start
-        return planning.MinimumJerk(_sized(start, goal), goal, a.duration, a.begin)
+        goal = _sized(a.to, start) if a.to is not None else _sized(a.by, start) + start
+        return planning.MinimumJerk(start, goal, a.duration, a.begin)
 
 
 class _ViaArguments(Strict):
@@ -425,10 +435,19 @@ class Scenario(Strict):
     reference: References = References()
     controller: ControllerSettings | None = None
     simulation: SimulationSettings | None = None
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     comparisons: dict[str, dict[str, Any]] = {}
     """Label: dotted keys and values that differ from this run."""
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
-    plots: dict[str, PlotSettings] = {}
+    plots: dict[FileName, PlotSettings] = {}
     view: View = View()
+
+    @model_validator(mode="after")
+    def _labels_exist(self) -> Scenario:
+        for name, plot in self.plots.items():
+            for label in plot.comparisons or []:
+                if label not in self.comparisons:
+                    hint = nearest(label, self.comparisons)
+                    raise ValueError(f"plots.{name}.comparisons: no comparison '{label}'{hint}")
+        return self

@@ -17,6 +17,8 @@ from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
+_MOST_SAMPLES = 10_000_000
+
 Observer = Callable[[float, np.ndarray], None]
 _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
 
@@ -69,6 +71,11 @@ def simulate(
     """
     if not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
         raise InputError(f"duration {duration} and dt {dt} have to be positive and substeps {substeps} at least 1")
+    samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise InputError(
+            f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
+        )
     q = np.array(q0, dtype=float)
     y = np.zeros(2 * reduced.r + 1)
     y[: reduced.r] = 0.0 if v2_0 is None else v2_0
@@ -76,7 +83,7 @@ def simulate(
     state = controller.initial_state(measurement) if controller_state is None else controller_state
     plant = Plant(reduced, joint_damping, actuator_limits, position_limits)
     integrator = LieRungeKutta4(reduced.robot)
-    record = _Record(reduced, round(duration / dt) + 1)
+    record = _Record(reduced, samples)
     outcome, t = Outcome.COMPLETED, 0.0
     information = dict(meta or {})
     try:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
@@ -88,12 +89,36 @@ class Trajectory:
                 if missing:
                     raise ConfigurationError(f"{path}: not a trajectory: it has no '{missing[0]}'")
                 arrays = {name: file[name] for name in names}
-            return cls(**{**arrays, "meta": json.loads(str(arrays["meta"]))})
+            meta = json.loads(str(arrays.pop("meta")))
+            _check(arrays, meta)
+            return cls(**arrays, meta=meta)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
-        except (OSError, ValueError, EOFError) as error:
-            raise ConfigurationError(f"{path}: not a trajectory: {str(error).splitlines()[0]}") from None
-        except Exception as error:
-            if type(error).__name__ == "BadZipFile":  # zipfile's, raised by NumPy's reader
-                raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
-            raise
+        except json.JSONDecodeError as error:
+            raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
+        except _Unfit as error:
+            raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
+        except (OSError, ValueError, EOFError, BadZipFile):
+            # What NumPy says here is about its own formats, and how to load them unsafely.
+            raise ConfigurationError(f"{path}: not a trajectory: cannot be read as .npz") from None
+
+
+class _Unfit(ValueError):
+    """A file whose contents do not make a trajectory."""
+
+
+def _check(arrays: dict[str, np.ndarray], meta: Any) -> None:
+    if not isinstance(meta, dict) or not all(isinstance(meta.get(key), dict) for key in ("names", "units", "angular")):
+        raise _Unfit("'meta' does not name the outputs")
+    for name, array in arrays.items():
+        depth = 1 if name in _SERIES else 2
+        if array.dtype.kind != "f" or array.ndim != depth or len(array) != len(arrays["time"]):
+            raise _Unfit(f"'{name}' has shape {array.shape}")
+    for kind in ("x1", "x2"):
+        if any(len(meta[key].get(kind, ())) != arrays[kind].shape[1] for key in ("names", "units", "angular")):
+            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+    if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
+        raise _Unfit("it holds values that are not finite")
+
+
+_SERIES = ("time", "energy", "work", "constraint_residual", "singular_value")

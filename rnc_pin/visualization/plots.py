@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def plot_outputs(
             actual, desired, unit = _series(trajectory, name)
             units.append(unit)
             handles += axes.plot(trajectory.time, actual, color=color, label=_words(name))
-            for style, other in zip(_DASHES, others.values(), strict=False):
+            for style, other in zip(cycle(_DASHES), others.values(), strict=False):
                 axes.plot(other.time, _series(other, name)[0], color=color, ls=style, lw=1.5)
             if name in trajectory.meta["goals"]:
                 # Above the solid line, or a dotted one that it follows closely could not be seen.
@@ -67,7 +68,7 @@ def plot_outputs(
             handles.append(Line2D([], [], color="black", ls=_DOTS, lw=1.3, label="desired"))
         handles += [
             Line2D([], [], color="0.3", ls=style, lw=1.5, label=label)
-            for style, label in zip(_DASHES, others, strict=False)
+            for style, label in zip(cycle(_DASHES), others, strict=False)
         ]
         axes.set_xlabel("time [s]")
         axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
@@ -111,7 +112,7 @@ def plot_overview(trajectory: Trajectory, path: str | Path, title: str | None = 
 
 
 _DOTS = (0, (1, 2))
-_DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2))]
+_DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 
 
 def _series(trajectory: Trajectory, name: str) -> tuple[np.ndarray, np.ndarray, str]:

@@ -18,7 +18,7 @@ import tornado.netutil
 import tornado.web
 import tornado.websocket
 import umsgpack
-from meshcat.servers.tree import SceneTree
+from meshcat.servers.tree import SceneTree, walk
 from meshcat.servers.zmqserver import (
     VIEWER_HTML,
     VIEWER_ROOT,
@@ -91,9 +91,21 @@ class _Bridge(ZMQWebSocketBridge):
             if command == b"set_transform" and connection.stream.writing():
                 continue
             try:
-                socket.write_message(data, binary=True)
+                socket.write_message(data, binary=True).add_done_callback(_ignore_departure)
             except tornado.websocket.WebSocketClosedError:
                 self.websocket_pool.discard(socket)
+
+    def send_scene(self, websocket: _QuietSocket) -> None:
+        for node in walk(self.tree):
+            for data in (node.object, *node.properties, node.transform, node.animation):
+                if data is not None:
+                    websocket.write_message(data, binary=True).add_done_callback(_ignore_departure)
+
+
+def _ignore_departure(sent: asyncio.Future[None]) -> None:
+    """A browser that goes away takes what was under way to it along; nobody needs to hear of it."""
+    if not sent.cancelled():
+        sent.exception()
 
 
 class SceneWindow:
@@ -145,9 +157,12 @@ class SceneWindow:
         def run() -> None:
             self._loop = asyncio.new_event_loop()
             asyncio.set_event_loop(self._loop)
-            tornado.httpserver.HTTPServer(self._bridge.make_app()).add_sockets(sockets)
+            server = tornado.httpserver.HTTPServer(self._bridge.make_app())
+            server.add_sockets(sockets)
             self._loop.call_soon(ready.set)
             self._loop.run_forever()
+            server.stop()
+            self._loop.run_until_complete(server.close_all_connections())
             self._loop.close()
 
         self._thread = threading.Thread(target=run, name="meshcat", daemon=True)
