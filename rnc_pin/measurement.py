@@ -19,6 +19,8 @@ class Measurement(NamedTuple):
 
     q: Float[Array, "*batch nq"] = _ABSENT
     """Configuration."""
+    v: Float[Array, "*batch nv"] = _ABSENT
+    """Full velocity, as joint encoders and a gyroscope on the base give it."""
     v2: Float[Array, "*batch r"] = _ABSENT
     """Rates of the reducing outputs."""
     x1: Float[Array, "*batch k"] = _ABSENT

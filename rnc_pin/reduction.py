@@ -259,6 +259,7 @@ class ReducedModel:
         A_star = J1 @ R
         return Measurement(
             q=q,
+            v=v,
             v2=v2,
             x1=x1,
             x2=x2,

@@ -3,10 +3,13 @@
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.gains import PositionGains, VelocityGains
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController
+from rnc_pin.control.momentum_estimator import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
 from rnc_pin.control.reducing import ReducingOutputController
 from rnc_pin.control.redundancy import RedundancyController
+from rnc_pin.control.split import SplitController
+from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 
 __all__ = [
@@ -15,12 +18,16 @@ __all__ = [
     "Controller",
     "JacobianTransposeController",
     "KinematicController",
+    "MomentumRegressor",
     "PositionGains",
     "PositionState",
     "PositionTracker",
     "ReducingOutputController",
     "RedundancyController",
+    "SplitController",
     "TrackerState",
+    "UncertainRedundancyController",
+    "UnknownMass",
     "VelocityGains",
     "VelocityTarget",
     "VelocityTracker",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, KinematicController
+from rnc_pin.control.protocol import Command, KinematicController, command_towards
 from rnc_pin.measurement import Measurement
 from rnc_pin.reduction import ReducedModel
 
@@ -32,4 +32,4 @@ class ComputedTorque:
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
         F = self._reduced.inverse_dynamics(measurement.q, measurement.v2, rate)
-        return Command(F=F, v2_desired=target.v2, x1_desired=target.x1, x2_desired=target.x2), state
+        return command_towards(target, F), state

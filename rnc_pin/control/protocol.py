@@ -31,6 +31,10 @@ class VelocityTarget(NamedTuple):
     """Desired vertical outputs; NaN where the task has none."""
     x2: Float[Array, "*batch r"] | None = None
     """Desired reducing outputs; NaN where only the rate matters."""
+    estimates: Float[Array, "*batch s"] | None = None
+    """Parameters that the controller has learnt."""
+    prediction_error: Float[Array, "*batch k"] | None = None
+    """Measured less predicted rates of the vertical outputs."""
 
 
 class Command(NamedTuple):
@@ -43,6 +47,8 @@ class Command(NamedTuple):
     v2_desired: Float[Array, "*batch r"] | None = None
     x1_desired: Float[Array, "*batch k"] | None = None
     x2_desired: Float[Array, "*batch r"] | None = None
+    estimates: Float[Array, "*batch s"] | None = None
+    prediction_error: Float[Array, "*batch k"] | None = None
 
 
 @runtime_checkable
@@ -87,3 +93,15 @@ def spread(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.
     whole = np.full(shape, np.nan)
     whole[..., where] = values
     return whole
+
+
+def command_towards(target: VelocityTarget, F: np.ndarray) -> Command:
+    """A command with the record of what it aims at."""
+    return Command(
+        F=F,
+        v2_desired=target.v2,
+        x1_desired=target.x1,
+        x2_desired=target.x2,
+        estimates=target.estimates,
+        prediction_error=target.prediction_error,
+    )

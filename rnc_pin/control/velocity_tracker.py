@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.gains import VelocityGains
-from rnc_pin.control.protocol import Command, KinematicController, elapsed_time
+from rnc_pin.control.protocol import Command, KinematicController, command_towards, elapsed_time
 from rnc_pin.linear_algebra import apply
 from rnc_pin.measurement import Measurement
 
@@ -76,5 +76,5 @@ class VelocityTracker:
         C = decay * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay * state.D + step[..., :, None] * products[..., None, :]
         F = apply(C, target.v2_dot) + apply(D, products) + g + k * error
-        command = Command(F=F, v2_desired=target.v2, x1_desired=target.x1, x2_desired=target.x2)
+        command = command_towards(target, F)
         return command, TrackerState(t, g, C, D, target_state)

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rnc_pin.control import (
-    Controller,
-    KinematicController,
-    ReducingOutputController,
-    RedundancyController,
-    VelocityGains,
-    VelocityTracker,
-)
-from rnc_pin.errors import ConfigurationError, InputError, SingularityError, nearest
-from rnc_pin.planning import Hold, Joined, Reference, ReferencePoint
+from rnc_pin.control import Controller
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.planning import Hold, Reference
 from rnc_pin.reduction import ReducedModel
-from rnc_pin.scenario.schema import ControllerSettings, Scenario, SimulationSettings
-from rnc_pin.simulation import kinematic_rollout
+from rnc_pin.scenario.controllers import Setting, build_controller
+from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.system import NonholonomicSystem
 from rnc_pin.task import Task
-
-_ROLLOUT_STEP = 0.05  # [s]; the region that gains are scaled to is smooth
-_OUTER_GAIN = 2.0  # the paper's k3 [1/s]
 
 
 def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
@@ -87,98 +77,40 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             references[name] = Hold(start) if settings is None else settings.build(start)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    _check_gain_lengths(scenario.controller, task)
-    kinematic = _kinematic(scenario.controller, reduced, task, references)
-    warnings: list[str] = []
-    gains = _gains(scenario.controller, scenario.simulation, reduced, kinematic, references, q0, warnings)
+    setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0)
+    controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
     return Experiment(
         scenario=scenario,
         reduced=reduced,
-        controller=VelocityTracker(kinematic, gains),
+        controller=controller,
         q0=q0,
         simulation=scenario.simulation,
-        warnings=tuple(warnings),
-        notes={"gains": {name: np.asarray(getattr(gains, name)).tolist() for name in ("k", "beta", "sigma")}},
+        warnings=tuple(setting.warnings),
+        notes={"controller": _described(controller), **_estimated(setting)},
     )
 
 
-def _kinematic(
-    settings: ControllerSettings, reduced: ReducedModel, task: Task, references: dict[str, Reference]
-) -> KinematicController:
-    k21 = settings.k21
-    if settings.type == "redundancy":
-        default = 0.0 if settings.preset == "paper" else _OUTER_GAIN  # the paper feeds x21d_dot open loop
-        return RedundancyController(
-            task,
-            references["primary"],
-            references["vertical"],
-            k3=_gain(settings.k3, _OUTER_GAIN),
-            k21=_gain(k21, default),
-        )
-    ordered = Joined([references["primary"], references["redundant"]])
-    order = np.argsort(np.concatenate([task.primary, task.redundant]))
-    return ReducingOutputController(reduced, _Reordered(ordered, order), k2=_gain(k21, _OUTER_GAIN))
+def _estimated(setting: Setting) -> dict[str, Any]:
+    masses = setting.settings.unknown
+    return {} if masses is None else {"estimates": [f"mass of {joint}" for joint in masses.initial]}
 
 
-class _Reordered:
-    """A reference with its outputs in another order."""
-
-    def __init__(self, reference: Reference, order: np.ndarray) -> None:
-        self._reference, self._order = reference, order
-        self.size, self.duration = reference.size, reference.duration
-
-    def at(self, t: float) -> ReferencePoint:
-        point = self._reference.at(t)
-        return ReferencePoint(*(each[self._order] for each in point))
-
-
-def _gains(
-    settings: ControllerSettings,
-    simulation: SimulationSettings,
-    reduced: ReducedModel,
-    kinematic: KinematicController,
-    references: dict[str, Reference],
-    q0: np.ndarray,
-    warnings: list[str],
-) -> VelocityGains:
-    gains = VelocityGains.paper()
-    if settings.preset == "scaled":
-        horizon = min(simulation.duration, max(reference.duration for reference in references.values()) + 1.0)
-        try:
-            _, region = kinematic_rollout(reduced, kinematic, q0, horizon, _ROLLOUT_STEP)
-        except SingularityError as error:
-            # The run will end there too, and its results are wanted: gains of the start will do until then.
-            warnings.append(f"the reference leads into a singular configuration: {error}")
-            region = q0[None]
-        try:
-            gains = VelocityGains.scaled(reduced, region, simulation.dt, settings.bandwidth)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"controller: {error}") from None
-    elif settings.bandwidth is not None:
-        raise ConfigurationError("controller.bandwidth: belongs to the preset 'scaled'")
-    return VelocityGains(
-        k=_gain(settings.k, gains.k),
-        beta=_gain(settings.beta, gains.beta),
-        sigma=gains.sigma if settings.sigma is None else settings.sigma,
-    )
-
-
-def _gain(value: float | list[float] | None, default: float | np.ndarray) -> float | np.ndarray:
-    if value is None:
-        return default
-    return np.array(value) if isinstance(value, list) else value
-
-
-def _check_gain_lengths(settings: ControllerSettings, task: Task) -> None:
-    primary = len(task.primary) if settings.type == "redundancy" else task.r
-    sizes = {"k": task.r, "beta": task.r, "k3": len(task.vertical), "k21": primary}
-    for name, size in sizes.items():
-        value = getattr(settings, name)
-        if isinstance(value, list) and len(value) != size:
-            raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+def _described(controller: object) -> dict[str, Any]:
+    """Gains of a controller and of those under it, for the record."""
+    content: dict[str, Any] = {"type": type(controller).__name__}
+    for name in ("gains", "k", "k3", "k21", "k2"):
+        value = getattr(controller, name, None)
+        if is_dataclass(value):
+            value = {each.name: np.asarray(getattr(value, each.name)).tolist() for each in fields(value)}
+        if value is not None:
+            content[name] = value if isinstance(value, dict) else np.asarray(value).tolist()
+    for name in ("target", "tracker"):
+        if hasattr(controller, name):
+            content[name] = _described(getattr(controller, name))
+    return content
 
 
 def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:

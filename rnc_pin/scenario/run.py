@@ -119,7 +119,10 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
             others[label], failure = _simulate(plan, experiment, watch(done, None))
             done += experiment.simulation.duration
             compared = summarize(others[label])
-            chosen = ("outcome", "message", "final_output", "final_error", "max_error", "rms_error")
+            chosen = (
+                *("outcome", "message", "final_output", "final_error", "max_error", "rms_error"),
+                *("final_estimates", "late_prediction_error_rms", "late_rms_error"),
+            )
             summary.setdefault("comparisons", {})[label] = {key: compared[key] for key in chosen if key in compared}
             if failure is not None:
                 summary["comparisons"][label]["message"] = str(failure)
@@ -169,14 +172,17 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
     written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
     if not pictures or len(trajectory.time) < 2:
         return written
-    from rnc_pin.visualization.plots import plot_outputs, plot_overview
+    from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview
 
     scenario = plan.experiment.scenario
     for name, settings in scenario.plots.items():
         labels = result.comparisons if settings.comparisons is None else settings.comparisons
         shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
         path = folder.file(f"{name}.png")
-        written.append(plot_outputs(trajectory, settings.outputs, path, settings.title, shown))
+        if settings.quantity == "outputs":
+            written.append(plot_outputs(trajectory, settings.outputs, path, settings.title, shown))
+        else:
+            written.append(plot_learning(trajectory, settings.quantity, path, settings.title, shown))
     written.append(plot_overview(trajectory, folder.file("overview.png"), scenario.title))
     visual = plan.experiment.reduced.robot.visual_model
     if visual is not None and len(visual.geometryObjects):

@@ -371,18 +371,40 @@ def _sized(values: Sequence[float] | np.ndarray | None, like: np.ndarray) -> np.
 # ---------------------------------------------------------------------- controller and simulation
 
 
+class UnknownMasses(Strict):
+    """Bodies whose masses are estimated."""
+
+    base: str
+    """The joint whose momentum is conserved."""
+    initial: Annotated[dict[str, float], Field(min_length=1)]
+    """Joint that carries the body: first estimate, in ``unit``."""
+    unit: Positive = 1.0
+    """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
+    bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
+
+
 class ControllerSettings(Strict):
     """Which controller, which preset of gains, and gains set by hand on top of it."""
 
-    type: Literal["redundancy", "reducing_outputs"]
-    """``redundancy``: (12) over (10). ``reducing_outputs``: (10) alone, the vertical outputs go where they will."""
+    type: Literal["redundancy", "reducing_outputs", "jacobian_transpose", "uncertain_redundancy"]
+    """``redundancy``: (12) over a velocity tracker. ``reducing_outputs``: references for all reducing outputs, the
+    vertical ones go where they will. ``jacobian_transpose``: (8)-(9) on the ``active`` actuators, the others off.
+    ``uncertain_redundancy``: (16) with masses estimated by (20)."""
+    tracker: Literal["adaptive", "computed_torque"] = "adaptive"
+    """Under the first two types: (10), or the model-based baseline."""
     preset: Literal["paper", "scaled"] = "scaled"
+    active: list[str] | None = None
+    unknown: UnknownMasses | None = None
+    alpha: Annotated[float, Field(ge=0)] | None = None
     k: float | Numbers | None = None
+    k1: float | Numbers | None = None
+    k2: float | Numbers | None = None
+    k3: float | Numbers | None = None
+    k21: float | Numbers | None = None
+    gamma: Positive | None = None
     beta: float | Numbers | None = None
     sigma: Annotated[float, Field(ge=0)] | None = None
     bandwidth: Positive | None = None
-    k3: float | Numbers | None = None
-    k21: float | Numbers | None = None
 
 
 class SimulationSettings(Strict):
@@ -405,10 +427,18 @@ class Initial(Strict):
 class PlotSettings(Strict):
     """One plot: some outputs over time."""
 
-    outputs: Annotated[list[str], Field(min_length=1)]
+    outputs: list[str] = []
+    quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
+    """Outputs by name, or all that the controller estimates or mispredicts."""
     title: str | None = None
     comparisons: list[str] | None = None
     """Labels of the comparisons that it shows; all by default."""
+
+    @model_validator(mode="after")
+    def _something_to_show(self) -> PlotSettings:
+        if bool(self.outputs) != (self.quantity == "outputs"):
+            raise ValueError("expected 'outputs', or a 'quantity' other than outputs")
+        return self
 
 
 class View(Strict):

@@ -135,6 +135,7 @@ class _Record:
             "time": (), "q": (reduced.robot.nq,), "v2": (reduced.r,), "v2_desired": (reduced.r,),
             "x1": (reduced.vertical.size,), "x1_desired": (reduced.vertical.size,),
             "x2": (reduced.r,), "x2_desired": (reduced.r,), "T": (reduced.p,), "work": (),
+            "estimates": (0,), "prediction_error": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
 
@@ -145,6 +146,12 @@ class _Record:
         for name in ("v2_desired", "x1_desired", "x2_desired"):
             value = getattr(command, name)
             if value is not None:
+                a[name][i] = value
+        for name in ("estimates", "prediction_error"):
+            value = getattr(command, name)
+            if value is not None:
+                if not a[name].shape[1]:
+                    a[name] = np.full((self.capacity, np.size(value)), np.nan)
                 a[name][i] = value
         self.count += 1
 

@@ -49,6 +49,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
         "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
+        **_learning(trajectory),
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
         "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
@@ -60,4 +61,17 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
         "wall_time": wall_time,
         "realtime_factor": None if not wall_time else duration / wall_time,
         "versions": trajectory.meta.get("versions"),
+    }
+
+
+def _learning(trajectory: Trajectory) -> dict[str, Any]:
+    """What a controller that estimates made of it; "late" is the second half of the run."""
+    if not trajectory.estimates.shape[1] or not len(trajectory.time):
+        return {}
+    late = trajectory.time >= 0.5 * trajectory.time[-1]
+    rms = {name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()}
+    return {
+        "final_estimates": trajectory.estimates[-1].tolist(),
+        "late_prediction_error_rms": float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2))),
+        "late_rms_error": rms,
     }

@@ -57,6 +57,10 @@ class Trajectory:
     """Largest entry of ``A v``."""
     singular_value: Float[Array, " N"]
     """Smallest singular value of the stack E with unit rows."""
+    estimates: Float[Array, "N s"]
+    """Parameters that the controller learnt; no columns where it learns none by name."""
+    prediction_error: Float[Array, "N e"]
+    """Measured less predicted rates of the vertical outputs, where the controller predicts them."""
     meta: dict[str, Any] = field(default_factory=dict)
     """Names, units, scenario, versions, seed, outcome."""
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -73,12 +74,47 @@ def plot_outputs(
         axes.set_xlabel("time [s]")
         axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
         axes.margins(x=0.01)
-        axes.legend(
-            handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(4, len(handles)), fontsize=9
-        )
-        if title:
-            axes.set_title(title, loc="left")
-        figure.savefig(path)
+        _finish(figure, axes, handles, title, path)
+    return Path(path)
+
+
+def plot_learning(
+    trajectory: Trajectory,
+    quantity: str,
+    path: str | Path,
+    title: str | None = None,
+    comparisons: Mapping[str, Trajectory] | None = None,
+) -> Path:
+    """What a controller learnt over time, or how far its predictions were off.
+
+    Args:
+        trajectory: the run.
+        quantity: "estimates" or "prediction_error".
+        path: of the PNG.
+        title: above the plot.
+        comparisons: other runs by label, dashed.
+    """
+    values = getattr(trajectory, quantity)
+    names = trajectory.meta.get("estimates") if quantity == "estimates" else trajectory.meta["names"]["x1"]
+    names = list(names or [f"{quantity} {column}" for column in range(values.shape[1])])[: values.shape[1]]
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(6.4, 3.6))
+        axes = figure.subplots()
+        handles = []
+        for column, (color, name) in enumerate(zip(_cycle(names), names, strict=True)):
+            handles += axes.plot(trajectory.time, values[:, column], color=color, label=_words(name), lw=1.4)
+            for style, other in zip(cycle(_DASHES), (comparisons or {}).values(), strict=False):
+                series = getattr(other, quantity)
+                if series.shape[1] > column:
+                    axes.plot(other.time, series[:, column], color="0.3", ls=style, lw=1.2, zorder=1.5)
+        handles += [
+            Line2D([], [], color="0.3", ls=style, lw=1.2, label=label)
+            for style, label in zip(cycle(_DASHES), comparisons or {}, strict=False)
+        ]
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("estimate [unit]" if quantity == "estimates" else "measured less predicted rate [1/s]")
+        axes.margins(x=0.01)
+        _finish(figure, axes, handles, title, path)
     return Path(path)
 
 
@@ -135,3 +171,11 @@ def _words(name: str) -> str:
 
 def _quantity(unit: str) -> str:
     return {"m": "position", "rad": "angle"}.get(unit, "value")
+
+
+def _finish(figure: Figure, axes: Axes, handles: list[Line2D], title: str | None, path: str | Path) -> None:
+    below = (0.5, -0.16)
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=below, ncols=min(4, len(handles)), fontsize=9)
+    if title:
+        axes.set_title(title, loc="left")
+    figure.savefig(path)

@@ -1,0 +1,217 @@
+"""From controller settings to controllers: one function a type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rnc_pin.control import (
+    ComputedTorque,
+    Controller,
+    JacobianTransposeController,
+    KinematicController,
+    PositionGains,
+    PositionTracker,
+    ReducingOutputController,
+    RedundancyController,
+    UncertainRedundancyController,
+    UnknownMass,
+    VelocityGains,
+    VelocityTracker,
+)
+from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.planning import Joined, Reference, ReferencePoint, TaskReference
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.scenario.schema import ControllerSettings, SimulationSettings
+from rnc_pin.simulation import kinematic_rollout, preflight
+from rnc_pin.task import Task
+
+_ROLLOUT_STEP = 0.05  # [s]; the region that gains are scaled to is smooth
+_OUTER_GAIN = 2.0  # the paper's k3 [1/s]
+_COMPUTED_TORQUE_GAIN = 20.0  # [1/s]
+_ALPHA = {"paper": 1.0, "scaled": 20.0}
+_THIN = 0.01  # smallest singular value below which a reference deserves a warning
+
+
+@dataclass
+class Setting:
+    """What a controller is built from, and what was noticed on the way."""
+
+    settings: ControllerSettings
+    simulation: SimulationSettings
+    reduced: ReducedModel
+    task: Task
+    references: dict[str, Reference]
+    q0: np.ndarray
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def horizon(self) -> float:
+        """How long references move, and a little longer [s]."""
+        longest = max(reference.duration for reference in self.references.values()) + 1.0
+        return min(self.simulation.duration, longest)
+
+    def gain(self, name: str, default: float | np.ndarray, size: int) -> float | np.ndarray:
+        """A gain of the settings, checked for its length, or the preset's."""
+        value = getattr(self.settings, name)
+        if value is None:
+            return default
+        if isinstance(value, list) and len(value) != size:
+            raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+        return np.array(value) if isinstance(value, list) else value
+
+
+def build_controller(setting: Setting) -> Controller:
+    """The controller that the settings name.
+
+    Raises:
+        ConfigurationError: a setting does not belong to it, or has the wrong length.
+    """
+    _refuse_strangers(setting.settings)
+    return _TYPES[setting.settings.type](setting)
+
+
+def _redundancy(setting: Setting) -> Controller:
+    """(12) over (10) or computed torque."""
+    return _tracked(setting, _class_1(setting))
+
+
+def _uncertain_redundancy(setting: Setting) -> Controller:
+    """(16) and (20) over (10) or computed torque."""
+    settings, masses = setting.settings, setting.settings.unknown
+    if masses is None:
+        raise ConfigurationError("controller.unknown: is missing; name the base and the bodies of unknown mass")
+    kinematic = _class_1(setting)
+    alpha = _ALPHA[settings.preset] if settings.alpha is None else settings.alpha
+    unknown = [UnknownMass(joint, masses.unit) for joint in masses.initial]
+    low, high = masses.bounds
+    estimating = UncertainRedundancyController(
+        setting.reduced, kinematic, masses.base, unknown, list(masses.initial.values()), (low, high), alpha
+    )
+    # Gains are scaled along the way that exact kinematics would take: the way that is meant.
+    return _tracked(setting, estimating, kinematic)
+
+
+def _class_1(setting: Setting) -> RedundancyController:
+    task, references = setting.task, setting.references
+    _watch(setting)
+    # The paper feeds x21d_dot open loop.
+    k21 = 0.0 if setting.settings.preset == "paper" else _OUTER_GAIN
+    return RedundancyController(
+        task,
+        references["primary"],
+        references["vertical"],
+        k3=setting.gain("k3", _OUTER_GAIN, len(task.vertical)),
+        k21=setting.gain("k21", k21, len(task.primary)),
+    )
+
+
+def _reducing_outputs(setting: Setting) -> Controller:
+    """Every reducing output follows a reference of its own."""
+    task, references = setting.task, setting.references
+    order = np.argsort(np.concatenate([task.primary, task.redundant]))
+    reference = _Reordered(Joined([references["primary"], references["redundant"]]), order)
+    k21 = setting.gain("k21", _OUTER_GAIN, task.r)
+    return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21))
+
+
+def _tracked(setting: Setting, kinematic: KinematicController, meant: KinematicController | None = None) -> Controller:
+    """A kinematic controller over the dynamic one that the settings ask for.
+
+    Gains are scaled to where ``meant`` leads, by default the kinematic controller itself.
+    """
+    settings, reduced, r = setting.settings, setting.reduced, setting.reduced.r
+    if settings.tracker == "computed_torque":
+        return ComputedTorque(reduced, kinematic, setting.gain("k", _COMPUTED_TORQUE_GAIN, r))
+    gains = VelocityGains.paper()
+    if settings.preset == "scaled":
+        try:
+            _, region = kinematic_rollout(reduced, meant or kinematic, setting.q0, setting.horizon, _ROLLOUT_STEP)
+        except SingularityError:
+            region = setting.q0[None]  # the run will end there too, and its results are wanted
+        try:
+            gains = VelocityGains.scaled(reduced, region, setting.simulation.dt, settings.bandwidth)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"controller: {error}") from None
+    sigma = gains.sigma if settings.sigma is None else settings.sigma
+    return VelocityTracker(
+        kinematic, VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
+    )
+
+
+def _jacobian_transpose(setting: Setting) -> Controller:
+    """(8)-(9) for the primary outputs on some of the actuators, the others off."""
+    settings, task, reduced = setting.settings, setting.task, setting.reduced
+    if settings.active is None:
+        raise ConfigurationError("controller.active: is missing; name the actuators that are on")
+    tracker = PositionTracker(
+        setting.references["primary"], outputs=task.primary, angular=reduced.reducing.angular[task.primary]
+    )
+    controller = JacobianTransposeController(reduced, tracker, settings.active)
+    size = len(task.primary)
+    gains = PositionGains.paper()
+    if settings.preset == "scaled":
+        # Outputs that nothing drives drift, so the region is not known beforehand: take the start.
+        gains = PositionGains.scaled(controller.effective_inertia(setting.q0)[None], setting.simulation.dt)
+    tracker.gains = PositionGains(
+        k1=setting.gain("k1", gains.k1, size),
+        k2=setting.gain("k2", gains.k2, size),
+        gamma=gains.gamma if settings.gamma is None else settings.gamma,
+        beta=setting.gain("beta", gains.beta, size),
+        sigma=gains.sigma if settings.sigma is None else settings.sigma,
+    )
+    return controller
+
+
+_TYPES: dict[str, Callable[[Setting], Controller]] = {
+    "redundancy": _redundancy,
+    "reducing_outputs": _reducing_outputs,
+    "jacobian_transpose": _jacobian_transpose,
+    "uncertain_redundancy": _uncertain_redundancy,
+}
+_VELOCITY_GAINS = {"k", "k21", "bandwidth"}
+_OWN = {  # settings that some types have and others do not
+    "redundancy": {*_VELOCITY_GAINS, "k3"},
+    "reducing_outputs": _VELOCITY_GAINS,
+    "jacobian_transpose": {"k1", "k2", "gamma", "active"},
+    "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
+}
+
+
+def _refuse_strangers(settings: ControllerSettings) -> None:
+    """A gain that the controller does not have would be ignored in silence."""
+    strangers = set().union(*_OWN.values()) - _OWN[settings.type]
+    for name in sorted(strangers):
+        if getattr(settings, name) is not None:
+            raise ConfigurationError(f"controller.{name}: does not belong to type '{settings.type}'")
+    if settings.preset != "scaled" and settings.bandwidth is not None:
+        raise ConfigurationError("controller.bandwidth: belongs to the preset 'scaled'")
+
+
+def _watch(setting: Setting) -> None:
+    """Preflight: warn of singular configurations along the reference before anything moves."""
+    reference = TaskReference(setting.references["primary"], setting.references["vertical"])
+    margins = preflight(setting.reduced, setting.task, reference, setting.q0, setting.horizon, _ROLLOUT_STEP)
+    if margins.singular is not None:
+        setting.warnings.append(f"the reference leads into a singular configuration: {margins.singular}")
+        return
+    for margin, what in ((margins.stack, "E = [A; J2]"), (margins.A4, "A4")):
+        if margin.value < _THIN:
+            setting.warnings.append(
+                f"the reference comes close to a singular configuration: smallest singular value of {what} is "
+                f"{margin.value:.2g} at t = {margin.time:.2f} s"
+            )
+
+
+class _Reordered:
+    """A reference with its outputs in another order."""
+
+    def __init__(self, reference: Reference, order: np.ndarray) -> None:
+        self._reference, self._order = reference, order
+        self.size, self.duration = reference.size, reference.duration
+
+    def at(self, t: float) -> ReferencePoint:
+        point = self._reference.at(t)
+        return ReferencePoint(*(each[self._order] for each in point))

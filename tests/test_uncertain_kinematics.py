@@ -1,0 +1,159 @@
+"""Uncertain kinematics (14)-(21): the regressor is exact, the estimator is Lemma 4's, and it is worth having."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import (
+    MomentumRegressor,
+    RedundancyController,
+    UncertainRedundancyController,
+    UnknownMass,
+    VelocityGains,
+    VelocityTracker,
+)
+from rnc_pin.control.momentum_estimator import adapt
+from rnc_pin.planning import Harmonic
+from systems import free_flying_panda, random_states, space_robot
+from tolerances import ROUNDING
+
+LINKS = [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)]
+
+
+def uncertain(initial=(1.6, 0.4, 1.5), **changes):
+    reduced = space_robot()
+    q0 = reduced.robot.configuration({"joint_2": 1.4, "joint_3": -1.6})
+    _, x2 = reduced.outputs(q0)
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    tip = Harmonic(x2[:2], [0.3, 0.1], [0.2, 0.13], ramp=3.0)
+    controller = RedundancyController(task, tip, Harmonic([0.0], [0.15], 0.1, ramp=3.0), 2.0, 2.0)
+    return (
+        reduced,
+        controller,
+        q0,
+        UncertainRedundancyController(reduced, controller, "platform", LINKS, initial, **changes),
+    )
+
+
+def test_regressor_predicts_the_base_exactly_at_the_true_masses():
+    reduced = space_robot()
+    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
+    for q, v2 in random_states(reduced, 5):
+        v = reduced.terms(q, v2).v
+        W0, W = regressor.predict(q, v)
+        np.testing.assert_allclose(W0 + W @ np.ones(3), v[:1], atol=ROUNDING)  # p_k = m_k / J = 1
+
+
+def test_regressor_is_linear_in_the_masses_of_another_robot():
+    """Independent: change the masses in the model itself and look at its own momentum row."""
+    reduced = space_robot()
+    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
+    generator = np.random.default_rng(0)
+    p = np.array([0.7, 1.9, 0.2])
+    model = reduced.robot.model.copy()
+    for joint, value in zip(regressor.joints, p, strict=True):
+        model.inertias[joint] = pin.Inertia.FromDynamicParameters(value * model.inertias[joint].toDynamicParameters())
+    data = model.createData()
+    for _ in range(5):
+        q, v = reduced.robot.random_configuration(generator), generator.normal(size=4)
+        A = pin.crba(model, data, q)[0]
+        v[0] = -A[1:] @ v[1:] / A[0]  # a velocity that this other robot can have
+        W0, W = regressor.predict(q, v)
+        np.testing.assert_allclose(W0 + W @ p, v[:1], atol=ROUNDING)
+
+
+def test_regressor_of_a_free_flyer_has_six_rows():
+    reduced = free_flying_panda()
+    unknown = [UnknownMass("panda_joint7"), UnknownMass("panda_joint4")]
+    regressor = MomentumRegressor(reduced.robot, "root_joint", unknown)
+    masses = np.array([reduced.robot.model.inertias[joint].mass for joint in regressor.joints])
+    for q, v2 in random_states(reduced, 3):
+        v = reduced.terms(q, v2).v
+        W0, W = regressor.predict(q, v)
+        assert W.shape == (6, 2)
+        np.testing.assert_allclose(W0 + W @ masses, v[:6], atol=1e-9 * (1 + np.abs(v).max()))
+
+
+def test_true_masses_of_unknown_bodies_are_never_read():
+    """Scaling them in the robot that is handed over changes nothing that the controller computes."""
+    reduced = space_robot()
+    other = rnc.Robot.from_urdf("space_robot.urdf").model
+    for joint in (2, 3, 4):
+        other.inertias[joint] = pin.Inertia.FromDynamicParameters(3.0 * other.inertias[joint].toDynamicParameters())
+    lied_to = MomentumRegressor(rnc.Robot(other), "platform", LINKS)
+    honest = MomentumRegressor(reduced.robot, "platform", LINKS)
+    for q, v2 in random_states(reduced, 3):
+        v = reduced.terms(q, v2).v
+        for a, b in zip(honest.predict(q, v), lied_to.predict(q, v), strict=True):
+            np.testing.assert_allclose(a, b, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("gain", [0.1, 10.0, 1e6])
+def test_estimation_error_never_grows(gain):
+    """Lemma 4, in discrete time, for any gain: V = |p - phat|^2 / 2."""
+    generator = np.random.default_rng(1)
+    p, guess = np.array([1.0, 2.0, 0.5]), np.array([0.2, 5.0, 3.0])
+    low, high = np.full(3, 0.1), np.full(3, 6.0)
+    distances = [np.linalg.norm(p - guess)]
+    for _ in range(200):
+        W = generator.normal(size=(2, 3))
+        guess = adapt(guess, W, W @ (p - guess), gain, 0.01, low, high)
+        distances.append(np.linalg.norm(p - guess))
+    assert (np.diff(distances) <= ROUNDING).all()
+    assert distances[-1] < (0.9 if gain < 1 else 0.05) * distances[0]
+
+
+def test_small_steps_are_the_papers_law():
+    W, error = np.array([[1.0, -2.0, 0.5]]), np.array([0.3])
+    wide = np.full(3, -9.0), np.full(3, 9.0)
+    moved = adapt(np.zeros(3), W, error, 2.0, 1e-7, *wide)
+    np.testing.assert_allclose(moved / 1e-7, 2.0 * W.T @ error, rtol=1e-5)
+
+
+def test_estimates_stay_within_their_bounds():
+    guess = adapt(np.array([1.0]), np.array([[1.0]]), np.array([50.0]), 1e3, 1.0, np.array([0.5]), np.array([2.0]))
+    np.testing.assert_array_equal(guess, [2.0])
+
+
+def test_at_the_true_masses_it_is_the_class_1_controller():
+    reduced, controller, _, estimating = uncertain(initial=(1.0, 1.0, 1.0))
+    for q, v2 in random_states(reduced, 3, condition=50.0):
+        measured = reduced.measure(q, v2)
+        exact, _ = controller.step(1.0, measured, None)
+        target, state = estimating.step(1.0, measured, estimating.initial_state(measured))
+        np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
+        np.testing.assert_allclose(target.v2_dot, exact.v2_dot, atol=1e-8 * (1 + np.abs(exact.v2_dot).max()))
+        np.testing.assert_allclose(target.prediction_error, 0.0, atol=ROUNDING)
+        np.testing.assert_allclose(state.p, 1.0, atol=ROUNDING)
+
+
+def test_learning_makes_predictions_and_the_platform_better():
+    late_error, late_angle = {}, {}
+    for alpha in (0.0, 20.0):
+        reduced, controller, q0, estimating = uncertain(alpha=alpha)
+        _, region = rnc.kinematic_rollout(reduced, controller, q0, 10.0, 0.1)
+        tracker = VelocityTracker(estimating, VelocityGains.scaled(reduced, region, 0.003))
+        run = rnc.simulate(reduced, tracker, q0, 24.0, 0.003)
+        late = run.time > 12.0
+        late_error[alpha] = np.sqrt(np.mean(run.prediction_error[late] ** 2))
+        late_angle[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
+        assert run.estimates.shape == (len(run.time), 3)
+        if alpha:
+            wrong = np.linalg.norm(run.estimates - 1.0, axis=1)
+            assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
+    assert late_error[20.0] < 0.1 * late_error[0.0]
+    assert late_angle[20.0] < 0.5 * late_angle[0.0]
+
+
+def test_nonsense_is_refused():
+    reduced, controller, _, _ = uncertain()
+    for initial, words in (((1.0, 1.0), "2 initial estimates for 3"), ((1.0, 1.0, 99.0), "within positive bounds")):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            UncertainRedundancyController(reduced, controller, "platform", LINKS, initial)
+    with pytest.raises(rnc.ModelError, match="did you mean 'joint_"):
+        MomentumRegressor(reduced.robot, "platform", [UnknownMass("joint_9")])
+    with pytest.raises(rnc.ConfigurationError, match="no body of known mass turns with joint 'platform'"):
+        MomentumRegressor(reduced.robot, "platform", [UnknownMass("platform"), *LINKS])
+    with pytest.raises(rnc.ConstraintError, match="not conserved"):
+        MomentumRegressor(reduced.robot, "joint_2", LINKS)
