@@ -268,6 +268,19 @@ class ReducedModel:
             A_star_dot=J1_dot @ R + J1 @ R_dot,
         )
 
+    def kinematic_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
+        """Derivatives of ``A_star`` along the motion of single reducing outputs: how A_star depends on them.
+
+        Args:
+            q: configurations (..., nq).
+            along: positions in x2, (s,).
+        """
+        q = np.asarray(q, float)
+        directions = np.eye(self.r)[list(along)]
+        spread = np.broadcast_to(q[..., None, :], (*q.shape[:-1], len(directions), self._nq))
+        each = self.measure(np.ascontiguousarray(spread), np.broadcast_to(directions, (*spread.shape[:-1], self.r)))
+        return np.moveaxis(each.A_star_dot, -3, -1)
+
     def outputs(self, q: ArrayInput, integrals: Array | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r) of the vertical and reducing outputs."""
         q = self._admit(q)

@@ -9,6 +9,7 @@ from rnc_pin.control.protocol import Command, Controller, KinematicController, V
 from rnc_pin.control.reducing import ReducingOutputController
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.control.split import SplitController
+from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 
@@ -25,6 +26,7 @@ __all__ = [
     "ReducingOutputController",
     "RedundancyController",
     "SplitController",
+    "SteeringController",
     "TrackerState",
     "UncertainRedundancyController",
     "UnknownMass",

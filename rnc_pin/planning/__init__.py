@@ -1,5 +1,6 @@
 """Where outputs should go."""
 
+from rnc_pin.planning.car_path import CarPath
 from rnc_pin.planning.references import (
     Harmonic,
     Hold,
@@ -11,4 +12,14 @@ from rnc_pin.planning.references import (
     ViaPoints,
 )
 
-__all__ = ["Harmonic", "Hold", "Joined", "MinimumJerk", "Reference", "ReferencePoint", "TaskReference", "ViaPoints"]
+__all__ = [
+    "CarPath",
+    "Harmonic",
+    "Hold",
+    "Joined",
+    "MinimumJerk",
+    "Reference",
+    "ReferencePoint",
+    "TaskReference",
+    "ViaPoints",
+]

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.control import Controller
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.planning import Hold, Reference
+from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
 from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.system import NonholonomicSystem
@@ -52,6 +54,7 @@ class Experiment:
     q0: np.ndarray
     simulation: SimulationSettings
     warnings: tuple[str, ...]
+    path: CarPath | None
     notes: dict[str, Any]
 
 
@@ -78,6 +81,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0)
+    path = _path(scenario, setting)
     controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
@@ -89,8 +93,55 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
+        path=path,
         notes={"controller": _described(controller), **_estimated(setting)},
     )
+
+
+def _path(scenario: Scenario, setting: Setting) -> CarPath | None:
+    """Plan the path that the scenario asks for, and put its references in their places."""
+    settings, task, reduced = scenario.reference.path, setting.task, setting.reduced
+    if settings is None:
+        return None
+    if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
+        raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
+    if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
+        raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
+    frame = frame_pose(reduced.robot, settings.frame, setting.q0)
+    try:
+        path = CarPath(frame, np.array(settings.to), settings.duration, settings.wheelbase)
+        setting.references["primary"] = path.reference
+        if settings.trailer is not None:
+            reduced.robot.frame_id(settings.trailer.frame)
+            setting.references["vertical"] = path.follower(settings.trailer.length)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"reference.path: {error}") from None
+    names = [f"{settings.frame}_{axis}" for axis in "xy"]
+    if all(name in reduced.vertical.names for name in names):
+        where = np.array([reduced.vertical.names.index(name) for name in names])
+        setting.watched = (where, path.position)
+    return path
+
+
+def frame_pose(robot: Robot, frame: str, q: np.ndarray) -> np.ndarray:
+    """x, y and heading of a frame (3,) at a configuration."""
+    data = robot.model.createData()
+    index = robot.frame_id(frame)
+    pin.framesForwardKinematics(robot.model, data, q)
+    placement = data.oMf[index]
+    heading = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
+    return np.array([*placement.translation[:2], heading])
+
+
+def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
+    """Largest distance [m] of a trailer's axle from the path, or None where there is neither."""
+    settings = experiment.scenario.reference.path
+    if experiment.path is None or settings is None or settings.trailer is None:
+        return None
+    robot = experiment.reduced.robot
+    # Every tenth sample: a vehicle moves little in between.
+    points = np.array([frame_pose(robot, settings.trailer.frame, q)[:2] for q in configurations[::10]])
+    return float(experiment.path.distance(points).max())
 
 
 def _estimated(setting: Setting) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from rnc_pin.control import (
     PositionTracker,
     ReducingOutputController,
     RedundancyController,
+    SteeringController,
     UncertainRedundancyController,
     UnknownMass,
     VelocityGains,
@@ -45,6 +46,7 @@ class Setting:
     task: Task
     references: dict[str, Reference]
     q0: np.ndarray
+    watched: tuple[np.ndarray, Reference] | None = None
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -92,6 +94,23 @@ def _uncertain_redundancy(setting: Setting) -> Controller:
     )
     # Gains are scaled along the way that exact kinematics would take: the way that is meant.
     return _tracked(setting, estimating, kinematic)
+
+
+def _steering(setting: Setting) -> Controller:
+    """Class 2s over (10) or computed torque."""
+    settings, task, references = setting.settings, setting.task, setting.references
+    k21 = 0.0 if settings.preset == "paper" else _OUTER_GAIN
+    kinematic = SteeringController(
+        setting.reduced,
+        task,
+        references["primary"],
+        references["vertical"],
+        k3=setting.gain("k3", _OUTER_GAIN, len(task.vertical)),
+        k21=setting.gain("k21", k21, len(task.primary)),
+        watched=setting.watched,
+        **({} if settings.k4 is None else {"k4": settings.k4}),
+    )
+    return _tracked(setting, kinematic)
 
 
 def _class_1(setting: Setting) -> RedundancyController:
@@ -170,6 +189,7 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "reducing_outputs": _reducing_outputs,
     "jacobian_transpose": _jacobian_transpose,
     "uncertain_redundancy": _uncertain_redundancy,
+    "steering": _steering,
 }
 _VELOCITY_GAINS = {"k", "k21", "bandwidth"}
 _OWN = {  # settings that some types have and others do not
@@ -177,6 +197,7 @@ _OWN = {  # settings that some types have and others do not
     "reducing_outputs": _VELOCITY_GAINS,
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
+    "steering": {*_VELOCITY_GAINS, "k3", "k4"},
 }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
-from rnc_pin.scenario.builder import Experiment, build_experiment
+from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
@@ -111,22 +111,28 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
     # The summary's wall time is that of the simulation: building and drawing are not in it.
     start = time.perf_counter()
     trajectory, error = _simulate(plan, plan.experiment, watch(0.0, observer))
-    summary = summarize(trajectory, time.perf_counter() - start)
+    summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
     others: dict[str, Trajectory] = {}
     done = plan.duration
     if error is None and trajectory.outcome is Outcome.COMPLETED:
         for label, experiment in plan.comparisons.items():
             others[label], failure = _simulate(plan, experiment, watch(done, None))
             done += experiment.simulation.duration
-            compared = summarize(others[label])
+            compared = _summary(experiment, others[label])
             chosen = (
                 *("outcome", "message", "final_output", "final_error", "max_error", "rms_error"),
-                *("final_estimates", "late_prediction_error_rms", "late_rms_error"),
+                *("final_estimates", "late_prediction_error_rms", "late_rms_error", "off_tracking_max"),
             )
             summary.setdefault("comparisons", {})[label] = {key: compared[key] for key in chosen if key in compared}
             if failure is not None:
                 summary["comparisons"][label]["message"] = str(failure)
     return Result(trajectory, summary, error, others)
+
+
+def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> dict[str, Any]:
+    summary = summarize(trajectory, wall_time)
+    strayed = off_tracking(experiment, trajectory.q)
+    return summary if strayed is None else {**summary, "off_tracking_max": strayed}
 
 
 def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:

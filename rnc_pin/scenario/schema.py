@@ -353,8 +353,32 @@ ReferenceItem = Annotated[
 ]
 
 
+class TrailerSettings(Strict):
+    """A trailer whose axle should stay on the path of the vehicle that pulls it."""
+
+    frame: str
+    """At the middle of its axle."""
+    length: Positive
+    """Kingpin to axle [m]."""
+
+
+class PathSettings(Strict):
+    """A vehicle with front steering driven from where it is to a pose; gives the primary and vertical references."""
+
+    frame: str
+    """At the middle of the rear axle, x forward."""
+    to: Annotated[list[float], Field(min_length=3, max_length=3)]
+    """x, y [m] and heading [rad]."""
+    duration: Positive
+    wheelbase: Positive
+    trailer: TrailerSettings | None = None
+
+
 class References(Strict):
     """Desired trajectories of the task's outputs; what is left out stays at its initial value."""
+
+    path: PathSettings | None = None
+    """Instead of ``primary`` (distance driven, steering angle) and, with a trailer, ``vertical`` (its heading)."""
 
     primary: ReferenceItem | None = None
     redundant: ReferenceItem | None = None
@@ -386,10 +410,10 @@ class UnknownMasses(Strict):
 class ControllerSettings(Strict):
     """Which controller, which preset of gains, and gains set by hand on top of it."""
 
-    type: Literal["redundancy", "reducing_outputs", "jacobian_transpose", "uncertain_redundancy"]
+    type: Literal["redundancy", "reducing_outputs", "jacobian_transpose", "uncertain_redundancy", "steering"]
     """``redundancy``: (12) over a velocity tracker. ``reducing_outputs``: references for all reducing outputs, the
     vertical ones go where they will. ``jacobian_transpose``: (8)-(9) on the ``active`` actuators, the others off.
-    ``uncertain_redundancy``: (16) with masses estimated by (20)."""
+    ``uncertain_redundancy``: (16) with masses estimated by (20). ``steering``: class 2s."""
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
     """Under the first two types: (10), or the model-based baseline."""
     preset: Literal["paper", "scaled"] = "scaled"
@@ -401,6 +425,7 @@ class ControllerSettings(Strict):
     k2: float | Numbers | None = None
     k3: float | Numbers | None = None
     k21: float | Numbers | None = None
+    k4: Positive | None = None
     gamma: Positive | None = None
     beta: float | Numbers | None = None
     sigma: Annotated[float, Field(ge=0)] | None = None

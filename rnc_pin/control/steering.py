@@ -1,0 +1,114 @@
+"""Class 2s: redundant outputs that steer. Where A4 = 0 their angle, not their rate, moves the vertical outputs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.linear_algebra import apply
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.rows import angle_difference
+from rnc_pin.task import Task
+
+_A4_ZERO = 1e-9
+
+
+class SteeringController:
+    """Backstepping for ``x11dot = A3(x, x22) v21``.
+
+    The paper puts its fire truck into class 2, but (13) has nothing to invert there: A4 = 0. Wanted is the rate
+    ``w = x11d_dot + k3 (x11d - x11)``; the redundant outputs are moved so that what ``A3 v21`` misses of it fades
+    at ``k4``,
+
+        N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22,      N = d(A3 v21)/dx22,
+
+    with N from the exact gradient of A_star. N vanishes with v21, for a vehicle that stands cannot be steered;
+    there the inverse is damped and x22 rests.
+
+    Reads from the measurement: ``q, v2, v1, x1, x2, A_star, A_star_dot``. One state at a time.
+
+    Args:
+        reduced: whose kinematics they are.
+        task: as many redundant as vertical outputs; the latter are x11.
+        primary: reference of x21.
+        vertical: reference of x11.
+        k3: [1/s], of the vertical outputs.
+        k4: [1/s], of their rates; some times k3.
+        k21: [1/s], of the primary outputs.
+        damping: value of N below which steering fades out.
+        fastest: largest rate asked of the redundant outputs.
+        watched: positions in x1 and reference of vertical outputs that only the primary ones drive (x12); for the
+            record.
+
+    Raises:
+        ConfigurationError: not as many redundant as vertical outputs, or A4 is not zero.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        task: Task,
+        primary: Reference,
+        vertical: Reference,
+        k3: float | np.ndarray = 2.0,
+        k4: float = 10.0,
+        k21: float | np.ndarray = 2.0,
+        damping: float = 0.02,
+        fastest: float = 4.0,
+        watched: tuple[np.ndarray, Reference] | None = None,
+    ) -> None:
+        if len(task.redundant) != len(task.vertical) or not len(task.redundant):
+            raise ConfigurationError(
+                f"steering needs as many redundant as vertical outputs, found {len(task.redundant)} "
+                f"and {len(task.vertical)}"
+            )
+        check_size(primary, len(task.primary), "primary")
+        check_size(vertical, len(task.vertical), "vertical")
+        self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical
+        self.k3, self.k4, self.k21, self.damping, self.fastest = k3, k4, k21, damping, fastest
+        self.watched = watched
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """It learns nothing; refuses a system whose redundant rates move the vertical outputs."""
+        A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
+        if np.abs(A4).max() > _A4_ZERO:
+            raise ConfigurationError(
+                f"rates of {', '.join(self.task.redundant_names)} move {', '.join(self.task.vertical_names)} directly "
+                "(A4 is not zero): use the class-1 controller"
+            )
+
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
+        task, m = self.task, measurement
+        x21d, x11d = self.primary.at(t), self.vertical.at(t)
+        e21 = angle_difference(x21d.position, m.x2[..., task.primary], task.primary_angular)
+        e11 = angle_difference(x11d.position, m.x1[..., task.vertical], task.vertical_angular)
+        v21d = x21d.velocity + self.k21 * e21
+        v21d_dot = x21d.acceleration + self.k21 * (x21d.velocity - m.v2[..., task.primary])
+        v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
+        A3 = m.A_star[..., task.vertical, :][..., task.primary]
+        A3_dot = m.A_star_dot[..., task.vertical, :][..., task.primary]
+        gradient = self._reduced.kinematic_gradient(m.q, task.redundant)[..., task.vertical, :, :][..., task.primary, :]
+        N = np.einsum("...kis,...i->...ks", gradient, v21)
+        rate = apply(A3, v21)
+        wanted = x11d.velocity + self.k3 * e11
+        wanted_dot = x11d.acceleration + self.k3 * (x11d.velocity - rate)
+        without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
+        right = wanted_dot + self.k4 * (wanted - rate) - without
+        square = N.mT @ N + self.damping**2 * np.eye(N.shape[-1])
+        v22 = np.linalg.solve(square, apply(N.mT, right)[..., None])[..., 0]
+        v22 = np.clip(v22, -self.fastest, self.fastest)
+        v2, v2_dot = np.empty(m.v2.shape), np.zeros(m.v2.shape)
+        v2[..., task.primary], v2[..., task.redundant] = v21d, v22
+        v2_dot[..., task.primary] = v21d_dot
+        x1 = spread(x11d.position, task.vertical, m.x1.shape)
+        if self.watched is not None:
+            x1[..., self.watched[0]] = self.watched[1].at(t).position
+        return VelocityTarget(
+            v2=v2,
+            v2_dot=v2_dot,  # of the steering rate unknown: it would take the references' third derivatives
+            x1=x1,
+            x2=spread(x21d.position, task.primary, m.x2.shape),
+        ), None
