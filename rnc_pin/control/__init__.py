@@ -1,5 +1,6 @@
 """Controllers: one file each, one protocol, gains beside them."""
 
+from rnc_pin.control.chained_stabilizer import ChainedStabilizer, UnicycleStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.gains import PositionGains, VelocityGains
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController
@@ -14,6 +15,7 @@ from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 
 __all__ = [
+    "ChainedStabilizer",
     "Command",
     "ComputedTorque",
     "Controller",
@@ -29,6 +31,7 @@ __all__ = [
     "SteeringController",
     "TrackerState",
     "UncertainRedundancyController",
+    "UnicycleStabilizer",
     "UnknownMass",
     "VelocityGains",
     "VelocityTarget",

@@ -43,6 +43,7 @@ class VelocityGains:
         bandwidth: float | None = None,
         slowest: float = 4.0,
         sigma: float = 0.1,
+        outputs: np.ndarray | None = None,
     ) -> VelocityGains:
         """Diagonal gains ``K = bandwidth diag(H)`` that suit the inertia over a region.
 
@@ -58,11 +59,13 @@ class VelocityGains:
             bandwidth: [rad/s]; by default the largest that the sampling allows.
             slowest: lowest closed-loop rate accepted [1/s]; about twice the outer loop's gain.
             sigma: leak of the adaptation [1/s].
+            outputs: positions of the reducing outputs that the gains are for; all by default.
 
         Raises:
             ConfigurationError: the window is empty, or ``bandwidth`` is outside it; says the figures.
         """
-        diagonal, spread = _scaled(reduced.inertia(np.atleast_2d(configurations)))
+        H = reduced.inertia(np.atleast_2d(configurations))
+        diagonal, spread = _scaled(H if outputs is None else H[:, outputs][:, :, outputs])
         low, high = slowest * float(spread.max()), FASTEST / dt * float(spread.min())
         if low > high:
             raise ConfigurationError(

@@ -16,8 +16,10 @@ from rnc_pin.control import (
     PositionTracker,
     ReducingOutputController,
     RedundancyController,
+    SplitController,
     SteeringController,
     UncertainRedundancyController,
+    UnicycleStabilizer,
     UnknownMass,
     VelocityGains,
     VelocityTracker,
@@ -113,6 +115,33 @@ def _steering(setting: Setting) -> Controller:
     return _tracked(setting, kinematic)
 
 
+def _two_phase(setting: Setting) -> Controller:
+    """Class 3: the primary outputs quickly by (8)-(9), then held while the platform goes its own way."""
+    settings, task, reduced = setting.settings, setting.task, setting.reduced
+    goal, x2 = settings.platform, reduced.reducing
+    if goal is None:
+        raise ConfigurationError("controller.platform: is missing; say where it goes: {position, to, begin}")
+    if len(task.redundant) != 2 or not x2.quasi[task.redundant[0]] or not x2.angular[task.redundant[1]]:
+        raise ConfigurationError("task.redundant: two_phase needs the platform's forward speed and yaw there")
+    places = Task.of(reduced, task.primary_names, task.redundant_names, goal.position).vertical
+    dt, start = setting.simulation.dt, setting.q0[None]
+    position, velocity = PositionGains.paper(), VelocityGains.paper()
+    if settings.preset == "scaled":
+        hand = np.ix_(np.arange(1), task.primary, task.primary)
+        try:
+            position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
+            velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"controller: {error}") from None
+    tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_angular)
+    stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
+    # Found now rather than at the first sample.
+    measured = reduced.measure(setting.q0, np.zeros(task.r))
+    stabilizer.initial_state(measured._replace(x2=measured.x2[task.redundant]))
+    drive = VelocityTracker(stabilizer, velocity)
+    return SplitController([(tracker, task.primary), (drive, task.redundant)], task.r)
+
+
 def _class_1(setting: Setting) -> RedundancyController:
     task, references = setting.task, setting.references
     _watch(setting)
@@ -190,6 +219,7 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "jacobian_transpose": _jacobian_transpose,
     "uncertain_redundancy": _uncertain_redundancy,
     "steering": _steering,
+    "two_phase": _two_phase,
 }
 _VELOCITY_GAINS = {"k", "k21", "bandwidth"}
 _OWN = {  # settings that some types have and others do not
@@ -198,12 +228,15 @@ _OWN = {  # settings that some types have and others do not
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
     "steering": {*_VELOCITY_GAINS, "k3", "k4"},
+    "two_phase": {"platform"},
 }
 
 
 def _refuse_strangers(settings: ControllerSettings) -> None:
     """A gain that the controller does not have would be ignored in silence."""
     strangers = set().union(*_OWN.values()) - _OWN[settings.type]
+    if settings.type == "two_phase":
+        strangers |= {"beta", "sigma"}  # two trackers: a number for both would mean two things
     for name in sorted(strangers):
         if getattr(settings, name) is not None:
             raise ConfigurationError(f"controller.{name}: does not belong to type '{settings.type}'")
