@@ -5,6 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import (
+    Posture,
     ReducingOutputController,
     RedundancyController,
     TrackerState,
@@ -108,10 +109,75 @@ def test_redundancy_controller_takes_any_square_partition():
     assert run.x2[-1, 2] > 0.5  # the platform drove along
 
 
+def wide(**changes):
+    """Speed of the platform and shoulder are both redundant for one heading: A4 is 1 x 2."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(outputs, [rnc.FrameYaw("base")])
+    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.outputs(q0)
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
+    tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
+    vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
+    secondary = Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
+    return reduced, RedundancyController(task, tip, vertical, 2.0, 2.0, secondary=secondary, **changes), q0
+
+
+@pytest.mark.parametrize("posture", [False, True])
+def test_wide_a4_reaches_the_vertical_rate_at_the_least_cost(posture):
+    reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=posture)
+    for q, v2 in random_states(reduced, 5, seed=4, condition=30.0):
+        measured = reduced.measure(q, v2)
+        v22 = kinematic.step(1.0, measured, None)[0].v2[2:]
+        x1d = kinematic.vertical.at(1.0)
+        A4 = measured.A_star[:, 2:]
+        wanted = (
+            x1d.velocity
+            + 2.0 * (x1d.position - measured.x1)
+            - measured.A_star[:, :2] @ kinematic.step(1.0, measured, None)[0].v2[:2]
+        )
+        np.testing.assert_allclose(A4 @ v22, wanted, atol=ROUNDING * 10)
+        z = kinematic.secondary(1.0, measured)[0] if posture else np.zeros(2)
+        null = np.array([-A4[0, 1], A4[0, 0]])
+        assert abs(null @ (np.array([1.0, 4.0]) * (v22 - z))) < 1e-9 * (1 + np.abs(v22).max())  # stationary
+
+
+def test_rate_of_the_wide_target_is_exact():
+    reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=True)
+    integrator, h = LieRungeKutta4(reduced.robot), 1e-4
+    T = np.array([0.3, -0.2, 0.1, 0.2])
+
+    def rate(q, y):
+        v, v2_dot, _ = reduced.flow(q, y[:4], T)
+        return v, np.concatenate([v2_dot, y[:4]])
+
+    for q, v2 in random_states(reduced, 4, seed=5, condition=20.0):
+        targets = []
+        for k in (-2, -1, 1, 2):
+            p, y = integrator.step(rate, q, np.concatenate([v2, np.zeros(4)]), k * h)
+            targets.append(kinematic.step(1.3 + k * h, reduced.measure(p, y[:4], y[4:]), None)[0].v2)
+        difference = (targets[0] - 8 * targets[1] + 8 * targets[2] - targets[3]) / (12 * h)
+        exact = kinematic.step(1.3, reduced.measure(q, v2), None)[0].v2_dot
+        np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
+
+
+def test_posture_uses_the_freedom_that_is_left():
+    ends = {}
+    for posture in (False, True):
+        reduced, kinematic, q0 = wide(posture=posture)
+        _, path = rnc.kinematic_rollout(reduced, kinematic, q0, 5.0, 0.05)
+        x1, x2 = reduced.outputs(path)
+        np.testing.assert_allclose(x1[-1], kinematic.vertical.at(9.0).position, atol=1e-3)
+        np.testing.assert_allclose(x2[-1, :2], kinematic.primary.at(9.0).position, atol=1e-3)
+        ends[posture] = abs(x2[-1, 3] - x2[0, 3])
+    assert ends[True] < 0.2 * ends[False]
+
+
 def test_redundancy_controller_refuses_what_it_cannot_do():
     reduced = mobile_manipulator()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])  # one redundant, three vertical
-    with pytest.raises(rnc.ConfigurationError, match=r"as many redundant as vertical outputs, found 1 .* and 3"):
+    with pytest.raises(rnc.ConfigurationError, match=r"needs as many redundant as vertical outputs, found 1 .* and 3"):
         RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(3)))
     reduced = space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])

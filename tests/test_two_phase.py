@@ -31,13 +31,15 @@ def test_chained_systems_converge_exponentially_from_anywhere(n):
         x = generator.uniform(-1, 1, n)
         x[0] = np.sign(x[0]) * max(abs(x[0]), 0.5)
         start, h, largest = np.abs(x).max(), 2e-3, 0.0
+        # A linear system whose poles are close together overshoots; by how much depends on the gains alone.
+        bound = 10 * np.linalg.norm(stabilizer.P) * np.linalg.norm(stabilizer.coordinates(x))
         for _ in range(round(16.0 / h)):
             u = stabilizer.command(x)
             largest = max(largest, np.abs(u).max())
             middle = x + h / 2 * chain_rate(x, u)
             x = x + h * chain_rate(middle, stabilizer.command(middle))
         assert np.abs(x).max() < 1e-3 * start
-        assert largest < 1e3
+        assert largest < bound
 
 
 def test_poles_are_where_they_were_asked_for():
@@ -94,10 +96,8 @@ def test_the_hand_arrives_first_and_stays_while_the_platform_drives():
     run = rnc.simulate(reduced, controller, q0, 17.0, 0.002)
     hand = np.linalg.norm(run.x2[:, :2], axis=1)
     platform = np.linalg.norm(run.x1[:, 1:] - goal[:2], axis=1) + np.abs(run.x2[:, 3] - goal[2])
-    arrived = {
-        name: run.time[np.flatnonzero(error > 0.02)[-1] + 1] for name, error in (("hand", hand), ("all", platform))
-    }
-    assert arrived["hand"] < arrived["all"] / 3
+    hand_arrived, all_arrived = (run.time[np.flatnonzero(error > 0.02)[-1] + 1] for error in (hand, platform))
+    assert hand_arrived < all_arrived / 3
     assert hand[run.time > 4.0].max() < 0.02
     assert platform[-1] < 0.02
     assert np.abs(np.diff(run.x1[run.time < 4.0, 1:], axis=0)).max() < 1e-4  # the platform waited

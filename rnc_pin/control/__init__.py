@@ -8,7 +8,7 @@ from rnc_pin.control.momentum_estimator import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
 from rnc_pin.control.reducing import ReducingOutputController
-from rnc_pin.control.redundancy import RedundancyController
+from rnc_pin.control.redundancy import Posture, RedundancyController
 from rnc_pin.control.split import SplitController
 from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
@@ -25,6 +25,7 @@ __all__ = [
     "PositionGains",
     "PositionState",
     "PositionTracker",
+    "Posture",
     "ReducingOutputController",
     "RedundancyController",
     "SplitController",

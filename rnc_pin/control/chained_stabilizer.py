@@ -98,8 +98,8 @@ class UnicycleStabilizer:
         x, heading = self._chained(measurement)
         if np.cos(heading) < 0.1 or abs(x[0]) < 0.2 * abs(x[2]) or abs(x[0]) < self.close:
             raise ConfigurationError(
-                f"the platform's goal is {x[0]:.3g} m ahead and {x[2]:.3g} m abeam at {np.rad2deg(heading):.0f} degrees: "
-                "it has to lie ahead or behind, with headings within 84 degrees"
+                f"the platform's goal is {-x[0]:.3g} m ahead and {-x[2]:.3g} m abeam at {np.rad2deg(-heading):.0f} "
+                "degrees: it has to lie ahead or behind, with headings within 84 degrees"
             )
         return Waiting(False)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
@@ -14,6 +16,9 @@ from rnc_pin.task import Task
 
 _LIMIT = 1e8
 
+Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
+"""Rates that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
+
 
 class RedundancyController:
     """``v22d = A4^-1 (x1d_dot + k3 (x1d - x1) - A3 v21d)``, paper (12), with its exact rate.
@@ -25,15 +30,17 @@ class RedundancyController:
     Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``.
 
     Args:
-        task: the outputs; as many redundant as vertical.
+        task: the outputs; at least as many redundant as vertical.
         primary: reference of x21.
         vertical: reference of x1.
         k3: [1/s], of the vertical outputs; a number or one each.
         k21: [1/s], of the primary outputs; a number or one each.
+        weights: what moving each redundant output costs, where there are more of them than vertical ones.
+        secondary: what the freedom that is left then is for; to keep redundant outputs slow by default.
 
     Raises:
-        ConfigurationError: the task has not as many redundant as vertical outputs, or a reference has
-            another size than its outputs.
+        ConfigurationError: the task has fewer redundant than vertical outputs, or a reference has another
+            size than its outputs.
         SingularityError: while running, A4 cannot be inverted.
     """
 
@@ -44,8 +51,10 @@ class RedundancyController:
         vertical: Reference,
         k3: float | np.ndarray = 2.0,
         k21: float | np.ndarray = 0.0,
+        weights: np.ndarray | None = None,
+        secondary: Secondary | None = None,
     ) -> None:
-        if len(task.redundant) != len(task.vertical) or not len(task.vertical):
+        if len(task.redundant) < len(task.vertical) or not len(task.vertical):
             raise ConfigurationError(
                 f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "
                 f"({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
@@ -55,6 +64,10 @@ class RedundancyController:
         check_size(vertical, len(task.vertical), "vertical")
         self.task, self.primary, self.vertical = task, primary, vertical
         self.k3, self.k21 = k3, k21
+        self._cheap = 1.0 / np.asarray(np.ones(len(task.redundant)) if weights is None else weights, dtype=float)
+        if self._cheap.shape != (len(task.redundant),) or not (self._cheap > 0).all():
+            raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
+        self.secondary = secondary
 
     def initial_state(self, measurement: Measurement) -> None:
         """It learns nothing."""
@@ -69,10 +82,14 @@ class RedundancyController:
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
         A3, A4 = A[..., task.primary], A[..., task.redundant]
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
-        v22 = self._solve(A4, x1d.velocity + self.k3 * e1 - apply(A3, v21), m)
+        wanted = x1d.velocity + self.k3 * e1 - apply(A3, v21)
         v1 = m.v1[..., task.vertical]
-        right = x1d.acceleration + self.k3 * (x1d.velocity - v1) - apply(A3_dot, v21) - apply(A3, v21_dot)
-        v22_dot = self._solve(A4, right - apply(A4_dot, v22), m)
+        wanted_dot = x1d.acceleration + self.k3 * (x1d.velocity - v1) - apply(A3_dot, v21) - apply(A3, v21_dot)
+        if A4.shape[-1] == A4.shape[-2]:
+            v22 = self._solve(A4, wanted, m)
+            v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
+        else:
+            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, t, m)
         batch = v22.shape[:-1]
         return VelocityTarget(
             v2=self._merge(v21, v22, batch),
@@ -85,6 +102,24 @@ class RedundancyController:
         whole = np.empty((*batch, self.task.r))
         whole[..., self.task.primary], whole[..., self.task.redundant] = first, second
         return whole
+
+    def _spread_out(
+        self, A4: np.ndarray, A4_dot: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray, t: float, m: Measurement
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The cheapest v22 with ``A4 v22 = wanted`` as seen from the secondary objective z, and its exact rate.
+
+        ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
+        """
+        z, z_dot = np.zeros(A4.shape[:-2] + A4.shape[-1:]), np.zeros(A4.shape[:-2] + A4.shape[-1:])
+        if self.secondary is not None:
+            z, z_dot = self.secondary(t, m)
+        back = self._cheap[:, None] * A4.mT  # W^-1 A4^T
+        back_dot = self._cheap[:, None] * A4_dot.mT
+        S = A4 @ back
+        y = self._solve(S, wanted - apply(A4, z), m)
+        S_dot = A4_dot @ back + A4 @ back_dot
+        y_dot = self._solve(S, wanted_dot - apply(A4_dot, z) - apply(A4, z_dot) - apply(S_dot, y), m)
+        return z + apply(back, y), z_dot + apply(back_dot, y) + apply(back, y_dot)
 
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
         try:
@@ -101,3 +136,23 @@ class RedundancyController:
             else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
+
+
+class Posture:
+    """Secondary objective: redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
+
+    Args:
+        task: whose redundant outputs they are.
+        reference: of x22.
+        k: [1/s]; a number or one each. 0 for those that may go anywhere.
+    """
+
+    def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
+        check_size(reference, len(task.redundant), "redundant")
+        self._redundant, self.reference, self.k = task.redundant, reference, k
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        desired = self.reference.at(t)
+        error = desired.position - measurement.x2[..., self._redundant]
+        rate_error = desired.velocity - measurement.v2[..., self._redundant]
+        return desired.velocity + self.k * error, desired.acceleration + self.k * rate_error
