@@ -1,6 +1,7 @@
 """Where outputs should go."""
 
 from rnc_pin.planning.car_path import CarPath
+from rnc_pin.planning.chained_form import FireTruckChart
 from rnc_pin.planning.references import (
     Harmonic,
     Hold,
@@ -14,6 +15,7 @@ from rnc_pin.planning.references import (
 
 __all__ = [
     "CarPath",
+    "FireTruckChart",
     "Harmonic",
     "Hold",
     "Joined",
