@@ -14,7 +14,14 @@ from rnc_pin.scenario.run import execute, plan, write
 
 IMAGES = Path(__file__).parent / "images"
 # scenario: plots to keep, and the time at which its animation is photographed [s]
-PICTURES = {"space-robot": (["figure_4a.png", "figure_4b.png"], 4.0)}
+PICTURES = {
+    "space-robot": (["figure_4a.png", "figure_4b.png"], 4.0),
+    "space-robot-fixed-platform": (["figure_5a.png", "figure_5b.png"], 5.0),
+    "space-robot-uncertain": (["figure_6a.png", "figure_6b.png"], 9.0),
+    "mobile-manipulator": (["hand.png", "distance.png"], 4.0),
+    "mobile-manipulator-two-phase": (["figure_7a.png", "figure_7b.png"], 12.0),
+    "fire-truck": (["figure_8a.png", "figure_8b.png"], 11.0),
+}
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
