@@ -60,11 +60,12 @@ class Scene:
         self._data = robot.model.createData()
 
     def _look(self, camera: np.ndarray, target: np.ndarray) -> None:
+        # Meshcat's camera always looks at its origin, whatever it is told: so the stage moves, not the gaze.
+        stage = np.eye(4)
+        stage[:3, 3] = -target
+        self.root.set_transform(stage)
         x, y, z = camera - target
-        place = np.eye(4)
-        place[:3, 3] = target
-        self.root["/Cameras/default"].set_transform(place)
-        # Meshcat's camera sits in axes of its own, whose y points up.
+        # It sits in axes of its own, whose y points up.
         self.root["/Cameras/default/rotated/<object>"].set_property("position", [float(x), float(z), float(-y)])
 
     def display(self, q: np.ndarray) -> None:
