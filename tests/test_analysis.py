@@ -105,17 +105,22 @@ def test_the_fire_truck_is_class_2s_not_2():
     assert report.redundancy["driven"] == ("tractor_x", "tractor_y")
 
 
-def test_a_unicycle_with_a_turret_is_class_2():
-    """The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22."""
-    model, joint = planar_model()
+def turreted():
+    """A unicycle with a turret, whose heading is tracked by its own joint."""
+    model, joint = planar_model("turreted")
     turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
     model.appendBodyToJoint(turret, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
     model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
-    reduced = system.reduce(
+    return system.reduce(
         [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
         [rnc.FramePosition("body", "xy"), rnc.FrameYaw("gun")],
     )
+
+
+def test_a_unicycle_with_a_turret_is_class_2():
+    """The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22."""
+    reduced = turreted()
     report = rnc.analyze(reduced, redundant=["turret"])
     assert report.redundancy_class == "2"
     assert report.redundancy["tracked"] == ("gun_yaw",)

@@ -14,7 +14,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.planning import CarPath, Hold, Joined, MinimumJerk
 from systems import fire_truck, random_states, space_robot
-from test_analysis import planar_model
+from test_analysis import turreted
 from tolerances import FINITE_DIFFERENCE
 
 START, GOAL = np.array([-8.0, 3.0, 0.0]), np.zeros(3)
@@ -169,15 +169,7 @@ def test_steering_refuses_a_system_that_class_1_fits():
 
 def test_class_2_is_the_class_1_law_on_the_outputs_that_can_be_tracked():
     """(13): a turret on a unicycle keeps pointing while the base drives an arc."""
-    model, joint = planar_model("turreted")
-    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
-    model.appendBodyToJoint(turret, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
-    reduced = system.reduce(
-        [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
-        [rnc.FramePosition("body", "xy"), rnc.FrameYaw("gun")],
-    )
+    reduced = turreted()
     task = rnc.Task.of(reduced, ["body_speed_x", "body_yaw"], ["turret"], ["gun_yaw"])
     arc = MinimumJerk([0.0, 0.0], [2.0, 1.5], 3.0)
     kinematic = RedundancyController(task, arc, MinimumJerk([0.0], [-0.5], 3.0), 2.0, 2.0)

@@ -16,7 +16,7 @@ from rnc_pin.robot import Robot
 from rnc_pin.visualization.scene_server import SceneWindow
 
 _MOST_DOTS = 2000
-ACTUAL, DESIRED = 0xD55E00, 0x0072B2  # vermillion and blue of Okabe and Ito
+ACTUAL = 0xD55E00  # vermillion of Okabe and Ito
 
 
 class Scene:
