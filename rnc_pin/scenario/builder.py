@@ -107,9 +107,9 @@ def _path(scenario: Scenario, setting: Setting) -> CarPath | None:
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
     if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
         raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
-    frame = frame_pose(reduced.robot, settings.frame, setting.q0)
+    start = frame_poses(reduced.robot, settings.frame, setting.q0[None])[0]
     try:
-        path = CarPath(frame, np.array(settings.to), settings.duration, settings.wheelbase)
+        path = CarPath(start, np.array(settings.to), settings.duration, settings.wheelbase)
         setting.references["primary"] = path.reference
         if settings.trailer is not None:
             reduced.robot.frame_id(settings.trailer.frame)
@@ -123,14 +123,16 @@ def _path(scenario: Scenario, setting: Setting) -> CarPath | None:
     return path
 
 
-def frame_pose(robot: Robot, frame: str, q: np.ndarray) -> np.ndarray:
-    """x, y and heading of a frame (3,) at a configuration."""
-    data = robot.model.createData()
-    index = robot.frame_id(frame)
-    pin.framesForwardKinematics(robot.model, data, q)
-    placement = data.oMf[index]
-    heading = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
-    return np.array([*placement.translation[:2], heading])
+def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
+    """x, y and heading of a frame, (N, 3), along configurations (N, nq)."""
+    data, index = robot.model.createData(), robot.frame_id(frame)
+    poses = np.empty((len(configurations), 3))
+    for pose, q in zip(poses, configurations, strict=True):
+        pin.framesForwardKinematics(robot.model, data, q)
+        placement = data.oMf[index]
+        pose[:2] = placement.translation[:2]
+        pose[2] = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
+    return poses
 
 
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
@@ -140,7 +142,7 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
         return None
     robot = experiment.reduced.robot
     # Every tenth sample: a vehicle moves little in between.
-    points = np.array([frame_pose(robot, settings.trailer.frame, q)[:2] for q in configurations[::10]])
+    points = frame_poses(robot, settings.trailer.frame, configurations[::10])[:, :2]
     return float(experiment.path.distance(points).max())
 
 

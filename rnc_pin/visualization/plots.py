@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -67,10 +67,7 @@ def plot_outputs(
                 axes.plot(trajectory.time, desired, color="black", ls=_DOTS, lw=1.3)
         if any(name in trajectory.meta["goals"] for name in outputs):
             handles.append(Line2D([], [], color="black", ls=_DOTS, lw=1.3, label="desired"))
-        handles += [
-            Line2D([], [], color="0.3", ls=style, lw=1.5, label=label)
-            for style, label in zip(cycle(_DASHES), others, strict=False)
-        ]
+        handles += _dashed(others, 1.5)
         axes.set_xlabel("time [s]")
         axes.set_ylabel(" / ".join(dict.fromkeys(f"{_quantity(unit)} [{unit}]" if unit else "value" for unit in units)))
         axes.margins(x=0.01)
@@ -107,10 +104,7 @@ def plot_learning(
                 series = getattr(other, quantity)
                 if series.shape[1] > column:
                     axes.plot(other.time, series[:, column], color="0.3", ls=style, lw=1.2, zorder=1.5)
-        handles += [
-            Line2D([], [], color="0.3", ls=style, lw=1.2, label=label)
-            for style, label in zip(cycle(_DASHES), comparisons or {}, strict=False)
-        ]
+        handles += _dashed(comparisons or {}, 1.2)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("estimate [unit]" if quantity == "estimates" else "measured less predicted rate [1/s]")
         axes.margins(x=0.01)
@@ -171,6 +165,12 @@ def _words(name: str) -> str:
 
 def _quantity(unit: str) -> str:
     return {"m": "position", "rad": "angle"}.get(unit, "value")
+
+
+def _dashed(labels: Iterable[str], width: float) -> list[Line2D]:
+    """Entries of a legend for the runs that are compared."""
+    styles = zip(cycle(_DASHES), labels, strict=False)
+    return [Line2D([], [], color="0.3", ls=style, lw=width, label=label) for style, label in styles]
 
 
 def _finish(figure: Figure, axes: Axes, handles: list[Line2D], title: str | None, path: str | Path) -> None:
