@@ -1,0 +1,51 @@
+"""What all parts of a scenario file share: mappings that know their keys, and entries told apart by their one key."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
+
+from rnc_pin.errors import nearest
+
+Positive = Annotated[float, Field(gt=0)]
+Axis = Literal["x", "y", "z"]
+Numbers = Annotated[list[float], Field(min_length=1)]
+
+
+def _file_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise ValueError(f"'{name}' cannot name a file: use letters, digits, - and _")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_file_name)]
+
+
+class Strict(BaseModel):
+    """A mapping that knows all its keys, and says the nearest for one it does not know."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            for key in raw:
+                if key not in cls.model_fields:
+                    raise ValueError(f"'{key}' is not known{nearest(str(key), cls.model_fields)}")
+        return raw
+
+
+NAME, _OTHER = "name", "other"
+
+
+def _kind(raw: Any) -> str:
+    """What an entry is: its one key, or a bare name."""
+    if isinstance(raw, dict) and len(raw) == 1:
+        return str(next(iter(raw)))
+    return NAME if isinstance(raw, str) else _OTHER
+
+
+BY_KIND = Discriminator(_kind)

@@ -1,0 +1,61 @@
+"""Which controller a scenario has, and with which gains."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rnc_pin.scenario.schema.base import Numbers, Positive, Strict
+
+
+class UnknownMasses(Strict):
+    """Bodies whose masses are estimated."""
+
+    base: str
+    """The joint whose momentum is conserved."""
+    initial: Annotated[dict[str, float], Field(min_length=1)]
+    """Joint that carries the body: first estimate, in ``unit``."""
+    unit: Positive = 1.0
+    """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
+    bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
+
+
+class PlatformGoal(Strict):
+    """Where a unicycle platform goes in the second phase."""
+
+    position: Annotated[list[str], Field(min_length=2, max_length=2)]
+    """Vertical outputs that are its x and y."""
+    to: Annotated[list[float], Field(min_length=3, max_length=3)]
+    """x, y [m] and heading [rad]."""
+    begin: Annotated[float, Field(ge=0)]
+    """When the second phase starts [s]."""
+
+
+class ControllerSettings(Strict):
+    """Which controller, which preset of gains, and gains set by hand on top of it."""
+
+    type: Literal[
+        "redundancy", "reducing_outputs", "jacobian_transpose", "uncertain_redundancy", "steering", "two_phase"
+    ]
+    """``redundancy``: (12) over a velocity tracker. ``reducing_outputs``: references for all reducing outputs, the
+    vertical ones go where they will. ``jacobian_transpose``: (8)-(9) on the ``active`` actuators, the others off.
+    ``uncertain_redundancy``: (16) with masses estimated by (20). ``steering``: class 2s.
+    ``two_phase``: class 3, (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
+    tracker: Literal["adaptive", "computed_torque"] = "adaptive"
+    """Under the first two types: (10), or the model-based baseline."""
+    preset: Literal["paper", "scaled"] = "scaled"
+    active: list[str] | None = None
+    unknown: UnknownMasses | None = None
+    platform: PlatformGoal | None = None
+    alpha: Annotated[float, Field(ge=0)] | None = None
+    k: float | Numbers | None = None
+    k1: float | Numbers | None = None
+    k2: float | Numbers | None = None
+    k3: float | Numbers | None = None
+    k21: float | Numbers | None = None
+    k4: Positive | None = None
+    gamma: Positive | None = None
+    beta: float | Numbers | None = None
+    sigma: Annotated[float, Field(ge=0)] | None = None
+    bandwidth: Positive | None = None

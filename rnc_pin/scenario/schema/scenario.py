@@ -1,0 +1,92 @@
+"""A whole scenario: what it runs, and what it shows of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from rnc_pin.errors import nearest
+from rnc_pin.scenario.schema.actuators import ActuatorItem
+from rnc_pin.scenario.schema.base import FileName, Positive, Strict
+from rnc_pin.scenario.schema.constraints import Constraint
+from rnc_pin.scenario.schema.controller import ControllerSettings
+from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
+from rnc_pin.scenario.schema.references import References
+from rnc_pin.scenario.schema.robot import RobotSource
+
+
+class SimulationSettings(Strict):
+    """How long, how finely, and what of the real machine takes part."""
+
+    duration: Positive
+    dt: Positive = 0.002
+    substeps: Annotated[int, Field(ge=1)] = 1
+    joint_damping: bool = False
+    actuator_limits: bool = False
+    position_limits: bool = False
+
+
+class Initial(Strict):
+    """Where the run starts; it starts at rest."""
+
+    q: dict[str, float | list[float]] = {}
+
+
+class PlotSettings(Strict):
+    """One plot: some outputs over time."""
+
+    outputs: list[str] = []
+    quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
+    """Outputs by name, or all that the controller estimates or mispredicts."""
+    title: str | None = None
+    comparisons: list[str] | None = None
+    """Labels of the comparisons that it shows; all by default."""
+
+    @model_validator(mode="after")
+    def _something_to_show(self) -> PlotSettings:
+        if bool(self.outputs) != (self.quantity == "outputs"):
+            raise ValueError("expected 'outputs', or a 'quantity' other than outputs")
+        return self
+
+
+class View(Strict):
+    """What the animation shows besides the robot."""
+
+    trail: list[str] = []
+    """Frames whose paths are drawn."""
+    camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    ground: float | None = 0.0
+    """Height of the grid [m]; null for none."""
+
+
+class Scenario(Strict):
+    """A whole run."""
+
+    title: str | None = None
+    robot: RobotSource
+    constraints: list[Constraint] = []
+    actuators: list[ActuatorItem] = []
+    outputs: Outputs
+    task: TaskNames = TaskNames()
+    initial: Initial = Initial()
+    reference: References = References()
+    controller: ControllerSettings | None = None
+    simulation: SimulationSettings | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    comparisons: dict[str, dict[str, Any]] = {}
+    """Label: dotted keys and values that differ from this run."""
+    sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
+    """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
+    plots: dict[FileName, PlotSettings] = {}
+    view: View = View()
+
+    @model_validator(mode="after")
+    def _labels_exist(self) -> Scenario:
+        for name, plot in self.plots.items():
+            for label in plot.comparisons or []:
+                if label not in self.comparisons:
+                    hint = nearest(label, self.comparisons)
+                    raise ValueError(f"plots.{name}.comparisons: no comparison '{label}'{hint}")
+        return self
