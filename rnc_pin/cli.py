@@ -239,15 +239,18 @@ def sweep(
     as_json: bool,
     force: bool,
 ) -> int:
-    """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'."""
+    """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'.
+
+    A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.
+    """
     from rnc_pin.scenario.output import OutputFolder
-    from rnc_pin.scenario.sweep import draw, spread, write_table
+    from rnc_pin.scenario.sweep import drawn_keys, spread, write_table
     from rnc_pin.scenario.sweep import sweep as run_sweep
 
     if jobs == 0:
         raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
     parsed = _parsed(options)
-    draw(scenario, parsed, 1)
+    drawn_keys(scenario, parsed)
     folder = OutputFolder(out, force)
     rows: list[dict[str, Any]] = []
     with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:

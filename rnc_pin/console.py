@@ -124,11 +124,14 @@ def print_spread(summary: dict[str, Any], folder: Path) -> None:
     """Outcomes and errors of a sweep."""
     console = Console()
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
+    if summary["redrawn"]:
+        outcomes += f" ({summary['redrawn']} tasks did not pass preflight and were drawn again)"
     table = Table(title=f"{summary['scenario']}: {outcomes}", title_justify="left", title_style="bold")
     table.add_column("output")
     table.add_column("median final error", justify="right")
+    table.add_column("95 % below", justify="right")
     table.add_column("largest final error", justify="right")
     for name, figures in summary["final_error"].items():
-        table.add_row(name, f"{figures['median']:.2e}", f"{figures['max']:.2e}")
+        table.add_row(name, *(f"{figures[key]:.2e}" for key in ("median", "95 %", "max")))
     console.print(table)
     console.print(f"in {folder}: sweep.csv, sweep.json and a folder for each run", highlight=False)

@@ -32,6 +32,10 @@ class ConfigurationError(RncError):
     """A scenario file, option or argument is wrong: says where and what was expected."""
 
 
+class InfeasibleError(ConfigurationError):
+    """What is asked for is well formed but cannot be done: no gains suit it, or it leads through singularities."""
+
+
 class InputError(RncError, ValueError):
     """An array has the wrong shape or holds values that are not finite."""
 

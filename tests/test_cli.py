@@ -380,7 +380,7 @@ def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
     ranges = "sweep={initial.q.joint_2: [0, 0], initial.q.joint_3: [0, 0]}"
     status, out, _ = call("sweep", "space-robot", "--set", ranges, "--runs", 2, "--json", "--out", tmp_path)
     assert status == 1
-    assert parsed(out)["outcomes"] == {"refused": 2}
+    assert parsed(out)["outcomes"] == {"infeasible": 2}
     assert "singular configuration" in (tmp_path / "sweep.csv").read_text()
 
 

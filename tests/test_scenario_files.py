@@ -16,7 +16,7 @@ from rnc_pin.scenario.loading import (
     with_options,
 )
 from rnc_pin.scenario.run import plan
-from rnc_pin.scenario.sweep import draw
+from rnc_pin.scenario.sweep import draw, drawn_keys
 from rnc_pin.urdf_files import shipped_directory
 
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
@@ -93,10 +93,11 @@ def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
 
 def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
     ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
-    drawn = draw("space-robot", {"sweep": ranges}, 20)
-    assert drawn == draw("space-robot", {"sweep": ranges}, 20)
-    assert drawn[:5] == draw("space-robot", {"sweep": ranges}, 5)
-    assert drawn != draw("space-robot", {"sweep": ranges, "seed": 1}, 20)
+    drawn, again, other = (
+        [next(draw("space-robot", {"sweep": ranges, "seed": seed}, run)) for run in range(20)] for seed in (0, 0, 1)
+    )
+    assert drawn == again
+    assert drawn != other
     for key, (low, high) in ranges.items():
         values = [each[key] for each in drawn]
         assert low <= min(values) < max(values) <= high
@@ -349,7 +350,7 @@ def test_a_scenario_that_is_not_there_is_refused(name, words):
     ],
 )
 def test_a_sweep_of_nothing_is_refused(ranges, words):
-    assert words in refusal(lambda: draw("space-robot", {"sweep": ranges}, 2))
+    assert words in refusal(lambda: drawn_keys("space-robot", {"sweep": ranges}))
 
 
 def test_every_part_of_a_scenario_says_what_it_does_not_know():

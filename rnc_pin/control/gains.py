@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.reduction import ReducedModel
 
 Gain = float | np.ndarray
@@ -62,13 +62,14 @@ class VelocityGains:
             outputs: positions of the reducing outputs that the gains are for; all by default.
 
         Raises:
-            ConfigurationError: the window is empty, or ``bandwidth`` is outside it; says the figures.
+            InfeasibleError: the window is empty; says the figures.
+            ConfigurationError: ``bandwidth`` is outside it.
         """
         H = reduced.inertia(np.atleast_2d(configurations))
         diagonal, spread = _scaled(H if outputs is None else H[:, outputs][:, :, outputs])
         low, high = slowest * float(spread.max()), FASTEST / dt * float(spread.min())
         if low > high:
-            raise ConfigurationError(
+            raise InfeasibleError(
                 f"no velocity gains suit this region: closed-loop rates of at least {slowest:g}/s need a bandwidth of "
                 f"{low:.3g} rad/s, sampling every {dt:g} s allows {high:.3g}; sample faster or keep clear of "
                 f"configurations where the inertia is so uneven (eigenvalues {spread.min():.3g} to {spread.max():.3g})"
@@ -121,14 +122,14 @@ class PositionGains:
             sigma: leak of the adaptation [1/s].
 
         Raises:
-            ConfigurationError: sampling is too slow for these rates; says the figures.
+            InfeasibleError: sampling is too slow for these rates; says the figures.
         """
         diagonal, spread = _scaled(inertia)
         square = gamma / dt * float(spread.min())
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
         if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(spread.max()):
-            raise ConfigurationError(
+            raise InfeasibleError(
                 f"no position gains suit this region: sampling every {dt:g} s allows oscillations of "
                 f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
             )

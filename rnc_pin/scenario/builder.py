@@ -80,7 +80,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             references[name] = Hold(start) if settings is None else settings.build(start)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0)
+    setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight)
     path = _path(scenario, setting)
     controller = build_controller(setting)
     _check_plots(scenario, reduced)

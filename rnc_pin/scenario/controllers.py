@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,11 +25,11 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.planning import Joined, Reference, ReferencePoint, TaskReference
+from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.planning import Joined, Reference, ReferencePoint
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema import ControllerSettings, SimulationSettings
-from rnc_pin.simulation import kinematic_rollout, preflight
+from rnc_pin.simulation import Margins, margins_along
 from rnc_pin.task import Task
 
 _ROLLOUT_STEP = 0.05  # [s]; the region that gains are scaled to is smooth
@@ -48,6 +49,7 @@ class Setting:
     task: Task
     references: dict[str, Reference]
     q0: np.ndarray
+    preflight: str = "warn"
     watched: tuple[np.ndarray, Reference] | None = None
     warnings: list[str] = field(default_factory=list)
 
@@ -79,7 +81,7 @@ def build_controller(setting: Setting) -> Controller:
 
 def _redundancy(setting: Setting) -> Controller:
     """(12) over (10) or computed torque."""
-    return _tracked(setting, _class_1(setting))
+    return _tracked(setting, _class_1(setting), setting.task)
 
 
 def _uncertain_redundancy(setting: Setting) -> Controller:
@@ -95,7 +97,7 @@ def _uncertain_redundancy(setting: Setting) -> Controller:
         setting.reduced, kinematic, masses.base, unknown, list(masses.initial.values()), (low, high), alpha
     )
     # Gains are scaled along the way that exact kinematics would take: the way that is meant.
-    return _tracked(setting, estimating, kinematic)
+    return _tracked(setting, estimating, setting.task, kinematic)
 
 
 def _steering(setting: Setting) -> Controller:
@@ -128,11 +130,9 @@ def _two_phase(setting: Setting) -> Controller:
     position, velocity = PositionGains.paper(), VelocityGains.paper()
     if settings.preset == "scaled":
         hand = np.ix_(np.arange(1), task.primary, task.primary)
-        try:
+        with _named("controller"):
             position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
             velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"controller: {error}") from None
     tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_angular)
     stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
     # Found now rather than at the first sample.
@@ -144,7 +144,6 @@ def _two_phase(setting: Setting) -> Controller:
 
 def _class_1(setting: Setting) -> RedundancyController:
     task, references = setting.task, setting.references
-    _watch(setting)
     # The paper feeds x21d_dot open loop.
     k21 = 0.0 if setting.settings.preset == "paper" else _OUTER_GAIN
     return RedundancyController(
@@ -165,24 +164,24 @@ def _reducing_outputs(setting: Setting) -> Controller:
     return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21))
 
 
-def _tracked(setting: Setting, kinematic: KinematicController, meant: KinematicController | None = None) -> Controller:
-    """A kinematic controller over the dynamic one that the settings ask for.
+def _tracked(
+    setting: Setting, kinematic: KinematicController, task: Task | None = None, meant: KinematicController | None = None
+) -> Controller:
+    """A kinematic controller over the dynamic one that the settings ask for, after a preflight.
 
-    Gains are scaled to where ``meant`` leads, by default the kinematic controller itself.
+    ``task``: whose A4 the kinematic controller inverts, if any. Margins are watched and gains scaled along where
+    ``meant`` leads, by default the kinematic controller itself.
     """
     settings, reduced, r = setting.settings, setting.reduced, setting.reduced.r
+    margins = _look_ahead(setting, meant or kinematic, task)
     if settings.tracker == "computed_torque":
         return ComputedTorque(reduced, kinematic, setting.gain("k", _COMPUTED_TORQUE_GAIN, r))
     gains = VelocityGains.paper()
     if settings.preset == "scaled":
-        try:
-            _, region = kinematic_rollout(reduced, meant or kinematic, setting.q0, setting.horizon, _ROLLOUT_STEP)
-        except SingularityError:
-            region = setting.q0[None]  # the run will end there too, and its results are wanted
-        try:
+        # A run that will end in a singular configuration is wanted all the same, for its results until then.
+        region = margins.q if margins.singular is None else setting.q0[None]
+        with _named("controller"):
             gains = VelocityGains.scaled(reduced, region, setting.simulation.dt, settings.bandwidth)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"controller: {error}") from None
     sigma = gains.sigma if settings.sigma is None else settings.sigma
     return VelocityTracker(
         kinematic, VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
@@ -202,7 +201,8 @@ def _jacobian_transpose(setting: Setting) -> Controller:
     gains = PositionGains.paper()
     if settings.preset == "scaled":
         # Outputs that nothing drives drift, so the region is not known beforehand: take the start.
-        gains = PositionGains.scaled(controller.effective_inertia(setting.q0)[None], setting.simulation.dt)
+        with _named("controller"):
+            gains = PositionGains.scaled(controller.effective_inertia(setting.q0)[None], setting.simulation.dt)
     tracker.gains = PositionGains(
         k1=setting.gain("k1", gains.k1, size),
         k2=setting.gain("k2", gains.k2, size),
@@ -244,19 +244,23 @@ def _refuse_strangers(settings: ControllerSettings) -> None:
         raise ConfigurationError("controller.bandwidth: belongs to the preset 'scaled'")
 
 
-def _watch(setting: Setting) -> None:
-    """Preflight: warn of singular configurations along the reference before anything moves."""
-    reference = TaskReference(setting.references["primary"], setting.references["vertical"])
-    margins = preflight(setting.reduced, setting.task, reference, setting.q0, setting.horizon, _ROLLOUT_STEP)
-    if margins.singular is not None:
-        setting.warnings.append(f"the reference leads into a singular configuration: {margins.singular}")
-        return
-    for margin, what in ((margins.stack, "E = [A; J2]"), (margins.A4, "A4")):
-        if margin.value < _THIN:
-            setting.warnings.append(
-                f"the reference comes close to a singular configuration: smallest singular value of {what} is "
-                f"{margin.value:.2g} at t = {margin.time:.2f} s"
-            )
+@contextmanager
+def _named(key: str) -> Iterator[None]:
+    """Say which part of the scenario an error is about."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise type(error)(f"{key}: {error}") from None
+
+
+def _look_ahead(setting: Setting, kinematic: KinematicController, task: Task | None) -> Margins:
+    """Preflight: warn of singular configurations along the reference, or refuse it, before anything moves."""
+    margins = margins_along(setting.reduced, kinematic, setting.q0, setting.horizon, _ROLLOUT_STEP, task)
+    complaints = margins.complaints(_THIN)
+    if complaints and setting.preflight == "refuse":
+        raise InfeasibleError("; ".join(complaints))
+    setting.warnings.extend(complaints)
+    return margins
 
 
 class _Reordered:

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import joblib
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.run import execute, plan, write
 
+_MOST_DRAWS = 20  # tasks tried for one run, before its ranges count as infeasible
 
-def draw(scenario: str, options: dict[str, Any], runs: int) -> list[dict[str, Any]]:
-    """Options of every run: what the scenario's ``sweep`` says is drawn uniformly, from a seed of its own each.
+
+def drawn_keys(scenario: str, options: dict[str, Any]) -> tuple[dict[str, list[float]], int]:
+    """What the scenario's ``sweep`` says is drawn uniformly, dotted key to range, and the scenario's seed.
 
     Raises:
         ConfigurationError: the scenario has no ``sweep``, or a range runs backwards.
@@ -31,43 +34,62 @@ def draw(scenario: str, options: dict[str, Any], runs: int) -> list[dict[str, An
     for key, (low, high) in checked.sweep.items():
         if low > high:
             raise ConfigurationError(f"{path.name}: sweep.{key}: range [{low:g}, {high:g}] runs backwards")
-    drawn = []
-    for run in range(runs):
-        generator = np.random.default_rng([checked.seed, run])
-        values = {key: float(generator.uniform(low, high)) for key, (low, high) in checked.sweep.items()}
-        drawn.append({**options, "comparisons": {}, "seed": checked.seed, **values})
-    return drawn
+    return checked.sweep, checked.seed
 
 
-def one_run(scenario: str, options: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A row of the table: what was drawn, how the run ended, its errors. Results stand in a folder of its own."""
-    drawn = {key: value for key, value in options.items() if isinstance(value, float)}
-    try:
-        prepared = plan(scenario, options)
-        result = execute(prepared)
-        write(prepared, result, OutputFolder(folder), pictures=False)
-    except RncError as error:
-        return {**drawn, "outcome": "refused", "message": str(error)}
-    summary = result.summary
-    errors = {f"final_error.{name}": value for name, value in summary["final_error"].items()}
-    return {
-        **drawn,
-        "outcome": summary["outcome"],
-        **errors,
-        "min_singular_value": summary["min_singular_value"],
-        "constraint_residual_max": summary["constraint_residual_max"],
-        "message": summary.get("message", ""),
-    }
+def draw(scenario: str, options: dict[str, Any], run: int) -> Iterator[dict[str, Any]]:
+    """Options of one run of a sweep, and others in its place, and so on; every run has a seed of its own.
+
+    Raises:
+        ConfigurationError: nothing to draw, or a range runs backwards.
+    """
+    ranges, seed = drawn_keys(scenario, options)
+    generator = np.random.default_rng([seed, run])
+    while True:
+        values = {key: float(generator.uniform(low, high)) for key, (low, high) in ranges.items()}
+        yield {"preflight": "refuse", **options, "comparisons": {}, "seed": seed, **values}
+
+
+def one_run(scenario: str, options: dict[str, Any], run: int, folder: Path) -> dict[str, Any]:
+    """A row of the table: what was drawn, how the run ended, its errors. Results stand in a folder of its own.
+
+    A task that preflight refuses, or that no gains suit, is drawn again; ``redrawn`` says how often.
+    """
+    for redrawn, candidate in enumerate(islice(draw(scenario, options, run), _MOST_DRAWS)):
+        row = {"run": run, **{key: value for key, value in candidate.items() if isinstance(value, float)}}
+        try:
+            prepared = plan(scenario, candidate)
+        except (InfeasibleError, SingularityError) as error:
+            failure: RncError = error
+            continue
+        except RncError as error:
+            return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
+        try:
+            result = execute(prepared)
+            write(prepared, result, OutputFolder(folder), pictures=False)
+        except RncError as error:
+            return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
+        summary = result.summary
+        return {
+            **row,
+            "outcome": summary["outcome"],
+            "redrawn": redrawn,
+            **{f"final_error.{name}": value for name, value in summary["final_error"].items()},
+            "min_singular_value": summary["min_singular_value"],
+            "constraint_residual_max": summary["constraint_residual_max"],
+            "message": summary.get("message", ""),
+        }
+    return {**row, "outcome": "infeasible", "redrawn": redrawn, "message": str(failure)}
 
 
 def sweep(
     scenario: str, options: dict[str, Any], runs: int, out: OutputFolder, jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[dict[str, Any]]:
-    """Run a sweep, yielding rows in order as they are done.
+    """Run a sweep of tasks that pass preflight, yielding rows in order as they are done.
 
     Args:
         scenario: a built-in name or a file.
-        options: dotted keys and values that all runs share.
+        options: dotted keys and values that all runs share; ``preflight: warn`` keeps tasks that it speaks against.
         runs: how many.
         out: each run writes a folder in it.
         jobs: local processes; -1 for all cores.
@@ -76,9 +98,9 @@ def sweep(
     Raises:
         ConfigurationError: nothing to draw, or the scheduler cannot be reached.
     """
-    drawn = draw(scenario, options, runs)
+    drawn_keys(scenario, options)
     folders = [out.folder(f"run_{run:04d}") for run in range(runs)]
-    calls = [joblib.delayed(one_run)(scenario, each, folder) for each, folder in zip(drawn, folders, strict=True)]
+    calls = [joblib.delayed(one_run)(scenario, options, run, folder) for run, folder in enumerate(folders)]
     with _backend(scheduler, jobs) as parallel:
         yield from parallel(calls)
 
@@ -118,7 +140,7 @@ def write_table(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def spread(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Outcomes counted, and median and largest final errors of the runs that completed."""
+    """Outcomes and redrawn tasks counted; median, 95th percentile and largest final errors of what completed."""
     outcomes: dict[str, int] = {}
     for row in rows:
         outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
@@ -127,8 +149,10 @@ def spread(rows: list[dict[str, Any]]) -> dict[str, Any]:
     errors = {
         name.removeprefix("final_error."): {
             "median": float(np.median([row[name] for row in done])),
+            "95 %": float(np.percentile([row[name] for row in done], 95)),
             "max": float(np.max([row[name] for row in done])),
         }
         for name in names
     }
-    return {"runs": len(rows), "outcomes": outcomes, "final_error": errors}
+    redrawn = sum(row["redrawn"] for row in rows)
+    return {"runs": len(rows), "redrawn": redrawn, "outcomes": outcomes, "final_error": errors}

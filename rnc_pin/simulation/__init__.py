@@ -1,6 +1,6 @@
 """Running controllers against models."""
 
-from rnc_pin.simulation.preflight import Margin, Margins, preflight
+from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.rollout import kinematic_rollout
 from rnc_pin.simulation.simulate import simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
@@ -12,6 +12,7 @@ __all__ = [
     "Outcome",
     "Trajectory",
     "kinematic_rollout",
+    "margins_along",
     "preflight",
     "simulate",
     "summarize",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.control import RedundancyController
+from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.errors import SingularityError
 from rnc_pin.planning import TaskReference
 from rnc_pin.reduction import ReducedModel
@@ -37,17 +37,28 @@ class Margins:
 
     Attributes:
         stack: of ``E = [A; J2]``: whether x2 parametrises the motion.
-        A4: whether the redundant outputs can move the vertical ones.
+        A4: whether the redundant outputs can move the vertical ones; None where nothing asks them to.
         singular: the error that ended the roll-out early, with its time, or None.
         time: times of the roll-out (N,) [s].
         q: its configurations (N, nq).
     """
 
     stack: Margin
-    A4: Margin
+    A4: Margin | None
     singular: SingularityError | None
     time: np.ndarray
     q: np.ndarray
+
+    def complaints(self, threshold: float = 0.01) -> list[str]:
+        """What speaks against the reference, in words; nothing where all margins are above the threshold."""
+        if self.singular is not None:
+            return [f"the reference leads into a singular configuration: {self.singular}"]
+        return [
+            f"the reference comes close to a singular configuration: smallest singular value of {what} is "
+            f"{margin.value:.2g} at t = {margin.time:.2f} s"
+            for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
+            if margin is not None and margin.value < threshold
+        ]
 
 
 def preflight(
@@ -72,21 +83,46 @@ def preflight(
         SingularityError: the initial configuration is singular.
     """
     controller = RedundancyController(task, reference.primary, reference.vertical, k3=_K3, k21=_K3)
-    horizon = reference.duration if duration is None else duration
+    return margins_along(reduced, controller, q0, reference.duration if duration is None else duration, dt, task)
+
+
+def margins_along(
+    reduced: ReducedModel,
+    controller: KinematicController,
+    q0: np.ndarray,
+    duration: float,
+    dt: float = 0.02,
+    task: Task | None = None,
+) -> Margins:
+    """The same for any kinematic controller.
+
+    Args:
+        reduced: the model.
+        controller: whose rates are followed exactly.
+        q0: initial configuration (nq,).
+        duration: [s].
+        dt: step of the roll-out [s].
+        task: its A4 is watched too; None where the controller does not invert it.
+
+    Raises:
+        SingularityError: the initial configuration is singular.
+    """
     singular: SingularityError | None = None
     try:
-        times, path = kinematic_rollout(reduced, controller, q0, horizon, dt)
+        times, path = kinematic_rollout(reduced, controller, q0, duration, dt)
     except SingularityError as error:
         if error.trajectory is None:
             raise
         singular = error
         times, path = error.trajectory
-    stack = np.asarray(reduced.smallest_singular_value(path))
-    A_star = reduced.terms(path, np.zeros((len(path), reduced.r))).A_star
-    A4 = np.linalg.svd(A_star[:, task.vertical][:, :, task.redundant], compute_uv=False)[:, -1]
 
     def smallest(values: np.ndarray) -> Margin:
         index = int(np.argmin(values))
         return Margin(float(values[index]), float(times[index]), path[index])
 
-    return Margins(smallest(stack), smallest(A4), singular, times, path)
+    margin = None
+    if task is not None:
+        A_star = reduced.terms(path, np.zeros((len(path), reduced.r))).A_star
+        A4 = A_star[:, task.vertical][:, :, task.redundant]
+        margin = smallest(np.linalg.svd(A4, compute_uv=False)[:, -1])
+    return Margins(smallest(np.asarray(reduced.smallest_singular_value(path))), margin, singular, times, path)

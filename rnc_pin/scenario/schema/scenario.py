@@ -74,6 +74,8 @@ class Scenario(Strict):
     reference: References = References()
     controller: ControllerSettings | None = None
     simulation: SimulationSettings | None = None
+    preflight: Literal["warn", "refuse"] = "warn"
+    """What to do about a reference that leads to a singular configuration, found before anything moves."""
     seed: Annotated[int, Field(ge=0)] = 0
     comparisons: dict[str, dict[str, Any]] = {}
     """Label: dotted keys and values that differ from this run."""

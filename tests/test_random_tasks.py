@@ -1,0 +1,41 @@
+"""Random tasks of the three case studies that pass preflight: none diverges. docs/random_tasks.md has 200 of each."""
+
+import pytest
+
+from rnc_pin.errors import InfeasibleError
+from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.sweep import one_run
+
+# A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
+LARGEST = {"space-robot": 0.02, "mobile-manipulator": 0.02, "fire-truck": 0.02}
+SAMPLE = {"space-robot": (0, 3, 17, 101), "mobile-manipulator": (1, 7, 50), "fire-truck": (2, 11)}
+
+
+@pytest.mark.parametrize(("scenario", "run"), [(name, run) for name, runs in SAMPLE.items() for run in runs])
+def test_a_random_task_that_passes_preflight_is_done(scenario, run, tmp_path):
+    row = one_run(scenario, {}, run, tmp_path)
+    assert row["outcome"] == "completed", row["message"]
+    errors = {key: value for key, value in row.items() if key.startswith("final_error.")}
+    assert errors
+    assert max(errors.values()) < LARGEST[scenario], errors
+
+
+STRETCHED = {"initial.q.joint_2": 1.6, "initial.q.joint_3": -0.9, "reference.primary.minimum_jerk.to": [1.55, 1.2]}
+
+
+def test_preflight_refuses_or_warns_as_it_is_told():
+    """The tip of the space robot reaches 2 m at most; a goal out there stretches the arm."""
+    with pytest.raises(InfeasibleError, match=r"space-robot: the reference leads into a singular configuration.* t = "):
+        plan("space-robot", {**STRETCHED, "preflight": "refuse"})
+    warnings = plan("space-robot", STRETCHED).experiment.warnings
+    assert len(warnings) == 1
+    assert "leads into a singular configuration" in warnings[0]
+
+
+def test_a_task_that_does_not_pass_is_drawn_again(tmp_path):
+    ranges = {"sweep": {"reference.primary.minimum_jerk.to.0": [1.0, 2.6]}, "simulation.duration": 0.02}
+    rows = [one_run("space-robot", ranges, run, tmp_path / str(run)) for run in range(6)]
+    assert {row["outcome"] for row in rows} == {"completed"}
+    assert sum(row["redrawn"] for row in rows) > 0
+    kept = [row["reference.primary.minimum_jerk.to.0"] for row in rows]
+    assert max(kept) < 1.9  # what could not be reached was drawn again
