@@ -25,16 +25,19 @@ STRETCHED = {"initial.q.joint_2": 1.6, "initial.q.joint_3": -0.9, "reference.pri
 
 def test_preflight_refuses_or_warns_as_it_is_told():
     """The tip of the space robot reaches 2 m at most; a goal out there stretches the arm."""
-    with pytest.raises(InfeasibleError, match=r"space-robot: the reference leads into a singular configuration.* t = "):
+    with pytest.raises(InfeasibleError, match=r"space-robot: the reference .* singular configuration.* t = "):
         plan("space-robot", {**STRETCHED, "preflight": "refuse"})
-    warnings = plan("space-robot", STRETCHED).experiment.warnings
-    assert len(warnings) == 1
-    assert "leads into a singular configuration" in warnings[0]
+    warnings = plan(
+        "space-robot", {**STRETCHED, "controller.preset": "paper", "comparisons": {}, "plots": {}}
+    ).experiment.warnings
+    assert warnings
+    assert all("singular configuration" in each for each in warnings)
 
 
 def test_a_task_that_does_not_pass_is_drawn_again(tmp_path):
-    ranges = {"sweep": {"reference.primary.minimum_jerk.to.0": [1.0, 2.6]}, "simulation.duration": 0.02}
-    rows = [one_run("space-robot", ranges, run, tmp_path / str(run)) for run in range(6)]
+    quick = {"reference.primary.minimum_jerk.duration": 1.5, "reference.vertical.minimum_jerk.duration": 1.5}
+    ranges = {**quick, "sweep": {"reference.primary.minimum_jerk.to.0": [1.0, 2.6]}, "simulation.duration": 2.0}
+    rows = [one_run("space-robot", ranges, run, tmp_path / str(run)) for run in range(4)]
     assert {row["outcome"] for row in rows} == {"completed"}
     assert sum(row["redrawn"] for row in rows) > 0
     kept = [row["reference.primary.minimum_jerk.to.0"] for row in rows]

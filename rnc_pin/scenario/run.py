@@ -65,6 +65,7 @@ def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
     raw = with_options(read_yaml(path), options or {})
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
+    experiment = _located(source, checked, path.parent)
     comparisons: dict[str, Experiment] = {}
     slugs: dict[str, str] = {}
     for label, changes in checked.comparisons.items():
@@ -73,7 +74,6 @@ def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
         if slugs.setdefault(slug(label), label) != label:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' name one file")
         comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
-    experiment = _located(source, checked, path.parent)
     _ = experiment.reduced.robot.visual_model  # a mesh that is missing is found before the run, not after it
     return Plan(path.stem, raw, path.parent, experiment, comparisons)
 
