@@ -1,7 +1,6 @@
-"""Write docs/random_tasks.md from sweeps.
+"""Write docs/random_tasks.md from the folders of ``rnc-pin sweep NAME --runs 200 --jobs -1 --out DIR``.
 
-rnc-pin sweep space-robot --runs 200 --jobs -1 --out sweeps/space-robot      # and so on
-python docs/make_random_tasks.py sweeps/*
+Run ``python docs/make_random_tasks.py DIR...``.
 """
 
 import json
@@ -11,10 +10,11 @@ from pathlib import Path
 PAGE = Path(__file__).parent / "random_tasks.md"
 HEAD = """# Random tasks
 
-What the scaled gains do on tasks that nobody picked: `rnc-pin sweep NAME --runs 200 --out DIR` draws starts and goals from
-the ranges under `sweep` in the scenario's file, from a seed of its own for each run. A task that preflight speaks against (a
-singular value of E or A4 below 0.01 along the way, no gains that suit the inertia, no path) is drawn again. Final errors in m
-or rad. `tests/test_random_tasks.py` runs a few of the same; `python docs/make_random_tasks.py DIR...` wrote this page.
+What the scaled gains do on tasks that nobody picked: `rnc-pin sweep NAME --runs 200 --out DIR` draws starts and goals
+from the ranges under `sweep` in the scenario's file, with a seed of its own for each run. A task that preflight speaks
+against (a singular value of E or A4 below 0.01 along the way, no gains that suit the inertia, no path) is drawn again.
+Final errors in m or rad. `tests/test_random_tasks.py` runs a few of the same;
+`python docs/make_random_tasks.py DIR...` wrote this page.
 
 | scenario | runs | outcomes | drawn again | output | median | 95 % below | largest |
 |---|---|---|---|---|---|---|---|
