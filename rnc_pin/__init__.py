@@ -16,7 +16,7 @@ from rnc_pin.errors import (
     SingularityError,
 )
 from rnc_pin.measurement import Measurement
-from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
+from rnc_pin.outputs import Distance, FrameOrientation, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
 from rnc_pin.simulation import Outcome, Trajectory, kinematic_rollout, preflight, simulate, summarize
@@ -29,6 +29,7 @@ __all__ = [
     "Distance",
     "DivergenceError",
     "FrameForce",
+    "FrameOrientation",
     "FramePosition",
     "FrameSpeed",
     "FrameTorque",

@@ -12,6 +12,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import InputError
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.robot import Robot
@@ -54,10 +55,12 @@ class OutputRows(Rows):
     Attributes:
         angular: which values are angles, compared modulo a full turn, (k,).
         quasi: whether only the rate exists (a quasi-velocity), so that the value is its integral.
+        rotation: whether the three values are a rotation vector, and the rates an angular velocity in world axes.
     """
 
     angular: tuple[bool, ...]
     quasi: bool = False
+    rotation: bool = False
 
     @abstractmethod
     def value(self, state: Kinematics) -> np.ndarray:
@@ -165,20 +168,13 @@ class OutputStack(RowStack):
         self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
         self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
         self._outputs = list(blocks)
+        rotations = [place.start for block, place, _ in self.places if isinstance(block, OutputRows) and block.rotation]
+        self.coordinates = Coordinates(self.angular, rotations)
 
     def value(self, state: Kinematics, out: np.ndarray) -> None:
         """Write the coordinates into ``out`` (size,)."""
         for (_, place, _), block in zip(self.places, self._outputs, strict=True):
             out[place] = block.value(state)
-
-
-def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
-    """``desired - actual`` (..., k), with angles brought into (-pi, pi]."""
-    difference = desired - actual
-    if angular.any():
-        wrapped = np.pi - np.mod(np.pi - difference, 2 * np.pi)
-        difference = np.where(angular, wrapped, difference)
-    return difference
 
 
 def checked_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:

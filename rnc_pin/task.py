@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.reduction import ReducedModel
 
@@ -28,8 +29,9 @@ class Task:
     primary_names: tuple[str, ...]
     redundant_names: tuple[str, ...]
     vertical_names: tuple[str, ...]
-    primary_angular: np.ndarray
-    vertical_angular: np.ndarray
+    primary_coordinates: Coordinates
+    redundant_coordinates: Coordinates
+    vertical_coordinates: Coordinates
     r: int
 
     @classmethod
@@ -49,7 +51,7 @@ class Task:
             vertical: names of the vertical outputs that the task is about; all by default.
 
         Raises:
-            ConfigurationError: unknown name, one named twice, or a reducing output left out.
+            ConfigurationError: unknown name, one named twice, a reducing output left out, or an orientation torn apart.
         """
         x2, x1 = reduced.reducing, reduced.vertical
         chosen = x1.names if vertical is None else tuple(vertical)
@@ -69,8 +71,9 @@ class Task:
             primary_names=tuple(primary),
             redundant_names=tuple(redundant),
             vertical_names=chosen,
-            primary_angular=x2.angular[first],
-            vertical_angular=x1.angular[rows],
+            primary_coordinates=x2.coordinates.choose(first, x2.names),
+            redundant_coordinates=x2.coordinates.choose(second, x2.names),
+            vertical_coordinates=x1.coordinates.choose(rows, x1.names),
             r=reduced.r,
         )
 

@@ -10,10 +10,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, check_size, elapsed_time, spread
+from rnc_pin.coordinates import Coordinates, angle_difference
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.linear_algebra import apply
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
-from rnc_pin.rows import angle_difference
 
 
 class PositionState(NamedTuple):
@@ -49,7 +50,10 @@ class PositionTracker:
         reference: of the outputs that it tracks.
         gains: k1, k2, gamma, beta, sigma; the paper's by default.
         outputs: positions of those outputs in x2; all by default. F has their length.
-        angular: which of them are angles.
+        angular: which of them are angles, or their coordinates.
+
+    Raises:
+        ConfigurationError: one of them is an orientation: integrating by parts needs errors that simply subtract.
     """
 
     def __init__(
@@ -57,8 +61,14 @@ class PositionTracker:
         reference: Reference,
         gains: PositionGains | None = None,
         outputs: np.ndarray | None = None,
-        angular: np.ndarray | None = None,
+        angular: np.ndarray | Coordinates | None = None,
     ) -> None:
+        if isinstance(angular, Coordinates):
+            if angular.rotations:
+                raise ConfigurationError(
+                    "the position tracker (8)-(9) takes outputs on lines and circles, not orientations"
+                )
+            angular = angular.angular
         self.reference = reference
         self.gains = PositionGains.paper() if gains is None else gains
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.reduction import ReducedModel
-from rnc_pin.rows import angle_difference
 
 
 class ReducingOutputController:
@@ -25,16 +25,16 @@ class ReducingOutputController:
     def __init__(self, reduced: ReducedModel, reference: Reference, k2: float | np.ndarray = 2.0) -> None:
         check_size(reference, reduced.r, "reducing")
         self.reference, self.k2 = reference, k2
-        self._angular = reduced.reducing.angular
+        self._coordinates = reduced.reducing.coordinates
 
     def initial_state(self, measurement: Measurement) -> None:
         """It learns nothing."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)
-        error = angle_difference(desired.position, measurement.x2, self._angular)
+        seen = compare(self._coordinates, desired, measurement.x2, measurement.v2)
         return VelocityTarget(
-            v2=desired.velocity + self.k2 * error,
-            v2_dot=desired.acceleration + self.k2 * (desired.velocity - measurement.v2),
+            v2=seen.velocity + self.k2 * seen.error,
+            v2_dot=seen.acceleration + self.k2 * seen.error_rate,
             x2=np.broadcast_to(desired.position, measurement.x2.shape),
         ), None

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.linear_algebra import apply, condition_number
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
-from rnc_pin.rows import angle_difference
 from rnc_pin.task import Task
 
 _LIMIT = 1e8
@@ -75,16 +75,15 @@ class RedundancyController:
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         task, m = self.task, measurement
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
-        e21 = angle_difference(x21d.position, m.x2[..., task.primary], task.primary_angular)
-        e1 = angle_difference(x1d.position, m.x1[..., task.vertical], task.vertical_angular)
-        v21 = x21d.velocity + self.k21 * e21
-        v21_dot = x21d.acceleration + self.k21 * (x21d.velocity - m.v2[..., task.primary])
+        first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
+        base = compare(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
+        v21 = first.velocity + self.k21 * first.error
+        v21_dot = first.acceleration + self.k21 * first.error_rate
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
         A3, A4 = A[..., task.primary], A[..., task.redundant]
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
-        wanted = x1d.velocity + self.k3 * e1 - apply(A3, v21)
-        v1 = m.v1[..., task.vertical]
-        wanted_dot = x1d.acceleration + self.k3 * (x1d.velocity - v1) - apply(A3_dot, v21) - apply(A3, v21_dot)
+        wanted = base.velocity + self.k3 * base.error - apply(A3, v21)
+        wanted_dot = base.acceleration + self.k3 * base.error_rate - apply(A3_dot, v21) - apply(A3, v21_dot)
         if A4.shape[-1] == A4.shape[-2]:
             v22 = self._solve(A4, wanted, m)
             v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
@@ -149,10 +148,10 @@ class Posture:
 
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
-        self._redundant, self.reference, self.k = task.redundant, reference, k
+        self._task, self.reference, self.k = task, reference, k
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        desired = self.reference.at(t)
-        error = desired.position - measurement.x2[..., self._redundant]
-        rate_error = desired.velocity - measurement.v2[..., self._redundant]
-        return desired.velocity + self.k * error, desired.acceleration + self.k * rate_error
+        redundant = self._task.redundant
+        x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
+        seen = compare(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
+        return seen.velocity + self.k * seen.error, seen.acceleration + self.k * seen.error_rate

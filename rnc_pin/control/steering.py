@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.linear_algebra import apply
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.reduction import ReducedModel
-from rnc_pin.rows import angle_difference
 from rnc_pin.task import Task
 
 _A4_ZERO = 1e-9
@@ -83,18 +83,18 @@ class SteeringController:
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         task, m = self.task, measurement
         x21d, x11d = self.primary.at(t), self.vertical.at(t)
-        e21 = angle_difference(x21d.position, m.x2[..., task.primary], task.primary_angular)
-        e11 = angle_difference(x11d.position, m.x1[..., task.vertical], task.vertical_angular)
-        v21d = x21d.velocity + self.k21 * e21
-        v21d_dot = x21d.acceleration + self.k21 * (x21d.velocity - m.v2[..., task.primary])
+        first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
+        v21d = first.velocity + self.k21 * first.error
+        v21d_dot = first.acceleration + self.k21 * first.error_rate
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3 = m.A_star[..., task.vertical, :][..., task.primary]
         A3_dot = m.A_star_dot[..., task.vertical, :][..., task.primary]
         gradient = self._reduced.kinematic_gradient(m.q, task.redundant)[..., task.vertical, :, :][..., task.primary, :]
         N = np.einsum("...kis,...i->...ks", gradient, v21)
         rate = apply(A3, v21)
-        wanted = x11d.velocity + self.k3 * e11
-        wanted_dot = x11d.acceleration + self.k3 * (x11d.velocity - rate)
+        seen = compare(task.vertical_coordinates, x11d, m.x1[..., task.vertical], rate)
+        wanted = seen.velocity + self.k3 * seen.error
+        wanted_dot = seen.acceleration + self.k3 * seen.error_rate
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
         right = wanted_dot + self.k4 * (wanted - rate) - without
         square = N.mT @ N + self.damping**2 * np.eye(N.shape[-1])

@@ -2,6 +2,7 @@
 
 from rnc_pin.planning.car_path import CarPath
 from rnc_pin.planning.chained_form import FireTruckChart
+from rnc_pin.planning.geodesic import Geodesic
 from rnc_pin.planning.references import (
     Harmonic,
     Hold,
@@ -16,6 +17,7 @@ from rnc_pin.planning.references import (
 __all__ = [
     "CarPath",
     "FireTruckChart",
+    "Geodesic",
     "Harmonic",
     "Hold",
     "Joined",

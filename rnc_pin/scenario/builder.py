@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control import Controller
+from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.reduction import ReducedModel
@@ -77,7 +78,8 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     for name, start in starts.items():
         settings = getattr(scenario.reference, name)
         try:
-            references[name] = Hold(start) if settings is None else settings.build(start)
+            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
+            references[name] = Hold(start) if settings is None else settings.build(start, coordinates)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight)

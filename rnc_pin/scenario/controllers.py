@@ -133,7 +133,7 @@ def _two_phase(setting: Setting) -> Controller:
         with _named("controller"):
             position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
             velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
-    tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_angular)
+    tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_coordinates)
     stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
     # Found now rather than at the first sample.
     measured = reduced.measure(setting.q0, np.zeros(task.r))
@@ -193,9 +193,7 @@ def _jacobian_transpose(setting: Setting) -> Controller:
     settings, task, reduced = setting.settings, setting.task, setting.reduced
     if settings.active is None:
         raise ConfigurationError("controller.active: is missing; name the actuators that are on")
-    tracker = PositionTracker(
-        setting.references["primary"], outputs=task.primary, angular=reduced.reducing.angular[task.primary]
-    )
+    tracker = PositionTracker(setting.references["primary"], outputs=task.primary, angular=task.primary_coordinates)
     controller = JacobianTransposeController(reduced, tracker, settings.active)
     size = len(task.primary)
     gains = PositionGains.paper()

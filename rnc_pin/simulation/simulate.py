@@ -159,8 +159,7 @@ class _Record:
         reduced = self.reduced
         a = {name: array[: self.count] for name, array in self.arrays.items()}
         for name, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing)):
-            columns = outputs.angular
-            a[name][:, columns] = np.unwrap(a[name][:, columns], axis=0)
+            a[name] = outputs.coordinates.unwrap(a[name])
         goals = {
             name: [
                 n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()
@@ -224,6 +223,10 @@ def _names(reduced: ReducedModel) -> dict[str, Any]:
         "angular": {
             "x1": reduced.vertical.angular.tolist(),
             "x2": reduced.reducing.angular.tolist(),
+        },
+        "rotations": {
+            "x1": list(reduced.vertical.coordinates.rotations),
+            "x2": list(reduced.reducing.coordinates.rotations),
         },
     }
 

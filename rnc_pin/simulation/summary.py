@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.rows import angle_difference
 from rnc_pin.simulation.trajectory import Trajectory
 
 
@@ -16,8 +15,7 @@ def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
-        angular = np.array(trajectory.meta["angular"][kind], dtype=bool)
-        difference = angle_difference(desired, actual, angular)
+        difference = trajectory.coordinates(kind).difference(desired, actual)
         for column, name in enumerate(trajectory.meta["names"][kind]):
             if name in goals:
                 errors[name] = difference[:, column]

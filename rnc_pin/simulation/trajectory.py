@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError
 
 
@@ -68,6 +69,10 @@ class Trajectory:
     def outcome(self) -> Outcome:
         """How the run ended."""
         return Outcome(self.meta.get("outcome", Outcome.COMPLETED))
+
+    def coordinates(self, kind: str) -> Coordinates:
+        """What the outputs "x1" or "x2" live on."""
+        return Coordinates(self.meta["angular"][kind], self.meta.get("rotations", {}).get(kind, ()))
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""

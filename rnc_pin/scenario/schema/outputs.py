@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, Tag
 
-from rnc_pin.outputs import Distance, FramePosition, FrameSpeed, FrameYaw, JointPosition
+from rnc_pin.outputs import Distance, FrameOrientation, FramePosition, FrameSpeed, FrameYaw, JointPosition
 from rnc_pin.rows import OutputKind
 from rnc_pin.scenario.schema.base import BY_KIND, Axis, Strict
 
@@ -32,6 +32,15 @@ class Position(Strict):
 
     def build(self) -> OutputKind:
         return FramePosition(self.frame_position.frame, self.frame_position.axes)
+
+
+class Orientation(Strict):
+    """Attitude of a frame."""
+
+    frame_orientation: str
+
+    def build(self) -> OutputKind:
+        return FrameOrientation(self.frame_orientation)
 
 
 class Yaw(Strict):
@@ -74,6 +83,7 @@ class Speed(Strict):
 OutputItem = Annotated[
     Annotated[Joint, Tag("joint")]
     | Annotated[Position, Tag("frame_position")]
+    | Annotated[Orientation, Tag("frame_orientation")]
     | Annotated[Yaw, Tag("frame_yaw")]
     | Annotated[DistanceBetween, Tag("distance")]
     | Annotated[Speed, Tag("frame_speed")],

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, Tag, model_validator
 
 from rnc_pin import planning
+from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.schema.base import BY_KIND, Numbers, Positive, Strict
 
@@ -28,13 +29,15 @@ class _MinimumJerkArguments(Strict):
 
 
 class MinimumJerkReference(Strict):
-    """From the initial value to a goal, at rest at both ends."""
+    """From the initial value to a goal, at rest at both ends; orientations turn about one axis."""
 
     minimum_jerk: _MinimumJerkArguments
 
-    def build(self, start: np.ndarray) -> planning.Reference:
+    def build(self, start: np.ndarray, coordinates: Coordinates) -> planning.Reference:
         a = self.minimum_jerk
-        goal = _sized(a.to, start) if a.to is not None else _sized(a.by, start) + start
+        goal = _sized(a.to, start) if a.to is not None else coordinates.moved(start, _sized(a.by, start))
+        if coordinates.rotations:
+            return planning.Geodesic(start, goal, a.duration, coordinates, a.begin)
         return planning.MinimumJerk(start, goal, a.duration, a.begin)
 
 
@@ -49,7 +52,7 @@ class ViaReference(Strict):
 
     via_points: _ViaArguments
 
-    def build(self, start: np.ndarray) -> planning.Reference:
+    def build(self, start: np.ndarray, coordinates: Coordinates) -> planning.Reference:
         a = self.via_points
         if len(a.times) != len(a.points):
             raise ConfigurationError(f"via_points has {len(a.times)} times for {len(a.points)} points")
@@ -71,7 +74,7 @@ class HarmonicReference(Strict):
 
     harmonic: _HarmonicArguments
 
-    def build(self, start: np.ndarray) -> planning.Reference:
+    def build(self, start: np.ndarray, coordinates: Coordinates) -> planning.Reference:
         a = self.harmonic
         center = start if a.center is None else _sized(np.array(a.center), start)
         return planning.Harmonic(center, _sized(np.array(a.amplitude), start), a.frequency, a.phase, a.ramp)
@@ -87,7 +90,7 @@ class HoldReference(Strict):
 
     hold: _HoldArguments = _HoldArguments()
 
-    def build(self, start: np.ndarray) -> planning.Reference:
+    def build(self, start: np.ndarray, coordinates: Coordinates) -> planning.Reference:
         return planning.Hold(start if self.hold.value is None else _sized(np.array(self.hold.value), start))
 
 

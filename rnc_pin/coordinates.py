@@ -1,0 +1,150 @@
+"""What outputs live on: lines, circles, and rotations in threes. Errors, rates and records follow from it.
+
+A rotation R is written as its rotation vector r, ``R = exp(r)``. Rates of such outputs are angular velocities w in
+world axes, and ``w = J(r) rdot`` with the left Jacobian of SO(3),
+
+    J(r) = I + a [r] + b [r]^2,    a = (1 - cos u) / u^2,    b = (u - sin u) / u^3,    u = |r|
+
+(Chirikjian, "Stochastic Models, Information Theory, and Lie Groups", volume 2, section 10.8). Exponentials and
+logarithms are Pinocchio's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError
+
+_SMALL = 1e-2  # [rad] below which quotients are taken from their series
+
+
+class Coordinates:
+    """k outputs: which are angles, and which three by three are rotation vectors.
+
+    Args:
+        angular: which of them are angles, compared modulo a full turn, (k,).
+        rotations: places of the first entry of every rotation vector.
+    """
+
+    def __init__(self, angular: Sequence[bool] | np.ndarray, rotations: Sequence[int] = ()) -> None:
+        self.angular = np.asarray(angular, dtype=bool)
+        self.rotations = tuple(int(first) for first in rotations)
+        self.size = len(self.angular)
+        self._triples = [slice(first, first + 3) for first in self.rotations]
+
+    def choose(self, places: np.ndarray, names: Sequence[str] = ()) -> Coordinates:
+        """Those of some outputs, in their order.
+
+        Raises:
+            ConfigurationError: a rotation is torn apart.
+        """
+        chosen = [int(place) for place in places]
+        rotations = []
+        for first in self.rotations:
+            triple = [first, first + 1, first + 2]
+            if not set(triple) & set(chosen):
+                continue
+            start = chosen.index(first) if first in chosen else -1
+            if start < 0 or chosen[start : start + 3] != triple:
+                label = f"'{names[first].removesuffix('_x')}'" if len(names) else f"at {first}"
+                raise ConfigurationError(f"the three components of orientation {label} have to stay together, in order")
+            rotations.append(start)
+        return Coordinates(self.angular[chosen], sorted(rotations))
+
+    def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
+        """``desired - actual`` (..., k): angles in (-pi, pi], of rotations ``log(Rd R^T)`` in world axes."""
+        error = angle_difference(desired, actual, self.angular)
+        for triple in self._triples:
+            goal, here = np.broadcast_arrays(desired[..., triple], actual[..., triple])
+            for at in np.ndindex(goal.shape[:-1]):
+                # What has no goal has no error.
+                if not np.isnan(goal[at]).any():
+                    error[(*at, triple)] = pin.log3(pin.exp3(goal[at]) @ pin.exp3(here[at]).T)
+        return error
+
+    def difference_rate(self, error: np.ndarray, desired_rate: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``difference`` (..., k), from it and both rates: ``edot = J(e)^-1 wd - J(-e)^-1 w`` of rotations."""
+        change = desired_rate - rate
+        for triple in self._triples:
+            e = error[..., triple]
+            wd, w = np.broadcast_to(desired_rate[..., triple], e.shape), np.broadcast_to(rate[..., triple], e.shape)
+            for at in np.ndindex(e.shape[:-1]):
+                right = pin.Jlog3(pin.exp3(e[at]))  # J(-e)^-1, and its transpose is J(e)^-1
+                change[(*at, triple)] = right.T @ wd[at] - right @ w[at]
+        return change
+
+    def moved(self, start: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """``start`` displaced (k,): rotations turn by the rotation vector ``by`` in world axes."""
+        goal = np.array(start + by)
+        for triple in self._triples:
+            goal[triple] = pin.log3(pin.exp3(by[triple]) @ pin.exp3(start[triple]))
+        return goal
+
+    def to_rates(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (k,) of a reference, with angular velocities and accelerations where there are rotations."""
+        if not self._triples:
+            return velocity, acceleration
+        velocity, acceleration = np.array(velocity), np.array(acceleration)
+        for triple in self._triples:
+            J, J_dot = left_jacobian(position[triple], velocity[triple])
+            acceleration[triple] = J @ acceleration[triple] + J_dot @ velocity[triple]
+            velocity[triple] = J @ velocity[triple]
+        return velocity, acceleration
+
+    def unwrap(self, series: np.ndarray) -> np.ndarray:
+        """A record (N, k) without jumps: angles go on past a half turn, and so do rotation vectors."""
+        smooth = np.array(series)
+        smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
+        for triple in self._triples:
+            column = smooth[:, triple]
+            for previous, vector in pairwise(column):
+                vector[...] = _nearest_turn(vector, previous)
+        return smooth
+
+
+def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
+    """``desired - actual`` (..., k), with angles brought into (-pi, pi]."""
+    difference = desired - actual
+    if angular.any():
+        wrapped = np.pi - np.mod(np.pi - difference, 2 * np.pi)
+        difference = np.where(angular, wrapped, difference)
+    return difference
+
+
+def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
+    square = float(r @ r)
+    u = np.sqrt(square)
+    if u < _SMALL:
+        a, b = 1 / 2 - square / 24, 1 / 6 - square / 120
+        a_dot, b_dot = -1 / 12 + square / 180, -1 / 60 + square / 1260  # (da/du) / u
+    else:
+        sine, cosine = np.sin(u), np.cos(u)
+        a, b = (1 - cosine) / square, (u - sine) / (square * u)
+        a_dot = (sine / u - 2 * a) / square
+        b_dot = ((1 - cosine) / square - 3 * b) / square
+    along = float(r @ r_dot)  # u udot
+    K, K_dot = pin.skew(r), pin.skew(r_dot)
+    J = np.eye(3) + a * K + b * (K @ K)
+    J_dot = a * K_dot + b * (K_dot @ K + K @ K_dot) + along * (a_dot * K + b_dot * (K @ K))
+    return J, J_dot
+
+
+def _nearest_turn(vector: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    """Of all rotation vectors of one rotation that which is nearest to another."""
+    angle = float(np.linalg.norm(vector))
+    length = float(np.linalg.norm(previous))
+    if angle < 1e-12:
+        if length < np.pi:
+            return vector
+        axis, angle = previous / length, 0.0  # whole turns about any axis are no rotation
+    else:
+        axis = vector / angle
+    turns = np.round((float(axis @ previous) - angle) / (2 * np.pi))
+    return (angle + 2 * np.pi * turns) * axis

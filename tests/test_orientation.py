@@ -1,0 +1,201 @@
+"""Outputs on SO(3): rates, errors, references and a controller that goes the short way round."""
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
+from rnc_pin.coordinates import Coordinates, left_jacobian
+from rnc_pin.planning import Geodesic, Harmonic, Hold, MinimumJerk
+from rnc_pin.scenario.schema.references import MinimumJerkReference
+from systems import random_states
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+ROTATION = Coordinates([False] * 3, [0])
+
+
+def reaction_wheels():
+    """A satellite that three wheels turn while an antenna moves: class 1 with no singular configuration."""
+    model = pin.Model()
+    model.name = "satellite"
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(50.0, np.zeros(3), np.diag([5.0, 7.0, 6.0])), pin.SE3.Identity())
+    model.addFrame(pin.Frame("bus", base, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
+    for axis, kind in kinds.items():
+        joint = model.addJoint(base, kind(), pin.SE3.Identity(), f"wheel_{axis}")
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
+    joint = model.addJoint(base, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.5, 0, 0])), "antenna")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.2, 0, 0.1]), 0.05 * np.eye(3)), pin.SE3.Identity())
+    model.gravity.linear = np.zeros(3)
+    wheels = [f"wheel_{axis}" for axis in kinds]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")], ["antenna", *wheels])
+    return system.reduce([rnc.JointPosition("antenna"), *map(rnc.JointPosition, wheels)], [rnc.FrameOrientation("bus")])
+
+
+def test_rows_are_the_angular_velocity():
+    satellite = reaction_wheels()
+    assert satellite.vertical.names == ("bus_orientation_x", "bus_orientation_y", "bus_orientation_z")
+    h = 1e-5
+    for q, v2 in random_states(satellite, 5):
+        terms = satellite.terms(q, v2)
+
+        def turned(s, q=q, v=terms.v):
+            return satellite.outputs(pin.integrate(satellite.robot.model, q, s * v))[0]
+
+        spin = pin.log3(pin.exp3(turned(h)) @ pin.exp3(turned(-h)).T) / (2 * h)
+        np.testing.assert_allclose(terms.A_star @ v2, spin, atol=FINITE_DIFFERENCE)
+
+        def kinematics(s, q=q, v2=v2, v=terms.v):
+            return satellite.terms(pin.integrate(satellite.robot.model, q, s * v), v2).A_star
+
+        np.testing.assert_allclose(
+            terms.A_star_dot, (kinematics(h) - kinematics(-h)) / (2 * h), atol=FINITE_DIFFERENCE * 10
+        )
+
+
+def test_drift_is_that_of_the_rows():
+    """As a reducing output: forward and inverse dynamics use the drift, ``terms`` the rows' rate."""
+    model = reaction_wheels().robot.model.copy()
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(10))
+    reduced = system.reduce(
+        [
+            rnc.FrameOrientation("bus"),
+            rnc.FramePosition("bus"),
+            *map(rnc.JointPosition, ("antenna", "wheel_x", "wheel_y", "wheel_z")),
+        ]
+    )
+    generator = np.random.default_rng(3)
+    for q, v2 in random_states(reduced, 5):
+        t, F = reduced.terms(q, v2), generator.normal(size=10)
+        expected = np.linalg.solve(t.H, t.input_matrix @ F - t.V @ v2 - t.G)
+        np.testing.assert_allclose(reduced.forward_dynamics(q, v2, F), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-7, 9e-3, 1.1e-2, 1.0, 3.0, 5.0])
+def test_left_jacobian_and_its_rate(length):
+    generator = np.random.default_rng(0)
+    axis, r_dot = generator.normal(size=3), generator.normal(size=3)
+    r, h = length * axis / np.linalg.norm(axis), 1e-5
+    J, J_dot = left_jacobian(r, r_dot)
+    spin = pin.log3(pin.exp3(r + h * r_dot) @ pin.exp3(r - h * r_dot).T) / (2 * h)
+    np.testing.assert_allclose(J @ r_dot, spin, atol=1e-8)
+    change = (left_jacobian(r + h * r_dot, r_dot)[0] - left_jacobian(r - h * r_dot, r_dot)[0]) / (2 * h)
+    np.testing.assert_allclose(J_dot, change, atol=1e-8)
+
+
+def test_rate_of_the_error():
+    generator = np.random.default_rng(1)
+    h = 1e-6
+    for _ in range(20):
+        rd, r, wd, w = generator.normal(size=(4, 3))
+        error = ROTATION.difference(rd, r)
+
+        def after(s, rd=rd, r=r, wd=wd, w=w):
+            moved = [pin.log3(pin.exp3(s * spin) @ pin.exp3(start)) for spin, start in ((wd, rd), (w, r))]
+            return ROTATION.difference(*moved)
+
+        if np.linalg.norm(error) < 3.0:  # at a half turn the error jumps
+            rate = (after(h) - after(-h)) / (2 * h)
+            np.testing.assert_allclose(ROTATION.difference_rate(error, wd, w), rate, atol=1e-6)
+
+
+def test_errors_take_batch_axes():
+    generator = np.random.default_rng(2)
+    mixed = Coordinates([False, False, False, False, True], [1])
+    desired, actual, rate = generator.normal(size=5), generator.normal(size=(4, 2, 5)), generator.normal(size=(4, 2, 5))
+    error = mixed.difference(desired, actual)
+    change = mixed.difference_rate(error, np.ones(5), rate)
+    for at in np.ndindex(4, 2):
+        np.testing.assert_array_equal(error[at], mixed.difference(desired, actual[at]))
+        np.testing.assert_array_equal(change[at], mixed.difference_rate(error[at], np.ones(5), rate[at]))
+        np.testing.assert_allclose(error[at][0], desired[0] - actual[at][0])
+
+
+def test_a_geodesic_turns_about_one_axis():
+    start, goal = np.array([2.0, -1.0, 0.5]), np.array([-1.5, 1.0, 2.0])
+    reference, h = Geodesic(start, goal, 2.0, ROTATION, begin=0.5), 1e-4
+    arc = ROTATION.difference(goal, start)
+    assert ROTATION.difference(goal, reference.at(2.5).position) == pytest.approx(np.zeros(3), abs=ROUNDING)
+    profile = MinimumJerk([0.0], [1.0], 2.0, begin=0.5)
+    for t in np.linspace(0.6, 2.4, 7):
+        point, share = reference.at(t), profile.at(t)
+        spin, spin_dot = ROTATION.to_rates(*point[:3])
+        np.testing.assert_allclose(spin, share.velocity * arc, atol=ROUNDING * 10)
+        np.testing.assert_allclose(spin_dot, share.acceleration * arc, atol=ROUNDING * 100)
+        moved = ROTATION.difference(reference.at(t + h).position, reference.at(t - h).position) / (2 * h)
+        np.testing.assert_allclose(spin, moved, atol=1e-6)
+
+
+def test_any_reference_in_rotation_vectors_has_its_angular_acceleration():
+    reference, h = Harmonic([0.2, -1.0, 2.0], [0.8, 0.5, 0.9], [0.3, 0.2, 0.4]), 1e-4
+    for t in np.linspace(1.2, 4.0, 8):
+        spins = [ROTATION.to_rates(*reference.at(each)[:3])[0] for each in (t - h, t + h)]
+        spin_dot = ROTATION.to_rates(*reference.at(t)[:3])[1]
+        np.testing.assert_allclose(spin_dot, (spins[1] - spins[0]) / (2 * h), atol=1e-5)
+
+
+def test_a_record_does_not_jump_at_a_half_turn():
+    angles = np.linspace(-8.0, 8.0, 400)
+    axis = np.array([0.6, 0.0, 0.8])
+    wrapped = np.array([pin.log3(pin.exp3(angle * axis)) for angle in angles])
+    assert np.abs(np.diff(wrapped, axis=0)).max() > 1.0
+    smooth = ROTATION.unwrap(wrapped)
+    np.testing.assert_allclose(smooth, wrapped[0] + (angles - angles[0])[:, None] * axis, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [[0.0, 0.0, 2.9], [1.2, -1.6, 1.1]])
+def test_class_1_takes_a_large_error_the_short_way(turn):
+    reduced, turn = reaction_wheels(), np.array(turn)
+    task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
+    start = 1.4 * turn / np.linalg.norm(turn)
+    goal = ROTATION.moved(start, turn)
+    assert np.linalg.norm(goal - start) > np.linalg.norm(turn) + 0.1  # rotation vectors would go another way
+    controller = RedundancyController(task, MinimumJerk([0.0], [0.8], 2.0), Hold(goal), k3=2.0, k21=2.0)
+    q0 = np.r_[np.zeros(3), pin.Quaternion(pin.exp3(start)).coeffs(), np.zeros(4)]
+    run = rnc.simulate(reduced, ComputedTorque(reduced, controller), q0, duration=5.0, dt=0.005)
+    error = np.linalg.norm(np.stack(list(rnc.simulation.tracking_errors(run).values())[1:]), axis=0)
+    assert error[0] == pytest.approx(np.linalg.norm(turn))
+    assert error[0] > np.deg2rad(120)
+    assert (np.diff(error) < 1e-9).all()
+    assert error[-1] < 1e-3
+    turned = [ROTATION.difference(b, a) for a, b in pairwise(run.x1[::5])]
+    assert np.linalg.norm(turned, axis=1).sum() < np.linalg.norm(turn) + 1e-3
+
+
+def test_the_exact_rate_of_the_class_1_target():
+    reduced = reaction_wheels()
+    task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
+    references = MinimumJerk([0.0], [0.8], 2.0), Harmonic([0.1, 0.4, -0.3], [0.5, 0.4, 0.6], [0.2, 0.3, 0.25])
+    controller = RedundancyController(task, *references, k3=2.0, k21=2.0)
+    h, t = 1e-5, 1.3
+    for q, v2 in random_states(reduced, 4):
+        v = reduced.terms(q, v2).v
+
+        def target(s, q=q, v2=v2, v=v):
+            moved = pin.integrate(reduced.robot.model, q, s * v)
+            return controller.step(t + s, reduced.measure(moved, v2), None)[0]
+
+        # v2 stands still here, as in every kinematic controller that takes its rate from positions.
+        np.testing.assert_allclose(target(0).v2_dot, (target(h).v2 - target(-h).v2) / (2 * h), rtol=1e-5, atol=1e-5)
+
+
+def test_the_position_tracker_refuses_orientations():
+    with pytest.raises(rnc.ConfigurationError, match="not orientations"):
+        PositionTracker(Hold(np.zeros(3)), angular=ROTATION)
+
+
+def test_an_orientation_is_not_torn_apart():
+    reduced = reaction_wheels()
+    with pytest.raises(rnc.ConfigurationError, match="'bus_orientation' have to stay together"):
+        rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"], ["bus_orientation_y"])
+
+
+def test_displacements_in_scenario_files_turn_in_world_axes():
+    reference = MinimumJerkReference(minimum_jerk={"by": [0.0, 0.0, 0.5], "duration": 1.0})
+    start = np.array([1.0, 0.2, 0.0])
+    goal = reference.build(start, ROTATION).at(2.0).position
+    np.testing.assert_allclose(pin.exp3(goal), pin.exp3(np.array([0, 0, 0.5])) @ pin.exp3(start), atol=ROUNDING)
