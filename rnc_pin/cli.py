@@ -145,7 +145,7 @@ def inspect(system: str, options: tuple[str, ...], samples: int, seed: int, as_j
     checked = validate(with_options(read_yaml(path), _parsed(options)), path.name)
     built, reduced = build_reduced(checked, path.parent)
     task = build_task(checked, reduced)
-    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed)
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
     content = {
         "system": system,
         "robot": built.robot.name,

@@ -233,11 +233,16 @@ class ReducedModel:
         _, C, g, *_ = self._rates(q, apply(E_inverse[self._basis], v2))
         return LagrangianTerms(H=np.array(M), C=C, g=g, B=np.array(B))
 
-    def basis_rate(self, q: ArrayInput, v: ArrayInput) -> tuple[Array, Array]:
-        """R and its derivative along any tangent vector v, (nv, r) each, at one configuration."""
+    def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
+        """R (nv, r) and its derivatives (..., nv, r) along tangent vectors (..., nv), at one configuration."""
         E_inverse, _, _ = self.stack(self._admit(q))
-        R = E_inverse[:, self.m :]
-        return R.copy(), -E_inverse @ (self._rates(q, np.asarray(v, dtype=float))[0] @ R)
+        R = E_inverse[:, self.m :].copy()
+        along = np.asarray(along, dtype=float)
+        E_dot = np.empty((*along.shape, self.n))
+        for v_i, E_i in zip(along.reshape(-1, self.n), E_dot.reshape(-1, self.n, self.n), strict=True):
+            self._state.set_rates(q, v_i)
+            self._rows.jacobian_dot(self._state, E_i)
+        return R, -E_inverse @ (E_dot @ R)
 
     def measure(self, q: ArrayInput, v2: ArrayInput, integrals: Array | None = None) -> Measurement:
         """What controllers may see at a state: outputs, rates and the kinematics between them, no inertia.
@@ -309,6 +314,10 @@ class ReducedModel:
     def smallest_singular_value(self, q: ArrayInput) -> Array | float:
         """Smallest singular value (...) of E with unit rows; zero at a singular configuration."""
         return np.linalg.svd(unit_rows(self._position(self._admit(q))[0]), compute_uv=False)[..., -1]
+
+    def stacked_rows(self, q: ArrayInput) -> Float[Array, "*batch nv nv"]:
+        """``E = [A; J2]``, constraint rows above reducing outputs; raises at no singular configuration."""
+        return self._position(self._admit(q))[0].copy()
 
     # ------------------------------------------------------------------ Pinocchio, state by state
 

@@ -171,6 +171,19 @@ class Robot:
         """
         return _configuration(self.model, _Names(self.model), values or {})
 
+    def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
+        """The inverse of ``configuration``: joint name to angle [rad] or displacement [m], a base's several values."""
+        values: dict[str, float | list[float]] = {}
+        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
+            entry = q[joint.idx_q : joint.idx_q + joint.nq]
+            if joint.shortname().startswith("JointModelRUB"):
+                values[name] = float(np.arctan2(entry[1], entry[0]))
+            elif joint.shortname() == "JointModelPlanar":
+                values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
+            else:
+                values[name] = float(entry[0]) if joint.nq == 1 else entry.tolist()
+        return values
+
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
         """A configuration (nq,) drawn within joint limits and within ``spread`` [rad or m] of neutral."""
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))

@@ -1,8 +1,20 @@
 """What a system can do, before it is controlled."""
 
 from rnc_pin.analysis.growth import growth_vector
+from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import Redundancy, classify
 from rnc_pin.analysis.report import Report, analyze
+from rnc_pin.analysis.singularities import Singularity
 
-__all__ = ["Redundancy", "Report", "analyze", "classify", "growth_vector", "lemma_1_residuals"]
+__all__ = [
+    "Integrability",
+    "Redundancy",
+    "Report",
+    "Singularity",
+    "analyze",
+    "classify",
+    "growth_vector",
+    "integrability",
+    "lemma_1_residuals",
+]

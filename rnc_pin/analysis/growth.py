@@ -1,26 +1,54 @@
-"""Complete nonholonomy: the growth vector of span(R) under Lie brackets."""
+"""Complete nonholonomy: span(R) under Lie brackets, its growth vector and its involutive closure.
+
+A bracket is linear in each of the fields in it. So the brackets of all generators with a field span what its
+brackets with random combinations of them span, and a draw that brings nothing new says (with probability one)
+that no generator does: the cost of a level grows with the directions found, not with r.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.reduction import ReducedModel
 
 _STEP = 0.01
 # Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.
-_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+_HALF_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+_STENCIL = tuple((sign * k, sign * weight) for k, weight in _HALF_STENCIL for sign in (1, -1))
 _TOLERANCE = 1e-5  # of unit vectors; nested differences lose two digits a level
 _DEEPEST = 8
+_EMPTY_DRAWS = 2  # in a row, before a field's brackets count as exhausted
 
 Field = Callable[[np.ndarray], np.ndarray]
 
 
+class Growth(NamedTuple):
+    """The filtration of a distribution at a configuration."""
+
+    vector: tuple[int, ...]
+    """Dimensions of span(R), with its brackets, with theirs, ... until they grow no more."""
+    closure: np.ndarray
+    """Orthonormal basis (nv, dimension) of the last of them: where motion can lead."""
+
+
 def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
     """Dimensions of span(R), with its brackets, with theirs, ... until they grow no more.
+
+    Args:
+        reduced: the model.
+        q: a configuration (nq,) at which the dimensions are the generic ones.
+    """
+    return grow(reduced, q).vector
+
+
+def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
+    """The filtration of span(R) at q, and its involutive closure.
 
     Vector fields are written in the tangent space at q, in which the moving frames of planar, spherical
     and free-flying joints have a bracket of their own. Brackets of the columns of R are exact; deeper
@@ -29,62 +57,116 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
     Args:
         reduced: the model.
         q: a configuration (nq,) at which the dimensions are the generic ones.
+
+    Raises:
+        ConstraintError: a joint whose tangent space has no known bracket.
+        SingularityError: q is singular.
     """
-    model = reduced.robot.model
-    algebra = _frame_bracket(model)
+    brackets = _Brackets(reduced, q)
+    generator = np.random.default_rng(0)
+    basis = scipy.linalg.orth(brackets.generators)
+    dimensions = [basis.shape[1]]
+    basis, fields = _first_brackets(brackets, basis)
+    while fields:
+        dimensions.append(basis.shape[1])
+        if len(dimensions) == _DEEPEST:
+            break
+        deeper: list[Field] = []
+        for field in fields:
+            empty = 0
+            while basis.shape[1] < reduced.n and empty < _EMPTY_DRAWS:
+                candidate = brackets.of(generator.normal(size=reduced.r), field)
+                direction = _new_direction(basis, candidate(q))
+                if direction is None:
+                    empty += 1
+                else:
+                    empty = 0
+                    basis = np.column_stack([basis, direction])
+                    deeper.append(candidate)
+        fields = deeper
+    return Growth(tuple(dimensions), basis)
 
-    def column(i: int) -> Field:
-        return lambda p: reduced.basis_rate(p, np.zeros(reduced.n))[0][:, i]
 
-    def bracket(i: int, other: Field, exact: int | None) -> Field:
+class _Brackets:
+    """Lie brackets with the generators: the columns of R, in a constant combination orthonormal at q."""
+
+    def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
+        self.reduced, self.q = reduced, q
+        self.model = reduced.robot.model
+        self.algebra = _frame_bracket(self.model)
+        R, _ = reduced.basis_rate(q, np.zeros((0, reduced.n)))
+        self.scaling = np.linalg.inv(np.linalg.qr(R)[1])
+        self.generators = R @ self.scaling
+
+    def of_pair(self, first: np.ndarray, second: np.ndarray) -> Field:
+        """The bracket of two combinations of generators, exact."""
+        columns = self.scaling @ np.column_stack([first, second])
+
         def value(p: np.ndarray) -> np.ndarray:
-            y = other(p)
-            R, R_along_y = reduced.basis_rate(p, y)
-            x = R[:, i]
-            along_x = reduced.basis_rate(p, x)[1][:, exact] if exact is not None else _derivative(model, other, p, x)
-            return along_x - R_along_y[:, i] + algebra(x, y)
+            R, _ = self.reduced.basis_rate(p, np.zeros((0, self.reduced.n)))
+            x, y = (R @ columns).T
+            _, (along_x, along_y) = self.reduced.basis_rate(p, np.stack([x, y]))
+            return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
 
         return value
 
-    generators = [column(i) for i in range(reduced.r)]
-    basis = _extend(np.zeros((reduced.n, 0)), [each(q) for each in generators])[0]
-    dimensions = [basis.shape[1]]
-    fields = [(bracket(i, generators[j], j)) for i in range(reduced.r) for j in range(i + 1, reduced.r)]
-    while dimensions[-1] < reduced.n and fields and len(dimensions) < _DEEPEST:
-        basis, new = _extend(basis, [each(q) for each in fields])
-        if not new:
-            break
-        dimensions.append(basis.shape[1])
-        fresh = [fields[k] for k in new]
-        fields = [bracket(i, each, None) for i in range(reduced.r) for each in fresh]
-    return tuple(dimensions)
+    def of(self, combination: np.ndarray, field: Field) -> Field:
+        """The bracket of a combination of generators with any field."""
+        column = self.scaling @ combination
+
+        def value(p: np.ndarray) -> np.ndarray:
+            y = field(p)
+            R, (along_y,) = self.reduced.basis_rate(p, y[None])
+            x = R @ column
+            return _derivative(self.model, field, p, x) - along_y @ column + self.algebra(x, y)
+
+        return value
+
+
+def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray, list[Field]]:
+    """Every bracket of two generators at once, and those that lead out of span(R)."""
+    reduced, r = brackets.reduced, brackets.reduced.r
+    X = brackets.generators
+    along = reduced.basis_rate(brackets.q, X.T)[1] @ brackets.scaling  # (r, n, r): of column j along column i
+    first, second = np.triu_indices(r, 1)
+    moving = np.array([brackets.algebra(X[:, i], X[:, j]) for i, j in zip(first, second, strict=True)])
+    vectors = along[first, :, second] - along[second, :, first] + moving.reshape(len(first), reduced.n)
+    lengths = np.linalg.norm(vectors, axis=1)
+    # A coupling may be weak, and a pair's bracket small beside another's: each is judged on its own.
+    long = lengths > _TOLERANCE
+    if not long.any():
+        return basis, []
+    units = vectors[long] / lengths[long, None]
+    for _ in range(2):  # twice is enough
+        units = units - (units @ basis) @ basis.T
+    Q, triangle, order = scipy.linalg.qr(units.T, mode="economic", pivoting=True)
+    count = int((np.abs(np.diag(triangle)) > _TOLERANCE).sum())
+    chosen = np.flatnonzero(long)[order[:count]]
+    identity = np.eye(r)
+    fields = [brackets.of_pair(identity[first[k]], identity[second[k]]) for k in chosen]
+    return np.column_stack([basis, Q[:, :count]]), fields
 
 
 def _derivative(model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(x)
     if length == 0:
         return np.zeros_like(x)
-    direction, total = x / length, np.zeros_like(x)
+    step, total = x * (_STEP / length), np.zeros_like(x)
     for k, weight in _STENCIL:
-        ahead, behind = (field(pin.integrate(model, q, sign * k * _STEP * direction)) for sign in (1, -1))
-        total += weight * (ahead - behind)
+        total += weight * field(pin.integrate(model, q, k * step))
     return total * (length / _STEP)
 
 
-def _extend(basis: np.ndarray, vectors: list[np.ndarray]) -> tuple[np.ndarray, list[int]]:
-    """An orthonormal basis (n, k) grown by vectors, and which of them were new."""
-    new = []
-    for index, vector in enumerate(vectors):
-        length = np.linalg.norm(vector)
-        if basis.shape[1] == basis.shape[0] or length < _TOLERANCE:
-            continue
-        rest = vector / length
-        for _ in range(2):  # twice is enough
-            rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) > _TOLERANCE:
-            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-            new.append(index)
-    return basis, new
+def _new_direction(basis: np.ndarray, vector: np.ndarray) -> np.ndarray | None:
+    """The unit vector by which a vector leads out of a basis (n, k), if it does."""
+    length = np.linalg.norm(vector)
+    if length < _TOLERANCE:
+        return None
+    rest: np.ndarray = vector / length
+    for _ in range(2):  # twice is enough
+        rest = rest - basis @ (basis.T @ rest)
+    size = float(np.linalg.norm(rest))
+    return rest / size if size > _TOLERANCE else None
 
 
 def _frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

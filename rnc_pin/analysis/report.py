@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.analysis.growth import growth_vector
+from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import classify
+from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
 from rnc_pin.independence import DroppedRow
 from rnc_pin.reduction import ReducedModel
@@ -18,6 +19,8 @@ from rnc_pin.task import Task
 
 _GROWTH_SAMPLES = 3
 _LEMMA_TOLERANCE = 1e-6
+_RANK = 1e-10  # of the largest singular value of R^T B
+_MISSING = 1e-6  # part of a unit force
 
 
 @dataclass(frozen=True)
@@ -28,13 +31,20 @@ class Report:
         n, r, p: degrees of freedom, reducing outputs, actuators.
         rank: independent constraint rows, m.
         kept_rows, dropped_rows: constraint rows, the latter with reasons.
+        integrable_rows: kept rows that vanish on the involutive closure of span(R), holonomic given the others.
+        nonholonomic_rows: the other kept rows.
+        integrable_combinations: ``n - growth_vector[-1]`` independent combinations of rows that are integrable, in
+            words; ``integrable_rows`` stand among them.
         growth_vector: dimensions of span(R) and its brackets, level by level.
         completely_nonholonomic: whether they reach n.
         redundancy_class: "1", "2", "2s" or None for the task.
         redundancy: x11 (``tracked``), x12 (``driven``), and the evidence.
         actuation_rank: smallest rank of ``R^T B``; below r not every F can be realised.
+        unactuated: reducing outputs with a part in some F that no actuator produces.
         condition: min, median and max condition number of E with unit rows.
         singular_samples: how many sampled configurations were singular, of ``samples``.
+        singularities: where E and A4 are singular: points on singular surfaces that lie between samples of opposite
+            sign of the determinant, or, where there are none, the worst samples.
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: whether they are all at the level of rounding and differencing.
     """
@@ -45,22 +55,25 @@ class Report:
     rank: int
     kept_rows: tuple[str, ...]
     dropped_rows: tuple[DroppedRow, ...]
+    integrable_rows: tuple[str, ...]
+    nonholonomic_rows: tuple[str, ...]
+    integrable_combinations: tuple[str, ...]
     growth_vector: tuple[int, ...]
     completely_nonholonomic: bool
     redundancy_class: str | None
     redundancy: dict[str, Any]
     actuation_rank: int
+    unactuated: tuple[str, ...]
     condition: dict[str, float]
     samples: int
     singular_samples: int
+    singularities: tuple[Singularity, ...]
     lemma1: dict[str, float]
     lemma1_holds: bool
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, ready for JSON."""
-        content = asdict(self)
-        for name in ("growth_vector", "kept_rows", "dropped_rows"):
-            content[name] = list(content[name])
+        content: dict[str, Any] = _plain(asdict(self))
         return content
 
 
@@ -70,6 +83,7 @@ def analyze(
     redundant: Sequence[str] = (),
     samples: int = 64,
     seed: int = 0,
+    vertical: Sequence[str] | None = None,
 ) -> Report:
     """Analyse a reduced system at seeded random configurations.
 
@@ -79,6 +93,7 @@ def analyze(
         redundant: names of those that it leaves free.
         samples: how many configurations.
         seed: of the random configurations.
+        vertical: names of the vertical outputs that the task is about; all by default.
 
     Raises:
         ConfigurationError: unknown output names.
@@ -86,7 +101,7 @@ def analyze(
     """
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
-    task = Task.of(reduced, primary, redundant)
+    task = Task.of(reduced, primary, redundant, vertical)
     generator = np.random.default_rng(seed)
     regular, failure = [], None
     for _ in range(samples):
@@ -104,11 +119,15 @@ def analyze(
     # Next to a singular configuration differences say little: what holds is decided on the better half.
     good = configurations[conditions <= np.median(conditions)]
     best = configurations[np.argsort(conditions)[:_GROWTH_SAMPLES]]
-    growth = max(growth_vector(reduced, q) for q in best)
+    rows = integrability(reduced, best)
+    growth = rows.growth_vector
     redundancy = classify(reduced, task, good, seed)
     lemma = lemma_1_residuals(reduced, good, seed)
     held = max(lemma[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < _LEMMA_TOLERANCE
-    ranks = np.linalg.matrix_rank(reduced.input_matrix(configurations), rtol=1e-10) if reduced.p else np.zeros(1)
+    actuation_rank, unactuated = _actuation(reduced, configurations)
+    singular = stack_singularities(reduced, configurations)
+    if redundancy.redundancy_class in ("1", "2"):
+        singular += task_singularities(reduced, task, redundancy.tracked, configurations)
     return Report(
         n=reduced.n,
         r=reduced.r,
@@ -116,11 +135,15 @@ def analyze(
         rank=reduced.m,
         kept_rows=reduced.constraints.names,
         dropped_rows=reduced.dropped_rows,
+        integrable_rows=rows.integrable,
+        nonholonomic_rows=rows.nonholonomic,
+        integrable_combinations=tuple(str(each) for each in rows.combinations),
         growth_vector=growth,
         completely_nonholonomic=growth[-1] == reduced.n,
         redundancy_class=redundancy.redundancy_class,
         redundancy={"tracked": redundancy.tracked, "driven": redundancy.driven, **redundancy.evidence},
-        actuation_rank=int(np.min(ranks)),
+        actuation_rank=actuation_rank,
+        unactuated=unactuated,
         condition={
             "min": float(conditions.min()),
             "median": float(np.median(conditions)),
@@ -128,6 +151,25 @@ def analyze(
         },
         samples=samples,
         singular_samples=samples - len(regular),
+        singularities=tuple(singular),
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),
     )
+
+
+def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, tuple[str, ...]]:
+    """The smallest rank of ``R^T B``, and the reducing outputs in which forces are missing there."""
+    if not reduced.p:
+        return 0, reduced.reducing.names
+    left, values, _ = np.linalg.svd(reduced.input_matrix(configurations))
+    ranks = (values > _RANK * values[:, :1]).sum(axis=1)
+    worst, rank = int(np.argmin(ranks)), int(ranks.min())
+    missing = np.linalg.norm(left[worst][:, rank:], axis=1)
+    return rank, tuple(name for name, part in zip(reduced.reducing.names, missing, strict=True) if part > _MISSING)
+
+
+def _plain(content: Any) -> Any:
+    """Tuples as lists, all the way down."""
+    if isinstance(content, dict):
+        return {key: _plain(value) for key, value in content.items()}
+    return [_plain(each) for each in content] if isinstance(content, list | tuple) else content

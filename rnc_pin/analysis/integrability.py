@@ -1,0 +1,119 @@
+"""Which constraint rows are integrable (holonomic in disguise) and which are nonholonomic.
+
+Frobenius: motion stays on leaves whose tangent space is the involutive closure of span(R). A row that vanishes
+on the closure, not only on span(R), is the differential of a function up to a factor, given the other rows; and
+of the m rows there are ``n - dim(closure)`` such combinations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from rnc_pin.analysis.growth import Growth, grow
+from rnc_pin.linear_algebra import unit_rows
+from rnc_pin.reduction import ReducedModel
+
+_TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of nested differences
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination of constraint rows that is integrable.
+
+    Attributes:
+        coefficients: of the rows that take part, the first of them 1; at one configuration where they vary.
+        constant: whether they are the same at every sampled configuration.
+    """
+
+    coefficients: dict[str, float]
+    constant: bool
+
+    def __str__(self) -> str:
+        if len(self.coefficients) == 1:
+            return next(iter(self.coefficients))
+        if not self.constant:
+            return f"a combination of {', '.join(self.coefficients)} whose coefficients vary"
+        text = ""
+        for name, value in self.coefficients.items():
+            size = "" if abs(abs(value) - 1) < _TOLERANCE else f"{abs(value):.4g} "
+            text += f"{(' - ' if value < 0 else ' + ') if text else ''}{size}{name}"
+        return text
+
+
+@dataclass(frozen=True)
+class Integrability:
+    """What becomes of the constraint rows when brackets are taken.
+
+    Attributes:
+        growth_vector: dimensions of span(R) and its brackets, level by level.
+        integrable: rows that vanish on the involutive closure.
+        nonholonomic: the others.
+        combinations: all ``n - growth_vector[-1]`` independent integrable combinations, single rows among them.
+    """
+
+    growth_vector: tuple[int, ...]
+    integrable: tuple[str, ...]
+    nonholonomic: tuple[str, ...]
+    combinations: tuple[Combination, ...]
+
+
+def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | np.ndarray) -> Integrability:
+    """Sort the kept constraint rows, judged where the growth vector is the generic (the largest) one.
+
+    Args:
+        reduced: the model.
+        configurations: regular ones, (count, nq).
+    """
+    growths = [(grow(reduced, q), q) for q in configurations]
+    generic = max(growth.vector for growth, _ in growths)
+    growths = [(growth, q) for growth, q in growths if growth.vector == generic]
+    names = reduced.constraints.names
+    rows = [reduced.stacked_rows(q)[: reduced.m] for _, q in growths]
+    leftover = np.array(
+        [np.linalg.norm(unit_rows(A) @ growth.closure, axis=1) for A, (growth, _) in zip(rows, growths, strict=True)]
+    ).max(axis=0)
+    flat = leftover < _TOLERANCE
+    return Integrability(
+        growth_vector=generic,
+        integrable=tuple(name for name, each in zip(names, flat, strict=True) if each),
+        nonholonomic=tuple(name for name, each in zip(names, flat, strict=True) if not each),
+        combinations=_combinations(rows, [growth for growth, _ in growths], np.argsort(leftover), names),
+    )
+
+
+def _combinations(
+    rows: Sequence[np.ndarray], growths: Sequence[Growth], order: np.ndarray, names: Sequence[str]
+) -> tuple[Combination, ...]:
+    """A sparse basis of the combinations c with ``c^T A`` zero on the closure; single rows come first."""
+    count = rows[0].shape[1] - growths[0].closure.shape[1]
+    if not count:
+        return ()
+    spaces = []
+    for A, growth in zip(rows, growths, strict=True):
+        left = np.linalg.svd(unit_rows(A) @ growth.closure)[0][:, -count:]
+        spaces.append(left / np.linalg.norm(A, axis=1)[:, None])  # of the rows as they are, (m, count)
+    pivots = _pivots(spaces[0], order, count)
+    reduced = np.stack([space @ np.linalg.pinv(space[pivots]) for space in spaces])  # (samples, m, count)
+    reduced[np.abs(reduced) < _TOLERANCE * np.abs(reduced).max(axis=1, keepdims=True)] = 0.0
+    result = []
+    for k in range(count):
+        taking_part = np.flatnonzero(reduced[:, :, k].any(axis=0))
+        first = reduced[:, taking_part[:1], k]
+        scaled = reduced[:, taking_part, k] / np.where(first == 0, 1.0, first)
+        constant = bool(np.ptp(scaled, axis=0).max() < _TOLERANCE * np.abs(scaled).max())
+        coefficients = {names[int(row)]: float(value) for row, value in zip(taking_part, scaled[0], strict=True)}
+        result.append(Combination(coefficients, constant))
+    return tuple(result)
+
+
+def _pivots(space: np.ndarray, order: np.ndarray, count: int) -> list[int]:
+    """Rows of a basis (m, count), in the order of preference, whose entries can be made an identity."""
+    chosen: list[int] = []
+    for row in order:
+        if len(chosen) < count and scipy.linalg.svdvals(unit_rows(space[[*chosen, row]]))[-1] > 1e-3:
+            chosen.append(int(row))
+    return chosen
