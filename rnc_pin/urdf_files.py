@@ -52,17 +52,31 @@ def _example_data() -> Path:
 
 @cache
 def example_urdfs() -> dict[str, Path]:
-    """Every URDF of example-robot-data by its file's name without the ending."""
-    return {path.stem: path for path in sorted(_example_data().rglob("*.urdf"))}
+    """Every URDF of example-robot-data by its file's name without the ending.
+
+    Where two robots have files of one name, the robot's folder stands before it: ``anymal_b_simple/anymal``.
+    """
+    root = _example_data()
+    paths = sorted(root.rglob("*.urdf"))
+    stems = [path.stem for path in paths]
+    return {
+        path.stem if stems.count(path.stem) == 1 else f"{_robot_folder(path, root)}/{path.stem}": path for path in paths
+    }
+
+
+def _robot_folder(path: Path, root: Path) -> str:
+    return path.relative_to(root).parts[0].removesuffix("_description")
 
 
 def find_example(name: str) -> tuple[Path, Path]:
     """URDF and package directory of a robot in example-robot-data.
 
     Raises:
-        ModelError: no robot of that name; says the nearest.
+        ModelError: no robot of that name, or several; says the nearest.
     """
     urdfs = example_urdfs()
     if name not in urdfs:
-        raise ModelError(f"no robot '{name}' in example-robot-data{nearest(name, urdfs)}")
+        several = [each for each in urdfs if each.endswith(f"/{name}")]
+        hint = f"; expected one of {', '.join(several)}" if several else nearest(name, urdfs)
+        raise ModelError(f"no robot '{name}' in example-robot-data{hint}")
     return urdfs[name], _example_data().parent.parent

@@ -286,6 +286,60 @@ def test_inspect_for_people(call):
     assert "Lemma 1" in out
 
 
+def test_inspect_answers_every_question_on_one_page(call):
+    """Space robot: what is constrained and how, what is driven, which class and why, where it is singular."""
+    status, out, _ = call("inspect", "space-robot", "--samples", 16)
+    assert status == 0
+    page = " ".join(out.replace("│", " ").split())
+    for words in (
+        "4 degrees of freedom less 1 independent constraint row leave 3: tip_x, tip_y, joint_1",
+        "momentum(platform) nonholonomic",
+        "no combination of rows is integrable",
+        "rank of R^T B 3 of 3: every F can be realised",
+        "class 1: A4 has full row rank",
+        "A4 1 x 1",
+        "E is singular where momentum(platform), tip_x, tip_y",
+        "A4 is singular where x22 cannot move platform, e.g. at platform =",
+    ):
+        assert words in page
+    assert len(out.splitlines()) <= 50
+
+
+BARE_SYSTEM = """
+robot: {example: tiago_no_hand, base: planar, lock: {%s}}
+constraints:
+  - rolling_wheel: {frame: wheel_left_link, radius: 0.0985}
+  - rolling_wheel: {frame: wheel_right_link, radius: 0.0985}
+outputs:
+  reducing: [{frame_speed: {frame: base_link, axis: x}}, {frame_yaw: base_link}]
+"""
+
+
+def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(call, tmp_path):
+    joints = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)), "head_1_joint", "head_2_joint"]
+    file = tmp_path / "bare.yaml"
+    file.write_text(BARE_SYSTEM % ", ".join(f"{joint}: 0.1" for joint in joints))
+    status, out, error = call("inspect", file, "--samples", 4, "--json")
+    assert (status, error) == (0, "")
+    report = parsed(out)
+    assert (report["p"], report["actuation_rank"]) == (0, 0)
+    assert report["unactuated"] == ["base_link_speed_x", "base_link_yaw"]
+    assert report["growth_vector"] == [2, 3, 4]
+    assert report["integrable_combinations"] == ["rolling(wheel_left_link) - rolling(wheel_right_link)"]
+    assert len(report["dropped_rows"]) == 3
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert "not every F can be realised" in out
+    assert "1 integrable combination" in out
+
+
+def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
+    _, out, _ = call("inspect", "fire-truck", "--samples", 4, "--json")
+    report = parsed(out)
+    assert report["redundancy_class"] == "2s"
+    assert (report["redundancy"]["tracked"], report["redundancy"]["driven"]) == (["trailer_yaw"], [])
+
+
 # ---------------------------------------------------------------------- replay
 
 

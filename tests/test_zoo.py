@@ -1,0 +1,73 @@
+"""The zoo: every robot of example-robot-data, and docs/zoo.md, which tells of it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import rnc_pin as rnc
+import zoo
+from rnc_pin.urdf_files import example_urdfs
+from tolerances import CONSTRAINT, KKT, LEMMA_1
+
+PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
+PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text()
+TABLE = {
+    (cells[0], cells[1]): cells[2:]
+    for cells in (
+        [each.strip() for each in line.strip("|").split("|")] for line in PAGE.splitlines() if line[:2] == "| "
+    )
+}
+
+
+def label(entry):
+    return " ".join(entry)
+
+
+@pytest.mark.parametrize("entry", PASSING, ids=label)
+def test_robot_of_the_zoo(entry):
+    found = zoo.residuals(*entry)
+    assert found.constraint_residual < CONSTRAINT
+    assert found.lemma_1 < LEMMA_1
+    assert found.smallest_eigenvalue > 0
+    assert found.kkt < KKT
+    base, dof, kept, r, *figures = TABLE[entry][:7]
+    assert (base, dof, kept, r) == (found.base, str(found.n), f"{found.kept} of {found.rows}", str(found.r))
+    for figure, tolerance in zip(figures, (CONSTRAINT, LEMMA_1, KKT), strict=True):
+        assert float(figure) < tolerance
+
+
+@pytest.mark.parametrize("entry", zoo.EXCUSED, ids=label)
+def test_an_excuse_is_true(entry):
+    name, kind = entry
+    complaint, reason = zoo.EXCUSED[entry]
+    with pytest.raises(rnc.RncError, match=re.escape(complaint)):
+        zoo.KINDS[kind](name)
+    assert TABLE[entry] == [reason]
+
+
+def test_the_page_lists_every_robot_and_nothing_else():
+    expected = {*zoo.entries(), *((name, "all") for name in zoo.WITHOUT_URDF)}
+    expected |= {(name, "rolling wheels") for name in zoo.OTHER_WHEELS}
+    assert set(TABLE) - {("robot", "constraint"), ("---", "---")} == expected
+
+
+def test_no_robot_is_left_out():
+    folders = {path.relative_to(zoo.root()).parts[0].removesuffix("_description") for path in example_urdfs().values()}
+    assert zoo.folders() - folders == set(zoo.WITHOUT_URDF)
+    assert {name for name, _ in zoo.entries()} == set(example_urdfs())
+    on_disk = sorted(path for path in zoo.root().rglob("*.urdf"))
+    assert sorted(example_urdfs().values()) == on_disk
+
+
+def test_every_robot_with_wheels_is_on_them_or_says_why_not():
+    wheeled = {name for name in example_urdfs() if zoo.wheel_links(name)}
+    told = {name for name, kind in zoo.entries() if kind == "rolling wheels"} | set(zoo.OTHER_WHEELS)
+    assert wheeled == told
+
+
+def test_two_robots_of_one_name_are_told_apart():
+    with pytest.raises(rnc.ModelError, match="expected one of anymal_b_simple/anymal, anymal_c_simple/anymal"):
+        rnc.Robot.from_example("anymal")
+    both = [rnc.Robot.from_example(f"anymal_{each}_simple/anymal") for each in "bc"]
+    assert both[0].model.inertias[1].mass != both[1].model.inertias[1].mass
