@@ -25,6 +25,7 @@ _WORST = 3
 _TAKES_PART = 0.1  # of the largest weight in the weakest combination
 
 MatrixOf = Callable[[np.ndarray], np.ndarray]
+SignOf = Callable[[np.ndarray], float]
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
     def matrix(q: np.ndarray) -> np.ndarray:
         return unit_rows(reduced.stacked_rows(q))
 
-    return _search("E", matrix, names, reduced.robot, configurations)
+    return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced.robot, configurations)
 
 
 def task_singularities(
@@ -66,11 +67,21 @@ def task_singularities(
     def matrix(q: np.ndarray) -> np.ndarray:
         return reduced.terms(q, np.zeros(reduced.r)).A_star[block]
 
-    return _search("A4", matrix, tracked, reduced.robot, configurations)
+    def sign(q: np.ndarray) -> float:
+        # det E det A4 is the determinant of E with the rows of x11 in the place of those of x22: unlike det A4
+        # it has no pole where E is singular, so that it changes its sign at zeros only.
+        return _sign(matrix(q)) * _sign(reduced.stacked_rows(q))
+
+    square = len(rows) == len(task.redundant)
+    return _search("A4", matrix, sign if square else lambda q: 1.0, tracked, reduced.robot, configurations)
+
+
+def _sign(matrix: np.ndarray) -> float:
+    return float(np.linalg.slogdet(matrix)[0])
 
 
 def _search(
-    what: str, matrix: MatrixOf, names: Sequence[str], robot: Robot, configurations: np.ndarray
+    what: str, matrix: MatrixOf, sign: SignOf, names: Sequence[str], robot: Robot, configurations: np.ndarray
 ) -> list[Singularity]:
     """Points on singular surfaces; where none was found, the worst samples."""
     samples: list[tuple[np.ndarray, np.ndarray]] = []
@@ -90,12 +101,14 @@ def _search(
         return Singularity(what, rows, float(values[-1]), located, robot.joint_values(q))
 
     points: list[Singularity] = []
-    for low, high in _pairs(samples, robot):
-        q = _between(matrix, robot.model, low, high)
-        if q is not None:
+    for low, high in _pairs([q for q, _ in samples], sign, robot):
+        try:
+            q = _between(sign, robot.model, low, high)
             point = found(q, matrix(q), True)
-            if point.smallest_singular_value < _VANISHES * scale:
-                points.append(point)
+        except SingularityError:  # the way leads through where the matrix is undefined
+            continue
+        if point.smallest_singular_value < _VANISHES * scale:
+            points.append(point)
     if points:
         return _apart(points)
     worst = sorted(samples, key=lambda sample: float(np.linalg.svd(sample[1], compute_uv=False)[-1]))[:_WORST]
@@ -111,33 +124,25 @@ def _apart(points: Sequence[Singularity]) -> list[Singularity]:
     return kept
 
 
-def _pairs(samples: Sequence[tuple[np.ndarray, np.ndarray]], robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:
+def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:
     """Neighbours whose determinants differ in sign."""
-    if samples[0][1].shape[0] != samples[0][1].shape[1]:
+    signs = np.array([sign(q) for q in samples])
+    positive = [q for q, each in zip(samples, signs, strict=True) if each > 0]
+    negative = [q for q, each in zip(samples, signs, strict=True) if each < 0]
+    few, many = sorted((positive, negative), key=len)
+    if not few:
         return []
-    signs = np.array([np.linalg.slogdet(value)[0] for _, value in samples])
-    rarer = 1.0 if (signs > 0).sum() <= (signs < 0).sum() else -1.0
-    others = [q for (q, _), sign in zip(samples, signs, strict=True) if sign == -rarer]
-    few = [q for (q, _), sign in zip(samples, signs, strict=True) if sign == rarer][:_PAIRS]
-    if not others:
-        return []
-    distances = [[pin.distance(robot.model, q, p) for p in others] for q in few]
-    return [(q, others[int(np.argmin(row))]) for q, row in zip(few, distances, strict=True)]
+    distances = [[pin.distance(robot.model, q, p) for p in many] for q in few[:_PAIRS]]
+    return [(q, many[int(np.argmin(row))]) for q, row in zip(few, distances, strict=False)]
 
 
-def _between(matrix: MatrixOf, model: pin.Model, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+def _between(sign: SignOf, model: pin.Model, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Where on the way from low to high the determinant changes its sign."""
-    try:
-        sign = np.linalg.slogdet(matrix(low))[0]
-        start, end = 0.0, 1.0
-        for _ in range(_HALVINGS):
-            middle = (start + end) / 2
-            if np.linalg.slogdet(matrix(pin.interpolate(model, low, high, middle)))[0] == sign:
-                start = middle
-            else:
-                end = middle
-        q = pin.interpolate(model, low, high, start)
-        matrix(q)
-    except SingularityError:
-        return None
-    return q
+    before, start, end = sign(low), 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = (start + end) / 2
+        if sign(pin.interpolate(model, low, high, middle)) == before:
+            start = middle
+        else:
+            end = middle
+    return pin.interpolate(model, low, high, start)
