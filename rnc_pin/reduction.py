@@ -236,8 +236,15 @@ class ReducedModel:
     def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
         """R (nv, r) and its derivatives (..., nv, r) along tangent vectors (..., nv), at one configuration."""
         E_inverse, _, _ = self.stack(self._admit(q))
-        R = E_inverse[:, self.m :].copy()
-        along = np.asarray(along, dtype=float)
+        return self._basis_rate(q, E_inverse, np.asarray(along, dtype=float))
+
+    def basis_rate_in_motion(self, q: ArrayInput, v2: ArrayInput) -> tuple[Array, Array]:
+        """R (nv, r) and its derivatives (..., nv, r) along the motions ``R v2``, v2 (..., r), at one configuration."""
+        E_inverse, _, _ = self.stack(self._admit(q))
+        return self._basis_rate(q, E_inverse, np.asarray(v2, dtype=float) @ E_inverse[self._basis].T)
+
+    def _basis_rate(self, q: ArrayInput, E_inverse: Array, along: Array) -> tuple[Array, Array]:
+        R = E_inverse[self._basis].copy()
         E_dot = np.empty((*along.shape, self.n))
         for v_i, E_i in zip(along.reshape(-1, self.n), E_dot.reshape(-1, self.n, self.n), strict=True):
             self._state.set_rates(q, v_i)

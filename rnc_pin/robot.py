@@ -164,7 +164,7 @@ class Robot:
 
         Args:
             values: joint name to angle [rad] or displacement [m]; a planar base takes (x, y, yaw), a
-                free one (x, y, z) and a quaternion (x, y, z, w).
+                free one (x, y, z) and a quaternion (x, y, z, w), a ball joint the quaternion.
 
         Raises:
             ModelError: unknown joint, or the wrong number of values for one.
@@ -282,14 +282,18 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
         return np.array([np.cos(entry[0]), np.sin(entry[0])])
     if kind == "JointModelPlanar" and entry.size == 3:
         return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])
-    if kind == "JointModelFreeFlyer" and entry.size == 7:
-        length = np.linalg.norm(entry[3:])
+    if kind in ("JointModelFreeFlyer", "JointModelSpherical") and entry.size == joint.nq:
+        length = np.linalg.norm(entry[-4:])
         if length < 1e-9:
             raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
-        return np.r_[entry[:3], entry[3:] / length]
+        return np.r_[entry[:-4], entry[-4:] / length]
     if entry.size == joint.nq == joint.nv:
         return entry
-    expected = {"JointModelPlanar": "3 (x, y, yaw)", "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)"}
+    expected = {
+        "JointModelPlanar": "3 (x, y, yaw)",
+        "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)",
+        "JointModelSpherical": "4 (quaternion x, y, z, w)",
+    }
     count = expected.get(kind, str(joint.nv))
     raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
 

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
@@ -71,3 +73,44 @@ def test_two_robots_of_one_name_are_told_apart():
         rnc.Robot.from_example("anymal")
     both = [rnc.Robot.from_example(f"anymal_{each}_simple/anymal") for each in "bc"]
     assert both[0].model.inertias[1].mass != both[1].model.inertias[1].mass
+
+
+@pytest.mark.parametrize(("name", "base"), [("kinova", "planar"), ("double_pendulum_continuous", "free")])
+def test_joint_values_are_the_inverse_of_configuration(name, base):
+    """Continuous joints, a planar and a free base: what the report prints can be set again."""
+    robot = rnc.Robot.from_example(name, base=base)
+    generator = np.random.default_rng(0)
+    for _ in range(4):
+        q = robot.random_configuration(generator)
+        np.testing.assert_allclose(robot.configuration(robot.joint_values(q)), q, atol=1e-12)
+
+
+def ball_jointed():
+    """A free body with another on a ball joint: no robot of the package has one."""
+    model = pin.Model()
+    model.name = "ball"
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    ball = model.addJoint(base, pin.JointModelSpherical(), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3])), "ball")
+    inertia = np.diag([0.2, 0.3, 0.4])
+    model.appendBodyToJoint(base, pin.Inertia(2.0, np.array([0.1, 0.0, 0.0]), inertia), pin.SE3.Identity())
+    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.array([0.0, 0.2, 0.1]), inertia), pin.SE3.Identity())
+    model.gravity.linear = np.zeros(3)
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")], np.eye(9)[:, 6:])
+    spin, still = np.eye(9)[6:], np.zeros((3, 9))
+    return system.reduce([rnc.Output(None, lambda q: spin, lambda q, v: still, ["spin_x", "spin_y", "spin_z"])])
+
+
+def test_a_ball_joint_is_handled():
+    reduced = ball_jointed()
+    found = zoo.measured(reduced, "ball", "momentum")
+    assert found.constraint_residual < CONSTRAINT
+    assert found.lemma_1 < LEMMA_1
+    assert found.kkt < KKT
+    report = rnc.analyze(reduced, samples=4)
+    assert report.growth_vector == (3, 6)
+    assert len(report.integrable_rows) == 3
+    robot = reduced.robot
+    q = robot.random_configuration(np.random.default_rng(0))
+    np.testing.assert_allclose(robot.configuration(robot.joint_values(q)), q, atol=1e-12)
+    with pytest.raises(rnc.ModelError, match="joint 'ball' takes 4 \\(quaternion x, y, z, w\\) values, found 3"):
+        robot.configuration({"ball": [0, 0, 0]})

@@ -178,8 +178,12 @@ def states(reduced: rnc.ReducedModel, count: int = STATES) -> list[tuple[np.ndar
 
 @cache
 def residuals(name: str, kind: str) -> Residuals:
-    """Reduce a system and check it: A R = 0, Lemma 1, and Pinocchio's own constrained dynamics."""
-    reduced = KINDS[kind](name)
+    """The figures of one system of the zoo."""
+    return measured(KINDS[kind](name), name, kind)
+
+
+def measured(reduced: rnc.ReducedModel, name: str, kind: str) -> Residuals:
+    """Check a reduction: A R = 0, Lemma 1, and Pinocchio's own constrained dynamics."""
     robot = reduced.robot
     drawn = states(reduced)
     lemma = lemma_1_residuals(reduced, np.stack([q for q, _ in drawn]))

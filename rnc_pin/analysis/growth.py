@@ -103,9 +103,8 @@ class _Brackets:
         columns = self.scaling @ np.column_stack([first, second])
 
         def value(p: np.ndarray) -> np.ndarray:
-            R, _ = self.reduced.basis_rate(p, np.zeros((0, self.reduced.n)))
+            R, (along_x, along_y) = self.reduced.basis_rate_in_motion(p, columns.T)
             x, y = (R @ columns).T
-            _, (along_x, along_y) = self.reduced.basis_rate(p, np.stack([x, y]))
             return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
 
         return value
@@ -127,7 +126,7 @@ def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray,
     """Every bracket of two generators at once, and those that lead out of span(R)."""
     reduced, r = brackets.reduced, brackets.reduced.r
     X = brackets.generators
-    along = reduced.basis_rate(brackets.q, X.T)[1] @ brackets.scaling  # (r, n, r): of column j along column i
+    along = reduced.basis_rate(brackets.q, X.T)[1] @ brackets.scaling  # (r, nv, r): of column j along column i
     first, second = np.triu_indices(r, 1)
     moving = np.array([brackets.algebra(X[:, i], X[:, j]) for i, j in zip(first, second, strict=True)])
     vectors = along[first, :, second] - along[second, :, first] + moving.reshape(len(first), reduced.n)

@@ -42,10 +42,7 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
         return Redundancy(None, (), names, {"reason": reason})
     A = reduced.terms(configurations, np.zeros((count, reduced.r))).A_star[:, task.vertical]
     # Derivatives of A_star along the motion of each redundant output alone, (count, k, r, r2).
-    A_along = np.stack(
-        [reduced.terms(configurations, np.tile(np.eye(reduced.r)[j], (count, 1))).A_star_dot for j in task.redundant],
-        axis=-1,
-    )[:, task.vertical]
+    A_along = reduced.kinematic_gradient(configurations, task.redundant)[:, task.vertical]
     zero = _ZERO * max(1.0, float(np.abs(A).max()))
     A3, A4 = A[..., task.primary], A[..., task.redundant]
     A3_along = A_along[:, :, task.primary]  # (count, k, r1, r2)
