@@ -9,6 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 import zoo
+from rnc_pin.analysis import integrability
 from rnc_pin.urdf_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
@@ -50,7 +51,6 @@ def test_an_excuse_is_true(entry):
 
 def test_the_page_lists_every_robot_and_nothing_else():
     expected = {*zoo.entries(), *((name, "all") for name in zoo.WITHOUT_URDF)}
-    expected |= {(name, "rolling wheels") for name in zoo.OTHER_WHEELS}
     assert set(TABLE) - {("robot", "constraint"), ("---", "---")} == expected
 
 
@@ -64,8 +64,25 @@ def test_no_robot_is_left_out():
 
 def test_every_robot_with_wheels_is_on_them_or_says_why_not():
     wheeled = {name for name in example_urdfs() if zoo.wheel_links(name)}
-    told = {name for name, kind in zoo.entries() if kind == "rolling wheels"} | set(zoo.OTHER_WHEELS)
-    assert wheeled == told
+    assert wheeled == {name for name, kind in zoo.entries() if kind == "rolling wheels"}
+
+
+def test_growth_vectors_of_wheeled_robots():
+    """Closed forms: what the base can do beyond its velocities is to go sideways, or to any place on the plane.
+
+    Of four Mecanum wheels the sum of the front rates equals that of the rear ones, and the heading is a combination
+    of wheel angles. Centauro's wheels keep their heights; the other eight of its twelve rows are nonholonomic.
+    """
+    expected = {"tiago_pro": (32, 34), "tiago_no_hand": (12, 13, 14), "tiago_dual": (99, 100, 101)}
+    for name, growth in expected.items():
+        reduced = zoo.KINDS["rolling wheels"](name)
+        found = integrability(reduced, [zoo.states(reduced)[0][0]])
+        assert found.growth_vector == growth, name
+        assert len(found.combinations) == reduced.n - growth[-1]
+    reduced = zoo.KINDS["rolling wheels"]("centauro")
+    found = integrability(reduced, [zoo.states(reduced)[0][0]])
+    assert found.growth_vector[-1] == reduced.n - 4
+    assert set(found.integrable) == {f"vertical(wheel_{k})" for k in (1, 2, 3, 4)}
 
 
 def test_two_robots_of_one_name_are_told_apart():

@@ -8,9 +8,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import null_space, qr
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.rows import Rows
 from rnc_pin.urdf_files import example_urdfs
 
 STATES = 3
@@ -25,9 +28,17 @@ WHEELS: dict[str, tuple[list[str], float, str]] = {
         0.075,
         "planar",
     ),
+    "tiago_pro": (
+        [f"wheel_{end}_{side}_link" for end in ("front", "rear") for side in ("left", "right")],
+        0.0762,
+        "planar",
+    ),
     # Wheels at the ends of legs: they lean, and lift the body with them.
     "centauro": ([f"wheel_{k}" for k in (1, 2, 3, 4)], 0.124, "free"),
 }
+
+# Of Mecanum wheels, on which side of the wheel's heading the axes of the rollers point that touch the ground.
+MECANUM: dict[str, list[int]] = {"tiago_pro": [1, -1, -1, 1]}
 
 # Joints that move no mass at all are locked in these; any other robot with such a joint is refused.
 MASSLESS = ("romeo",)
@@ -49,9 +60,6 @@ EXCUSED: dict[tuple[str, str], tuple[str, str]] = {
 
 # Folders of the package without a URDF.
 WITHOUT_URDF = {"cassie": "described in SDF only, which the Pinocchio of the `pin` wheel does not read"}
-
-# Wheels that no constraint of the zoo describes.
-OTHER_WHEELS = {"tiago_pro": "four Mecanum wheels, whose rollers turn: not disks that roll without slip"}
 
 
 @dataclass(frozen=True)
@@ -109,21 +117,49 @@ def knife_edge(name: str) -> rnc.ReducedModel:
     return system.reduce([rnc.FrameSpeed(frame), rnc.FrameYaw(frame), *map(rnc.JointPosition, joints)])
 
 
+@dataclass(frozen=True)
+class MecanumWheel:
+    """The roller at the contact turns freely about its axis, 45 degrees from the heading: no slip along that axis."""
+
+    wheel: rnc.RollingWheel
+    side: int
+
+    def bind(self, robot: rnc.Robot) -> Rows:
+        return _RollerRow(self.wheel.bind(robot), self)
+
+
+class _RollerRow(Rows):
+    """A combination of a wheel's rolling and lateral rows."""
+
+    def __init__(self, contact: Rows, kind: MecanumWheel) -> None:
+        self.names, self.units = (f"roller({kind.wheel.frame})",), ("m/s",)
+        self._contact = contact
+        self._axis = np.array([[1.0, kind.side, 0.0]]) / np.sqrt(2)
+
+    def jacobian(self, state: Kinematics) -> np.ndarray:
+        return self._axis @ self._contact.jacobian(state)
+
+    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
+        return self._axis @ self._contact.jacobian_dot(state)
+
+    def drift(self, state: Kinematics) -> np.ndarray:
+        return self._axis @ self._contact.drift(state)
+
+
 def rolling_wheels(name: str) -> rnc.ReducedModel:
     """The robot on its own wheels, in those of its velocities that parametrise the motion best."""
     frames, radius, base = WHEELS[name]
     robot = load(name, base)
     joints = list(robot.joint_names[1:])
-    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(frame, radius) for frame in frames], joints)
+    wheels: list = [rnc.RollingWheel(frame, radius) for frame in frames]
+    if name in MECANUM:
+        wheels = [MecanumWheel(wheel, side) for wheel, side in zip(wheels, MECANUM[name], strict=True)]
+    system = rnc.NonholonomicSystem(robot, wheels, joints)
     return system.reduce([best_velocities(system)])
 
 
 def best_velocities(system: rnc.NonholonomicSystem) -> rnc.Output:
     """r entries of v, chosen by column-pivoted QR of a null-space basis at one configuration."""
-    from scipy.linalg import null_space, qr
-
-    from rnc_pin.kinematics import Kinematics
-
     state = Kinematics(system.robot)
     state.set_position(system.robot.random_configuration(np.random.default_rng(1)))
     basis = null_space(system.constraints.evaluate(state))

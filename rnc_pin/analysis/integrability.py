@@ -69,7 +69,7 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
         configurations: regular ones, (count, nq).
     """
     growths = [(grow(reduced, q), q) for q in configurations]
-    generic = max(growth.vector for growth, _ in growths)
+    generic = max((growth.vector for growth, _ in growths), key=lambda vector: (vector[-1], vector))
     growths = [(growth, q) for growth, q in growths if growth.vector == generic]
     names = reduced.constraints.names
     rows = [reduced.stacked_rows(q)[: reduced.m] for _, q in growths]
