@@ -42,7 +42,8 @@ class CarPath:
         times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
 
     Raises:
-        ConfigurationError: no such path is found, or an argument is out of its range.
+        InfeasibleError: no such path is found.
+        ConfigurationError: an argument is out of its range.
     """
 
     def __init__(
@@ -91,5 +92,5 @@ class CarPath:
 def _pose(value: ArrayLike, what: str) -> Array:
     pose = np.asarray(value, dtype=float)
     if pose.shape != (3,) or not np.isfinite(pose).all():
-        raise ConfigurationError(f"{what} of a path: expected x, y and heading, found {value}")
+        raise ConfigurationError(f"{what} of a path: expected x, y and heading, found {pose.tolist()}")
     return pose

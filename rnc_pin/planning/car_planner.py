@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.planning.leg import Leg, best_legs
 
 # First and last legs that are tried, in turning radii: what is too far for them is left to the leg in between.
@@ -19,9 +20,9 @@ _FEW = 13  # of them for each turn at either end, when there is a leg in between
 
 
 def plan_legs(
-    start: Float[Array, "3"], goal: Float[Array, "3"], radius: float, forward_only: bool = False
+    start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False
 ) -> list[Leg]:
-    """The fewest legs, at most three, and of those the cheapest (``best_legs``) that a lattice of poses to go by offers.
+    """The fewest legs, at most three, and of those the cheapest (``best_legs``) that a lattice of stops offers.
 
     The same poses always give the same legs.
 
@@ -32,7 +33,8 @@ def plan_legs(
         forward_only: never back up.
 
     Raises:
-        ConfigurationError: start and goal are the same, or no such legs are found.
+        ConfigurationError: start and goal are the same.
+        InfeasibleError: no such legs are found.
     """
     single = _joined(np.stack([start, goal])[:, None], radius, forward_only)
     if single is not None:
@@ -40,35 +42,37 @@ def plan_legs(
     if np.hypot(*(goal - start)[:2]) < 1e-6 * radius and abs(np.sin((goal - start)[2] / 2)) < 1e-9:
         raise ConfigurationError("start and goal of the path are the same pose")
     moves = _moves(forward_only) * [radius, radius, 1.0]
-    after = _ahead(start, moves)
-    legs = _joined(np.stack(np.broadcast_arrays(start, after, goal)), radius, forward_only)
-    before = _behind(goal, moves)
-    other = _joined(np.stack(np.broadcast_arrays(start, before, goal)), radius, forward_only)
-    found = [each for each in (legs, other) if each is not None]
-    if not found:
+    after, before = _ahead(start, moves), _behind(goal, moves)
+    found = _joined(_rows(start, np.concatenate([after, before]), goal), radius, forward_only)
+    if found is None:
         few = np.concatenate([np.flatnonzero(moves[:, 2] == turn)[:_FEW] for turn in _TURNS])
         first, last = np.repeat(after[few], len(few), axis=0), np.tile(before[few], (len(few), 1))
-        legs = _joined(np.stack(np.broadcast_arrays(start, first, last, goal)), radius, forward_only)
-        found = [] if legs is None else [legs]
-    if not found:
+        middle, _ = best_legs(first, last, radius, forward_only)
+        out, _ = best_legs(*_rows(start, after[few]), radius, forward_only)
+        home, _ = best_legs(*_rows(before[few], goal), radius, forward_only)
+        best = int(np.argmin(np.add.outer(out, home).ravel() + middle))
+        found = _joined(np.stack([start, first[best], last[best], goal])[:, None], radius, forward_only)
+    if found is None:
         what = "forward legs" if forward_only else "legs"
-        raise ConfigurationError(
-            f"no path of at most three {what} is found from {_words(start)} to {_words(goal)} that turns at a radius of "
-            f"{radius:.3g} m or more: allow more steering{', backing up' if forward_only else ''} or give poses to go by"
+        raise InfeasibleError(
+            f"no path of at most three {what} is found from {_words(start)} to {_words(goal)} with turns of at least "
+            f"{radius:.3g} m: allow more steering{' or backing up' if forward_only else ''}, or give poses to go by"
         )
-    return min(found, key=lambda legs: sum(leg.length for leg in legs))
+    return found
+
+
+def _rows(*poses: Array) -> Array:
+    return np.stack(np.broadcast_arrays(*poses))
 
 
 def _joined(poses: Float[Array, "stops n 3"], radius: float, forward_only: bool) -> list[Leg] | None:
     """Legs along the cheapest of n rows of poses, or None where none can be driven."""
-    each = [best_legs(a, b, radius, forward_only) for a, b in zip(poses[:-1], poses[1:], strict=True)]
-    total = sum(costs for costs, _ in each)
+    each = [best_legs(a, b, radius, forward_only) for a, b in pairwise(poses)]
+    total = np.sum([costs for costs, _ in each], axis=0)
     best = int(np.argmin(total))
     if not np.isfinite(total[best]):
         return None
-    return [
-        Leg(poses[i, best], poses[i + 1, best], float(charts[best])) for i, (_, charts) in enumerate(each)
-    ]
+    return [Leg(poses[i, best], poses[i + 1, best], float(charts[best])) for i, (_, charts) in enumerate(each)]
 
 
 @cache

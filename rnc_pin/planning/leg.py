@@ -3,8 +3,8 @@
 (x, y) of the rear axle is a flat output of a car (Fliess, Levine, Martin and Rouchon 1995): heading, steering
 angle and speed follow from it by differentiation. In the chained form (22) ``x1 = tan theta = y'`` and
 ``x0 = tan phi / (L cos^3 theta) = y''`` as functions of x, so from pose to pose with straight wheels goes the
-quintic y(x) with y, y' and y'' = 0 given at both ends. The form holds in any rotated axes: a leg has axes (a chart) from
-which its headings stay within 75 degrees. Where x falls along it, the car backs up.
+quintic y(x) with y, y' and y'' = 0 given at both ends. The form holds in any rotated axes: a leg has axes (a chart)
+from which its headings stay within 75 degrees. Where x falls along it, the car backs up.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from rnc_pin.planning.references import MinimumJerk
 
 _STEEPEST = np.deg2rad(75.0)
 _MARGIN = 0.99  # curvature is compared at samples; between them it may be a little more
-_OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])  # of charts from the mean heading, of what 75 degrees leave
+# Of charts from the mean heading, as parts of what 75 degrees leave.
+_OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
 _S = np.linspace(0.0, 1.0, 25)
 
 # On s in [0, 1]: final value, initial slope and final slope one, and all other values, slopes and curvatures zero.
@@ -39,8 +40,8 @@ class Leg:
         chart: direction of the axes in which it is y(x) [rad].
     """
 
-    start: Float[Array, "3"]
-    goal: Float[Array, "3"]
+    start: Float[Array, " 3"]
+    goal: Float[Array, " 3"]
     chart: float
 
     @property
