@@ -16,7 +16,8 @@ from rnc_pin.planning.references import ReferencePoint
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.task import Task
 
-_ACROSS = 0.05  # cosine between trailer and path below which it cannot slither
+_ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
+_JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]
 _KEPT = 2.0  # lengths of the trailer along the path that are remembered at least
 _UNKNOWN = np.full(1, np.nan)
 _UNKNOWN.flags.writeable = False
@@ -60,7 +61,7 @@ class SlitheringReference:
     Raises:
         ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
             with that yaw.
-        SingularityError: while running, the path bends so tightly that the trailer would be across it.
+        SingularityError: while running, the path bends so tightly that the trailer would stand across it or across the tractor.
     """
 
     size = 1
@@ -94,7 +95,9 @@ class SlitheringReference:
         x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
         back = _KEPT * self.length
         behind = [x - back * cos(heading), y - back * sin(heading), heading, -back]
-        return DrivenPath(np.array([behind, [x, y, heading, 0.0]]), float(measurement.x1[self._output]))
+        yaw = float(measurement.x1[self._output])
+        straight = yaw + _wrapped(heading + self._offset - yaw)
+        return DrivenPath(np.array([behind, [x, y, heading, 0.0]]), straight)
 
     def step(
         self, measurement: Measurement, v2_dot: Float[Array, " r"], state: DrivenPath
@@ -121,9 +124,10 @@ class SlitheringReference:
         vx, vy, ax, ay = float(rates[k0]), float(rates[k1]), float(rows[0]), float(rows[1])
         ex, ey, tx, ty = cos(theta), sin(theta), cos(psi), sin(psi)
         along, L = ex * tx + ey * ty, self.length
-        if along < _ACROSS:
+        turn = _wrapped(theta + self._offset - state.heading)
+        if min(along, cos(heading - theta)) < _ACROSS or abs(turn) > _JUMP:
             raise SingularityError(
-                "the trailer cannot slither where the driven path bends this tightly: it would stand across it",
+                "the driven path bends too tightly for the trailer to slither: it would stand across it or the tractor",
                 q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
                 condition=1 / max(abs(along), 1e-300),
                 rows=self._names,
@@ -135,8 +139,7 @@ class SlitheringReference:
         s_ddot = (ex * bx + ey * by + (wx * wx + wy * wy) / L) / along
         rate = (ex * wy - ey * wx) / L
         acceleration = (ex * (by - s_ddot * ty) - ey * (bx - s_ddot * tx)) / L
-        turn = theta + self._offset - state.heading
-        desired = state.heading + atan2(sin(turn), cos(turn))
+        desired = state.heading + turn
         point = ReferencePoint(np.array([desired]), np.array([rate]), np.array([acceleration]), _UNKNOWN)
         # What is far behind the axle's place is of no use, not even for backing up.
         oldest = path[-1, 3] - _KEPT * L
@@ -201,6 +204,10 @@ def _chord_end(
     return x, y, atan2(y_s, x_s), bend / speed**3
 
 
+def _wrapped(angle: float) -> float:
+    return atan2(sin(angle), cos(angle))
+
+
 def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
     for name in wanted:
         if name not in names:
@@ -217,7 +224,7 @@ def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axl
         pin.framesForwardKinematics(robot.model, data, q)
         at, front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames)
         yaw = reduced.outputs(q)[0][output] - atan2(*(front - rear)[::-1])
-        found.append((hypot(*(front - rear)), atan2(sin(yaw), cos(yaw)), hypot(*(front - at))))
+        found.append((hypot(*(front - rear)), _wrapped(yaw), hypot(*(front - at))))
     (length, offset, ahead), change = found[0], np.ptp(found, axis=0)
     if change[:2].max() > 1e-9 or length < 1e-6:
         raise ConfigurationError(

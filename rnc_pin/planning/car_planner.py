@@ -16,13 +16,16 @@ from rnc_pin.planning.leg import Leg, best_legs
 _DISTANCES = np.array([1.2, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0])
 _BEARINGS = np.deg2rad([-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0])
 _TURNS = np.deg2rad([-120.0, -90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0, 120.0])
+_COARSE = 25  # samples of a leg while many are looked at
+_CHECKED = 40  # cheapest ways of which all legs are looked at closely
+_STOP = 3.0  # cost of a stop, in turning radii
 _FEW = 13  # of them for each turn at either end, when there is a leg in between
 
 
 def plan_legs(
     start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False
 ) -> list[Leg]:
-    """The fewest legs, at most three, and of those the cheapest (``best_legs``) that a lattice of stops offers.
+    """One leg if it can be driven, else the cheapest two or three (``best_legs``) that a lattice of stops offers.
 
     The same poses always give the same legs.
 
@@ -36,43 +39,46 @@ def plan_legs(
         ConfigurationError: start and goal are the same.
         InfeasibleError: no such legs are found.
     """
-    single = _joined(np.stack([start, goal])[:, None], radius, forward_only)
+    single = _joined(start, goal[None], radius=radius, forward_only=forward_only)
     if single is not None:
-        return single
+        return single[1]
     if np.hypot(*(goal - start)[:2]) < 1e-6 * radius and abs(np.sin((goal - start)[2] / 2)) < 1e-9:
         raise ConfigurationError("start and goal of the path are the same pose")
     moves = _moves(forward_only) * [radius, radius, 1.0]
     after, before = _ahead(start, moves), _behind(goal, moves)
-    found = _joined(_rows(start, np.concatenate([after, before]), goal), radius, forward_only)
-    if found is None:
-        few = np.concatenate([np.flatnonzero(moves[:, 2] == turn)[:_FEW] for turn in _TURNS])
-        first, last = np.repeat(after[few], len(few), axis=0), np.tile(before[few], (len(few), 1))
-        middle, _ = best_legs(first, last, radius, forward_only)
-        out, _ = best_legs(*_rows(start, after[few]), radius, forward_only)
-        home, _ = best_legs(*_rows(before[few], goal), radius, forward_only)
-        best = int(np.argmin(np.add.outer(out, home).ravel() + middle))
-        found = _joined(np.stack([start, first[best], last[best], goal])[:, None], radius, forward_only)
-    if found is None:
+    once = _joined(start, np.concatenate([after, before]), goal, radius=radius, forward_only=forward_only)
+    # Costs of the first and last legs once each, of the middle ones for all pairs.
+    few = np.concatenate([np.flatnonzero(moves[:, 2] == turn)[:_FEW] for turn in _TURNS])
+    first, last = np.repeat(after[few], len(few), axis=0), np.tile(before[few], (len(few), 1))
+    middle, _ = best_legs(first, last, radius, forward_only, _COARSE)
+    out, _ = best_legs(np.broadcast_to(start, (len(few), 3)), after[few], radius, forward_only, _COARSE)
+    home, _ = best_legs(before[few], np.broadcast_to(goal, (len(few), 3)), radius, forward_only, _COARSE)
+    best = np.argsort(np.add.outer(out, home).ravel() + middle, kind="stable")[:_CHECKED]
+    twice = _joined(start, first[best], last[best], goal, radius=radius, forward_only=forward_only)
+    found = [each for each in (once, twice) if each is not None]
+    if not found:
         what = "forward legs" if forward_only else "legs"
         raise InfeasibleError(
             f"no path of at most three {what} is found from {_words(start)} to {_words(goal)} with turns of at least "
             f"{radius:.3g} m: allow more steering{' or backing up' if forward_only else ''}, or give poses to go by"
         )
-    return found
+    return min(found, key=lambda each: each[0] + _STOP * radius * len(each[1]))[1]
 
 
-def _rows(*poses: Array) -> Array:
-    return np.stack(np.broadcast_arrays(*poses))
-
-
-def _joined(poses: Float[Array, "stops n 3"], radius: float, forward_only: bool) -> list[Leg] | None:
-    """Legs along the cheapest of n rows of poses, or None where none can be driven."""
+def _joined(*stops: Array, radius: float, forward_only: bool) -> tuple[float, list[Leg]] | None:
+    """Cost and legs of the cheapest of n rows of stops, each (3,) or (n, 3), or None where none can be driven."""
+    poses = np.stack(np.broadcast_arrays(*stops))
+    if poses.shape[1] > _CHECKED:
+        coarse = np.sum([best_legs(a, b, radius, forward_only, _COARSE)[0] for a, b in pairwise(poses)], axis=0)
+        poses = poses[:, np.argsort(coarse, kind="stable")[:_CHECKED]]
     each = [best_legs(a, b, radius, forward_only) for a, b in pairwise(poses)]
     total = np.sum([costs for costs, _ in each], axis=0)
     best = int(np.argmin(total))
     if not np.isfinite(total[best]):
         return None
-    return [Leg(poses[i, best], poses[i + 1, best], float(charts[best])) for i, (_, charts) in enumerate(each)]
+    return float(total[best]), [
+        Leg(poses[i, best], poses[i + 1, best], float(charts[best])) for i, (_, charts) in enumerate(each)
+    ]
 
 
 @cache

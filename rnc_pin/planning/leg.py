@@ -10,6 +10,7 @@ from which its headings stay within 75 degrees. Where x falls along it, the car 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -19,15 +20,21 @@ from numpy.polynomial import Polynomial
 from rnc_pin.planning.references import MinimumJerk
 
 _STEEPEST = np.deg2rad(75.0)
+FINE = 201  # samples of a leg that is to be driven
 _MARGIN = 0.99  # curvature is compared at samples; between them it may be a little more
 # Of charts from the mean heading, as parts of what 75 degrees leave.
 _OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
-_S = np.linspace(0.0, 1.0, 25)
 
 # On s in [0, 1]: final value, initial slope and final slope one, and all other values, slopes and curvatures zero.
 _SHAPES = [Polynomial([0, 0, 0, 10, -15, 6]), Polynomial([0, 1, 0, -6, 8, -3]), Polynomial([0, 0, 0, -4, 7, -3])]
 _VALUES, _SLOPES, _BENDS = ([shape.deriv(order) if order else shape for shape in _SHAPES] for order in range(3))
-_SLOPES_AT, _BENDS_AT = (np.array([shape(_S) for shape in shapes]) for shapes in (_SLOPES, _BENDS))
+
+
+@cache
+def _sampled(samples: int) -> tuple[Array, Array, Array]:
+    """S (samples,), and slopes and bends (3, samples) of the shapes there."""
+    s = np.linspace(0.0, 1.0, samples)
+    return s, np.array([shape(s) for shape in _SLOPES]), np.array([shape(s) for shape in _BENDS])
 
 
 @dataclass(frozen=True)
@@ -53,7 +60,8 @@ class Leg:
     def length(self) -> float:
         """Along the path [m]."""
         dx, factors = self._coefficients()
-        return float(abs(dx) * np.trapezoid(np.sqrt(1 + (factors @ _SLOPES_AT / dx) ** 2), _S))
+        s, slopes, _ = _sampled(FINE)
+        return float(abs(dx) * np.trapezoid(np.sqrt(1 + (factors @ slopes / dx) ** 2), s))
 
     def _coefficients(self) -> tuple[float, Array]:
         """Extent in x, and factors (3,) of the shapes."""
@@ -90,7 +98,11 @@ class Leg:
 
 
 def best_legs(
-    starts: Float[Array, "n 3"], goals: Float[Array, "n 3"], radius: float, forward_only: bool = False
+    starts: Float[Array, "n 3"],
+    goals: Float[Array, "n 3"],
+    radius: float,
+    forward_only: bool = False,
+    samples: int = FINE,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Costs (n,) and charts (n,) of the best legs between pairs of poses; infinite cost where there is none.
 
@@ -102,7 +114,9 @@ def best_legs(
         goals: poses.
         radius: smallest that the car can turn at [m].
         forward_only: whether legs that back up do not count.
+        samples: places on a leg at which it is checked; with few of them sharp bends escape.
     """
+    s, slopes, bends = _sampled(samples)
     turn = _wrapped(goals[:, 2] - starts[:, 2])
     room = _STEEPEST - np.abs(turn) / 2
     costs, charts = np.full(len(starts), np.inf), np.zeros(len(starts))
@@ -112,12 +126,12 @@ def best_legs(
         # Else the headings at its ends are outside the chart, or there is nothing to drive along.
         able = np.flatnonzero((room > 0) & ((dx if forward_only else np.abs(dx)) > 1e-6 * radius))
         dx, dy, first, last = (each[able, None] for each in (dx, dy, first, last))
-        slope = dy / dx * _SLOPES_AT[0] + first * _SLOPES_AT[1] + last * _SLOPES_AT[2]
+        slope = dy / dx * slopes[0] + first * slopes[1] + last * slopes[2]
         square = 1 + slope**2
-        bend = (dy / dx * _BENDS_AT[0] + first * _BENDS_AT[1] + last * _BENDS_AT[2]) / dx
+        bend = (dy / dx * bends[0] + first * bends[1] + last * bends[2]) / dx
         tightness = (bend * radius) ** 2 / square**3  # (radius curvature)^2
         drivable = ((tightness <= _MARGIN**2) & (square <= 1 + np.tan(_STEEPEST) ** 2)).all(axis=1)
-        cost = np.abs(dx[:, 0]) * np.trapezoid(np.sqrt(square) * (1 + tightness), _S, axis=1)
+        cost = np.abs(dx[:, 0]) * np.trapezoid(np.sqrt(square) * (1 + tightness), s, axis=1)
         better = drivable & (cost < costs[able])
         costs[able[better]], charts[able[better]] = cost[better], chart[able[better]]
     return costs, charts
