@@ -61,7 +61,8 @@ class SlitheringReference:
     Raises:
         ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
             with that yaw.
-        SingularityError: while running, the path bends so tightly that the trailer would stand across it or across the tractor.
+        SingularityError: while running, the path bends so tightly that the trailer would stand across it or across the
+            tractor.
     """
 
     size = 1
@@ -75,7 +76,7 @@ class SlitheringReference:
         kingpin: str | None = None,
         spacing: float | None = None,
     ) -> None:
-        if len(task.vertical) != 1 or not task.vertical_angular[0]:
+        if len(task.vertical) != 1 or not task.vertical_coordinates.angular[0]:
             raise ConfigurationError(
                 "a trailer slithers by one vertical output, its yaw; the task has "
                 f"{', '.join(task.vertical_names) or 'none'}"
