@@ -1,7 +1,7 @@
 """Figure 8 of the paper: the fire truck drives to the origin, and its trailer slithers after it."""
 
 import rnc_pin as rnc
-from rnc_pin.control import SteeringController, VelocityGains, VelocityTracker
+from rnc_pin.control import SlitheringReference, SteeringController, VelocityGains, VelocityTracker
 from rnc_pin.planning import CarPath
 
 robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
@@ -12,18 +12,19 @@ system = rnc.NonholonomicSystem(
 )
 reduced = system.reduce(
     reducing=[rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-    vertical=[rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer")],
+    vertical=[rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("tractor"), rnc.FrameYaw("trailer")],
 )
 print("redundancy class:", rnc.analyze(reduced, redundant=["rear_steering"]).redundancy_class)
 
 start = (-8.0, 3.0, 0.0)
 path = CarPath(start, goal=(0.0, 0.0, 0.0), duration=8.0, wheelbase=1.0)
 task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], vertical=["trailer_yaw"])
-steering = SteeringController(reduced, task, primary=path.reference, vertical=path.follower(length=1.0))
+behind = SlitheringReference(reduced, task, tractor="tractor", axle="rear_axle")  # along the path as it is driven
+steering = SteeringController(reduced, task, primary=path.reference, vertical=behind)
 
 q0 = robot.configuration({"root_joint": start})
 _, region = rnc.kinematic_rollout(reduced, steering, q0, duration=8.0, dt=0.1)
 tracker = VelocityTracker(steering, VelocityGains.scaled(reduced, region, dt=0.002))
 run = rnc.simulate(reduced, tracker, q0, duration=9.0, dt=0.002)
-x, y, heading = run.x1[-1]
+x, y, _, heading = run.x1[-1]
 print(f"tractor at ({x:.4f}, {y:.4f}) m, trailer heading {heading:.3f} rad")

@@ -74,7 +74,7 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
     if summary["min_singular_value"] is not None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
     if "off_tracking_max" in summary:
-        invariants.add_row("trailer off the path, largest", f"{summary['off_tracking_max']:.4f} m")
+        invariants.add_row("trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m")
     for name, figure in summary["max_input"].items():
         invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
     console.print(invariants)

@@ -49,7 +49,7 @@ def fire_truck() -> rnc.ReducedModel:
     )
     return system.reduce(
         [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer")],
+        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor")],
     )
 
 

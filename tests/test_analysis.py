@@ -253,7 +253,7 @@ def test_the_fire_truck_is_class_2s_not_2():
     assert report.redundancy["A4_singular_values"] == [0.0, 0.0]
     assert report.redundancy["d(A3 v21)/dx22"] > 0.1
     assert report.redundancy["tracked"] == ("trailer_yaw",)
-    assert report.redundancy["driven"] == ("tractor_x", "tractor_y")
+    assert report.redundancy["driven"] == ("tractor_x", "tractor_y", "tractor_yaw")
 
 
 def turreted():

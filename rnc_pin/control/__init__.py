@@ -9,6 +9,7 @@ from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
 from rnc_pin.control.reducing import ReducingOutputController
 from rnc_pin.control.redundancy import Posture, RedundancyController
+from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.control.split import SplitController
 from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
@@ -19,6 +20,7 @@ __all__ = [
     "Command",
     "ComputedTorque",
     "Controller",
+    "DrivenPath",
     "JacobianTransposeController",
     "KinematicController",
     "MomentumRegressor",
@@ -28,6 +30,7 @@ __all__ = [
     "Posture",
     "ReducingOutputController",
     "RedundancyController",
+    "SlitheringReference",
     "SplitController",
     "SteeringController",
     "TrackerState",

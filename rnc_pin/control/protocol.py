@@ -69,7 +69,11 @@ class KinematicController(Protocol):
     def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...
 
 
-def check_size(reference: Reference, size: int, what: str) -> None:
+class _Sized(Protocol):
+    size: int
+
+
+def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
     """Refuse a reference that is not one number for each of its outputs."""
     if reference.size != size:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")

@@ -6,7 +6,8 @@ import numpy as np
 
 from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.control.slithering import DrivenPath, SlitheringReference
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.linear_algebra import apply
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
@@ -34,7 +35,7 @@ class SteeringController:
         reduced: whose kinematics they are.
         task: as many redundant as vertical outputs; the latter are x11.
         primary: reference of x21.
-        vertical: reference of x11.
+        vertical: reference of x11 in time, or one that follows from what the vehicle does.
         k3: [1/s], of the vertical outputs.
         k4: [1/s], of their rates; some times k3.
         k21: [1/s], of the primary outputs.
@@ -52,7 +53,7 @@ class SteeringController:
         reduced: ReducedModel,
         task: Task,
         primary: Reference,
-        vertical: Reference,
+        vertical: Reference | SlitheringReference,
         k3: float | np.ndarray = 2.0,
         k4: float = 10.0,
         k21: float | np.ndarray = 2.0,
@@ -71,21 +72,32 @@ class SteeringController:
         self.k3, self.k4, self.k21, self.damping, self.fastest = k3, k4, k21, damping, fastest
         self.watched = watched
 
-    def initial_state(self, measurement: Measurement) -> None:
-        """It learns nothing; refuses a system whose redundant rates move the vertical outputs."""
+    def initial_state(self, measurement: Measurement) -> DrivenPath | None:
+        """What the vertical reference remembers, if anything; refuses a system whose redundant rates move x11."""
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
         if np.abs(A4).max() > _A4_ZERO:
             raise ConfigurationError(
                 f"rates of {', '.join(self.task.redundant_names)} move {', '.join(self.task.vertical_names)} directly "
                 "(A4 is not zero): use the class-1 controller"
             )
+        return self.vertical.initial_state(measurement) if isinstance(self.vertical, SlitheringReference) else None
 
-    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
+    def step(
+        self, t: float, measurement: Measurement, state: DrivenPath | None = None
+    ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
-        x21d, x11d = self.primary.at(t), self.vertical.at(t)
+        x21d = self.primary.at(t)
         first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         v21d = first.velocity + self.k21 * first.error
         v21d_dot = first.acceleration + self.k21 * first.error_rate
+        v2_dot = np.zeros(m.v2.shape)  # of steering rates unknown: it would take the references' third derivatives
+        v2_dot[..., task.primary] = v21d_dot
+        if isinstance(self.vertical, SlitheringReference):
+            if state is None:
+                raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
+            x11d, state = self.vertical.step(m, v2_dot, state)
+        else:
+            x11d = self.vertical.at(t)
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3 = m.A_star[..., task.vertical, :][..., task.primary]
         A3_dot = m.A_star_dot[..., task.vertical, :][..., task.primary]
@@ -100,15 +112,14 @@ class SteeringController:
         square = N.mT @ N + self.damping**2 * np.eye(N.shape[-1])
         v22 = np.linalg.solve(square, apply(N.mT, right)[..., None])[..., 0]
         v22 = np.clip(v22, -self.fastest, self.fastest)
-        v2, v2_dot = np.empty(m.v2.shape), np.zeros(m.v2.shape)
+        v2 = np.empty(m.v2.shape)
         v2[..., task.primary], v2[..., task.redundant] = v21d, v22
-        v2_dot[..., task.primary] = v21d_dot
         x1 = spread(x11d.position, task.vertical, m.x1.shape)
         if self.watched is not None:
             x1[..., self.watched[0]] = self.watched[1].at(t).position
         return VelocityTarget(
             v2=v2,
-            v2_dot=v2_dot,  # of the steering rate unknown: it would take the references' third derivatives
+            v2_dot=v2_dot,
             x1=x1,
             x2=spread(x21d.position, task.primary, m.x2.shape),
-        ), None
+        ), state

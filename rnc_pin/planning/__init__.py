@@ -3,9 +3,11 @@
 from rnc_pin.planning.car_path import CarPath
 from rnc_pin.planning.chained_form import FireTruckChart
 from rnc_pin.planning.geodesic import Geodesic
+from rnc_pin.planning.leg import Leg
 from rnc_pin.planning.references import (
     Harmonic,
     Hold,
+    InTurn,
     Joined,
     MinimumJerk,
     Reference,
@@ -20,7 +22,9 @@ __all__ = [
     "Geodesic",
     "Harmonic",
     "Hold",
+    "InTurn",
     "Joined",
+    "Leg",
     "MinimumJerk",
     "Reference",
     "ReferencePoint",

@@ -1,102 +1,96 @@
-"""A flat path for a vehicle with front steering, and what its trailer should do: paper (22) and section 4.3.
-
-(x, y) of the rear axle is a flat output of a car (Fliess, Levine, Martin and Rouchon 1995): heading, steering
-angle and speed follow from it by differentiation. The chained form (22) has ``z0 = x``, ``x2 = y``,
-``x1 = tan theta`` and ``x0 = tan phi / (L cos^3 theta)``, that is y' and y'' as functions of x, so a path
-from pose to pose is a polynomial y(x) with three conditions at each end.
-"""
+"""A path for a vehicle with front steering, from pose to pose in one leg or several: paper (22) and section 4.3."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
-from scipy.optimize import brentq
-from scipy.spatial import cKDTree
+from jaxtyping import Float
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.planning.references import MinimumJerk, Reference, ViaPoints
+from rnc_pin.planning.car_planner import plan_legs
+from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.references import InTurn, Reference, ViaPoints
 
-_SAMPLES = 401
-_STEEPEST = np.deg2rad(75.0)
+_SAMPLES = 401  # of a leg
 
 
 class CarPath:
-    """From pose to pose at rest, with wheels straight at both ends.
+    """From pose to pose, at rest with straight wheels at both ends and at stops in between.
+
+    It is one leg where one can be driven, else two or three (``plan_legs``), forwards or backwards. The time is
+    shared among them in proportion to their lengths.
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: the same.
         duration: [s].
         wheelbase: rear to front axle [m].
+        via: poses to stop at on the way, in this order.
+        max_steering: largest angle of the front wheels [rad].
+        forward_only: never back up.
 
     Attributes:
-        reference: of (distance driven, front steering angle).
+        legs: one after the other.
+        length: driven on all of them [m].
+        reference: of (signed distance driven, front steering angle).
         position: of (x, y) of the rear axle.
-        times: (N,) [s]; ``poses``: (N, 3) on the path.
+        times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
 
     Raises:
-        ConfigurationError: there is no such path in one piece: it would have to turn past 75 degrees from the
-            x axis, or start and goal have the same x.
+        InfeasibleError: no such path is found.
+        ConfigurationError: an argument is out of its range.
     """
 
-    def __init__(self, start: np.ndarray, goal: np.ndarray, duration: float, wheelbase: float) -> None:
-        (x0, y0, heading0), (x1, y1, heading1) = np.asarray(start, float), np.asarray(goal, float)
-        if abs(x1 - x0) < 1e-6:
-            raise ConfigurationError("start and goal of a path have the same x: go by way of another pose")
-        if max(abs(heading0), abs(heading1)) > _STEEPEST:
-            raise ConfigurationError("start and goal of a path have to head within 75 degrees of the x axis")
-        self._sign = float(np.sign(x1 - x0))  # negative: the vehicle backs up
-        ends = [[y0, np.tan(heading0), 0.0], [y1, np.tan(heading1), 0.0]]
-        order = 1 if x1 > x0 else -1
-        self._y = BPoly.from_derivatives([x0, x1][::order], ends[::order])
-        self._dy, self._ddy = self._y.derivative(1), self._y.derivative(2)
-        along = MinimumJerk([x0], [x1], duration)
-        self.times = np.linspace(0.0, duration, _SAMPLES)
-        x = np.array([along.at(t).position[0] for t in self.times])
-        speed_x = np.array([along.at(t).velocity[0] for t in self.times])
-        slope = self._dy(x)
-        if np.abs(np.arctan(slope)).max() > _STEEPEST:
-            raise ConfigurationError("the path from start to goal turns past 75 degrees from the x axis")
-        self.poses = np.column_stack([x, self._y(x), np.arctan(slope)])
-        steering = np.arctan(wheelbase * self._ddy(x) / (1 + slope**2) ** 1.5)
-        speed = make_interp_spline(self.times, speed_x * np.sqrt(1 + slope**2), k=5)
-        driven = speed.antiderivative()(self.times)
-        self.duration = duration
-        self.reference: Reference = ViaPoints(self.times, np.column_stack([driven, steering]))
-        self.position: Reference = ViaPoints(self.times, self.poses[:, :2])
-        self._start, self._heading = np.array([x0, y0]), heading0
+    def __init__(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        duration: float,
+        wheelbase: float,
+        *,
+        via: Sequence[ArrayLike] = (),
+        max_steering: float = np.pi / 4,
+        forward_only: bool = False,
+    ) -> None:
+        if not (duration > 0 and wheelbase > 0 and 0 < max_steering < np.pi / 2):
+            raise ConfigurationError(
+                "a path needs a positive duration and wheelbase and a largest steering angle between 0 and pi/2, "
+                f"found {duration:g}, {wheelbase:g} and {max_steering:g}"
+            )
+        stops = [_pose(start, "start"), *(_pose(each, "via pose") for each in via), _pose(goal, "goal")]
+        radius = wheelbase / np.tan(max_steering)
+        self.legs = [leg for a, b in pairwise(stops) for leg in plan_legs(a, b, radius, forward_only)]
+        lengths = np.array([leg.length for leg in self.legs])
+        self.length, self.duration = float(lengths.sum()), duration
+        shares = np.concatenate([[0.0], np.cumsum(lengths) / self.length]) * duration
+        parts: list[tuple[Reference, Reference]] = []
+        times, poses = [], []
+        driven, heading = 0.0, stops[0][2]
+        for leg, (begin, end) in zip(self.legs, pairwise(shares), strict=True):
+            local, along, speeds, steering = leg.drive(end - begin, wheelbase, _SAMPLES)
+            distance = driven + make_interp_spline(local, speeds, k=5).antiderivative()(local)
+            along[:, 2] += heading - along[0, 2]  # a pose between legs may name the same heading a turn apart
+            at = begin + local
+            parts.append((ViaPoints(at, np.column_stack([distance, steering])), ViaPoints(at, along[:, :2])))
+            times.append(at)
+            poses.append(along)
+            driven, heading = distance[-1], along[-1, 2]
+        self.reference: Reference = InTurn([primary for primary, _ in parts])
+        self.position: Reference = InTurn([position for _, position in parts])
+        self.times, self.poses = np.concatenate(times), np.concatenate(poses)
 
-    def point(self, s: float) -> np.ndarray:
-        """Path by its x coordinate, (2,); before the start it goes straight on backwards."""
-        if (s - self._start[0]) * self._sign < 0:
-            return self._start + (s - self._start[0]) * np.array([1.0, np.tan(self._heading)])
-        return np.array([s, float(self._y(s))])
+    def distance(self, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
+        """Distances (N,) of points (N, 2) from the path and its straight continuation behind the start [m]."""
+        return distances(points, continued_back(self.poses, 3.0))
 
-    def follower(self, length: float) -> Reference:
-        """Heading of a trailer whose axle stays on the path, one chord behind the kingpin: "slithering".
 
-        Args:
-            length: kingpin to axle [m].
-
-        Raises:
-            ConfigurationError: the vehicle backs up, so that the trailer would lead.
-        """
-        if self._sign < 0:
-            raise ConfigurationError("a slithering trailer needs a path that is driven forwards")
-        headings = []
-        for x, y, _ in self.poses:
-            kingpin = np.array([x, y])
-
-            def gap(s: float, kingpin: np.ndarray = kingpin) -> float:
-                return float(np.linalg.norm(kingpin - self.point(s)) - length)
-
-            axle = self.point(brentq(gap, x - length - 1e-9, x, xtol=1e-13))
-            headings.append(np.arctan2(*(kingpin - axle)[::-1]))
-        return ViaPoints(self.times, np.unwrap(headings))
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Distances (N,) of points (N, 2) from the path, straight continuation included [m]."""
-        low = self.poses[:, 0].min() - 3.0
-        grid = np.linspace(low, self.poses[:, 0].max(), 20_001)
-        path = np.array([self.point(s) for s in grid])
-        return np.asarray(cKDTree(path).query(points)[0])
+def _pose(value: ArrayLike, what: str) -> Array:
+    pose = np.asarray(value, dtype=float)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise ConfigurationError(f"{what} of a path: expected x, y and heading, found {pose.tolist()}")
+    return pose

@@ -200,6 +200,21 @@ class Joined:
         return ReferencePoint(*(np.concatenate(each) for each in zip(*points, strict=True)))
 
 
+class InTurn:
+    """Several references of the same outputs, each until it rests, where the next one takes over.
+
+    Args:
+        references: each begins where and when the one before it ends.
+    """
+
+    def __init__(self, references: Sequence[Reference]) -> None:
+        self._parts = list(references)
+        self.size, self.duration = self._parts[0].size, self._parts[-1].duration
+
+    def at(self, t: float) -> ReferencePoint:
+        return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)
+
+
 def _finite(value: ArrayLike, what: str) -> np.ndarray:
     array = np.atleast_1d(np.asarray(value, dtype=float))
     if not np.isfinite(array).all():

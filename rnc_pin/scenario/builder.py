@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control import Controller
+from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.planning import CarPath, Hold, Reference
+from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
 from rnc_pin.scenario.controllers import Setting, build_controller
@@ -55,7 +56,6 @@ class Experiment:
     q0: np.ndarray
     simulation: SimulationSettings
     warnings: tuple[str, ...]
-    path: CarPath | None
     notes: dict[str, Any]
 
 
@@ -83,7 +83,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight)
-    path = _path(scenario, setting)
+    _plan_path(scenario, setting)
     controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
@@ -95,34 +95,40 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
-        path=path,
         notes={"controller": _described(controller), **_estimated(setting)},
     )
 
 
-def _path(scenario: Scenario, setting: Setting) -> CarPath | None:
+def _plan_path(scenario: Scenario, setting: Setting) -> None:
     """Plan the path that the scenario asks for, and put its references in their places."""
     settings, task, reduced = scenario.reference.path, setting.task, setting.reduced
     if settings is None:
-        return None
+        return
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
     if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
         raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
     start = frame_poses(reduced.robot, settings.frame, setting.q0[None])[0]
     try:
-        path = CarPath(start, np.array(settings.to), settings.duration, settings.wheelbase)
+        path = CarPath(
+            start,
+            settings.to,
+            settings.duration,
+            settings.wheelbase,
+            via=settings.via,
+            max_steering=settings.max_steering,
+            forward_only=settings.trailer is not None or bool(settings.forward_only),
+        )
         setting.references["primary"] = path.reference
         if settings.trailer is not None:
-            reduced.robot.frame_id(settings.trailer.frame)
-            setting.references["vertical"] = path.follower(settings.trailer.length)
+            trailer = settings.trailer
+            setting.slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     except ConfigurationError as error:
-        raise ConfigurationError(f"reference.path: {error}") from None
+        raise type(error)(f"reference.path: {error}") from None
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     if all(name in reduced.vertical.names for name in names):
         where = np.array([reduced.vertical.names.index(name) for name in names])
         setting.watched = (where, path.position)
-    return path
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
@@ -138,14 +144,18 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndar
 
 
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
-    """Largest distance [m] of a trailer's axle from the path, or None where there is neither."""
+    """Largest distance [m] of a trailer's axle from the path that was driven, or None where there is no trailer.
+
+    The path is that of the frame that the scenario plans for, with a straight stretch before the start.
+    """
     settings = experiment.scenario.reference.path
-    if experiment.path is None or settings is None or settings.trailer is None:
+    if settings is None or settings.trailer is None or not len(configurations):
         return None
     robot = experiment.reduced.robot
-    # Every tenth sample: a vehicle moves little in between.
-    points = frame_poses(robot, settings.trailer.frame, configurations[::10])[:, :2]
-    return float(experiment.path.distance(points).max())
+    some = configurations[::10]  # a vehicle moves little in between
+    driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
+    behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
+    return float(distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
 def _estimated(setting: Setting) -> dict[str, Any]:

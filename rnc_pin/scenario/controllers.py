@@ -17,6 +17,7 @@ from rnc_pin.control import (
     PositionTracker,
     ReducingOutputController,
     RedundancyController,
+    SlitheringReference,
     SplitController,
     SteeringController,
     UncertainRedundancyController,
@@ -50,6 +51,8 @@ class Setting:
     references: dict[str, Reference]
     q0: np.ndarray
     preflight: str = "warn"
+    slithering: SlitheringReference | None = None
+    """Instead of ``references["vertical"]``: what follows from the path that is driven."""
     watched: tuple[np.ndarray, Reference] | None = None
     warnings: list[str] = field(default_factory=list)
 
@@ -108,7 +111,7 @@ def _steering(setting: Setting) -> Controller:
         setting.reduced,
         task,
         references["primary"],
-        references["vertical"],
+        setting.slithering or references["vertical"],
         k3=setting.gain("k3", _OUTER_GAIN, len(task.vertical)),
         k21=setting.gain("k21", k21, len(task.primary)),
         watched=setting.watched,
@@ -144,6 +147,8 @@ def _two_phase(setting: Setting) -> Controller:
 
 def _class_1(setting: Setting) -> RedundancyController:
     task, references = setting.task, setting.references
+    if setting.slithering is not None:
+        raise ConfigurationError("reference.path.trailer: needs the controller type 'steering'")
     # The paper feeds x21d_dot open loop.
     k21 = 0.0 if setting.settings.preset == "paper" else _OUTER_GAIN
     return RedundancyController(

@@ -77,6 +77,7 @@ def one_run(scenario: str, options: dict[str, Any], run: int, folder: Path) -> d
             **{f"final_error.{name}": value for name, value in summary["final_error"].items()},
             "min_singular_value": summary["min_singular_value"],
             "constraint_residual_max": summary["constraint_residual_max"],
+            **{key: summary[key] for key in ("off_tracking_max",) if key in summary},
             "message": summary.get("message", ""),
         }
     return {**row, "outcome": "infeasible", "redrawn": redrawn, "message": str(failure)}

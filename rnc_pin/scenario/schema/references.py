@@ -104,12 +104,15 @@ ReferenceItem = Annotated[
 
 
 class TrailerSettings(Strict):
-    """A trailer whose axle should stay on the path of the vehicle that pulls it."""
+    """A trailer whose axle should stay on the path that the vehicle before it has driven."""
 
     frame: str
     """At the middle of its axle."""
-    length: Positive
-    """Kingpin to axle [m]."""
+    kingpin: str | None = None
+    """Where it is coupled; at the frame of the path by default."""
+
+
+Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class PathSettings(Strict):
@@ -117,18 +120,31 @@ class PathSettings(Strict):
 
     frame: str
     """At the middle of the rear axle, x forward."""
-    to: Annotated[list[float], Field(min_length=3, max_length=3)]
+    to: Pose
     """x, y [m] and heading [rad]."""
+    via: list[Pose] = []
+    """Poses to stop at on the way; others are added where the path cannot be driven without."""
     duration: Positive
     wheelbase: Positive
+    max_steering: Annotated[float, Field(gt=0, lt=np.pi / 2)] = np.pi / 4
+    """Of the front wheels [rad]."""
+    forward_only: bool | None = None
+    """Never back up; by default where there is a trailer, which cannot slither backwards."""
     trailer: TrailerSettings | None = None
+
+    @model_validator(mode="after")
+    def _no_pushing(self) -> PathSettings:
+        if self.trailer is not None and self.forward_only is False:
+            raise ValueError("a trailer cannot slither backwards: leave out 'forward_only: false' or 'trailer'")
+        return self
 
 
 class References(Strict):
     """Desired trajectories of the task's outputs; what is left out stays at its initial value."""
 
     path: PathSettings | None = None
-    """Instead of ``primary`` (distance driven, steering angle) and, with a trailer, ``vertical`` (its heading)."""
+    """Instead of ``primary`` (distance driven, steering angle) and, with a trailer, ``vertical`` (its heading, as it
+    follows from the path that is driven)."""
 
     primary: ReferenceItem | None = None
     redundant: ReferenceItem | None = None

@@ -1,0 +1,239 @@
+"""Where a trailer has to point for its axle to stay on the path that the tractor has driven: paper section 4.3."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.task import Task
+
+_ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
+_JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]
+_KEPT = 2.0  # lengths of the trailer along the path that are remembered at least
+_UNKNOWN = np.full(1, np.nan)
+_UNKNOWN.flags.writeable = False
+
+
+class DrivenPath(NamedTuple):
+    """What the reference remembers."""
+
+    path: Float[Array, "n 4"]
+    """Tractor's x, y, heading and distance driven at places a spacing apart, oldest first; straight before them."""
+    heading: float
+    """Desired heading at the last sample, so that it goes on without jumps [rad]."""
+
+
+class SlitheringReference:
+    """Heading of a trailer whose axle is on the tractor's driven path, one chord L behind the kingpin.
+
+    The kingpin is at p, the axle at s on the path, whose direction there is t and curvature c. From ``L e = p - s``
+    with e = (cos theta, sin theta), and ``e . e = 1``,
+
+        sdot    = e . pdot / e . t                         theta_dot  = n . w / L
+        sddot   = (e . b + w . w / L) / e . t              theta_ddot = n . (b - sddot t) / L
+        w = pdot - sdot t,      b = pddot - sdot^2 c m,    m across t and n across e, to the left.
+
+    For a kingpin on the tractor's axle that is ``sdot = u cos(theta1 - theta) / cos(psi - theta)``. Nothing is
+    differentiated numerically, so that it rests where the tractor rests. A tractor that backs up a little finds the
+    path it came by; farther back, what lies ahead of it is forgotten. Before the start the path is straight.
+
+    Reads from the measurement: ``x1, v1, v2, A_star, A_star_dot``, and ``q`` once, for the initial state. One state
+    at a time.
+
+    Args:
+        reduced: among its vertical outputs are position and yaw of the tractor, and of the trailer the yaw.
+        task: its one vertical output is the trailer's yaw, or that of any frame on the trailer.
+        tractor: frame whose path is followed, in the middle of an axle that does not steer, x forward.
+        axle: frame in the middle of the trailer's axle.
+        kingpin: frame at the kingpin, on either body; that of the tractor by default. If it is another one, its
+            position has to be a vertical output too.
+        spacing: of the places remembered [m]; a fiftieth of the trailer's length by default.
+
+    Raises:
+        ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
+            with that yaw.
+        SingularityError: while running, the path bends so tightly that the trailer would stand across it or across the
+            tractor.
+    """
+
+    size = 1
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        task: Task,
+        tractor: str,
+        axle: str,
+        kingpin: str | None = None,
+        spacing: float | None = None,
+    ) -> None:
+        if len(task.vertical) != 1 or not task.vertical_coordinates.angular[0]:
+            raise ConfigurationError(
+                "a trailer slithers by one vertical output, its yaw; the task has "
+                f"{', '.join(task.vertical_names) or 'none'}"
+            )
+        names = reduced.vertical.names
+        self._output = int(task.vertical[0])
+        self._tractor = _places(names, [f"{tractor}_x", f"{tractor}_y", f"{tractor}_yaw"])
+        self._kingpin = self._tractor[:2] if kingpin is None else _places(names, [f"{kingpin}_x", f"{kingpin}_y"])
+        self.length, self._offset = _drawbar(reduced, self._output, tractor, kingpin or tractor, axle)
+        self.spacing = self.length / 50 if spacing is None else spacing
+        if not self.spacing > 0:
+            raise ConfigurationError(f"spacing of a slithering reference has to be positive, found {spacing}")
+        self._names = (*task.vertical_names, names[self._tractor[2]])
+
+    def initial_state(self, measurement: Measurement) -> DrivenPath:
+        """A tractor that came straight along its heading."""
+        x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
+        back = _KEPT * self.length
+        behind = [x - back * cos(heading), y - back * sin(heading), heading, -back]
+        yaw = float(measurement.x1[self._output])
+        straight = yaw + _wrapped(heading + self._offset - yaw)
+        return DrivenPath(np.array([behind, [x, y, heading, 0.0]]), straight)
+
+    def step(
+        self, measurement: Measurement, v2_dot: Float[Array, " r"], state: DrivenPath
+    ) -> tuple[ReferencePoint, DrivenPath]:
+        """Once a sample.
+
+        Args:
+            measurement: of outputs and kinematics.
+            v2_dot: accelerations of the reducing outputs as far as they are known, else zero.
+            state: the path so far.
+
+        Returns:
+            The trailer's heading with two derivatives (its jerk is NaN: unknown), and the path with the present place.
+        """
+        x1 = measurement.x1
+        x, y, heading = (float(x1[i]) for i in self._tractor)
+        path = self._recorded(state.path, x, y, heading)
+        k0, k1 = self._kingpin
+        px, py = float(x1[k0]), float(x1[k1])
+        older, sx, sy, psi, curvature = self._behind(path, px, py, x, y, heading)
+        theta = atan2(py - sy, px - sx)
+        rates = measurement.v1
+        rows = measurement.A_star[self._kingpin] @ v2_dot + measurement.A_star_dot[self._kingpin] @ measurement.v2
+        vx, vy, ax, ay = float(rates[k0]), float(rates[k1]), float(rows[0]), float(rows[1])
+        ex, ey, tx, ty = cos(theta), sin(theta), cos(psi), sin(psi)
+        along, L = ex * tx + ey * ty, self.length
+        turn = _wrapped(theta + self._offset - state.heading)
+        if min(along, cos(heading - theta)) < _ACROSS or abs(turn) > _JUMP:
+            raise SingularityError(
+                "the driven path bends too tightly for the trailer to slither: it would stand across it or the tractor",
+                q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
+                condition=1 / max(abs(along), 1e-300),
+                rows=self._names,
+            )
+        s_dot = (ex * vx + ey * vy) / along
+        wx, wy = vx - s_dot * tx, vy - s_dot * ty
+        # Acceleration of the chord's ends but for s'' t: centripetal at the path.
+        bx, by = ax + s_dot**2 * curvature * ty, ay - s_dot**2 * curvature * tx
+        s_ddot = (ex * bx + ey * by + (wx * wx + wy * wy) / L) / along
+        rate = (ex * wy - ey * wx) / L
+        acceleration = (ex * (by - s_ddot * ty) - ey * (bx - s_ddot * tx)) / L
+        desired = state.heading + turn
+        point = ReferencePoint(np.array([desired]), np.array([rate]), np.array([acceleration]), _UNKNOWN)
+        # What is far behind the axle's place is of no use, not even for backing up.
+        oldest = path[-1, 3] - _KEPT * L
+        if older > 1 and path[1, 3] < oldest:
+            path = path[min(older, int(np.searchsorted(path[:, 3], oldest))) - 1 :]
+        return point, DrivenPath(path, desired)
+
+    def _recorded(self, path: Array, x: float, y: float, heading: float) -> Array:
+        """The path with the present place, if it is a spacing beyond the last one, and without those ahead of it."""
+        while True:
+            lx, ly, psi, driven = path[-1].tolist()
+            ahead = (x - lx) * cos(psi) + (y - ly) * sin(psi)
+            if ahead >= self.spacing:
+                return np.vstack([path, (x, y, heading, driven + hypot(x - lx, y - ly))])
+            if ahead > -self.spacing or len(path) == 1:
+                return path
+            path = path[:-1]
+
+    def _behind(
+        self, path: Array, px: float, py: float, x: float, y: float, heading: float
+    ) -> tuple[int, float, float, float, float]:
+        """The place one chord behind the kingpin: index of the one recorded before it, x, y, heading and curvature."""
+        L = self.length
+        dx, dy = path[:, 0] - px, path[:, 1] - py
+        far = np.flatnonzero(dx * dx + dy * dy >= L * L)
+        if not len(far):
+            # Straight on behind the oldest place: |p - o + tau t| = L.
+            ox, oy, psi, _ = path[0].tolist()
+            along = (px - ox) * cos(psi) + (py - oy) * sin(psi)
+            tau = sqrt(along**2 + L * L - (px - ox) ** 2 - (py - oy) ** 2) - along
+            return 0, ox - tau * cos(psi), oy - tau * sin(psi), psi, 0.0
+        older = int(far[-1])
+        begin = path[older].tolist()
+        end = path[older + 1].tolist() if older + 1 < len(path) else (x, y, heading)
+        return older, *_chord_end(begin, end, px, py, L)
+
+
+def _chord_end(
+    begin: list[float], end: list[float] | tuple[float, float, float], px: float, py: float, L: float
+) -> tuple[float, float, float, float]:
+    """Where a cubic Hermite curve between two places is L from (px, py), by Newton: x, y, heading and curvature."""
+    x0, y0, dx, dy = begin[0], begin[1], end[0] - begin[0], end[1] - begin[1]
+    h = hypot(dx, dy)
+    ux, uy, vx, vy = h * cos(begin[2]), h * sin(begin[2]), h * cos(end[2]), h * sin(end[2])
+    # x0 + ux s + b s^2 + a s^3
+    bx, by, ax, ay = 3 * dx - 2 * ux - vx, 3 * dy - 2 * uy - vy, ux + vx - 2 * dx, uy + vy - 2 * dy
+    s = 0.0
+    for _ in range(12):
+        x, y = x0 + s * (ux + s * (bx + s * ax)), y0 + s * (uy + s * (by + s * ay))
+        x_s, y_s = ux + s * (2 * bx + 3 * s * ax), uy + s * (2 * by + 3 * s * ay)
+        rx, ry = px - x, py - y
+        slope = rx * x_s + ry * y_s
+        if slope <= 0.0:
+            break  # across the path: the caller says so
+        step = (rx * rx + ry * ry - L * L) / (2 * slope)
+        moved = min(max(s + step, 0.0), 1.0)
+        if abs(moved - s) < 1e-13:
+            break
+        s = moved
+    speed = hypot(x_s, y_s)
+    bend = x_s * (2 * by + 6 * s * ay) - y_s * (2 * bx + 6 * s * ax)
+    return x, y, atan2(y_s, x_s), bend / speed**3
+
+
+def _wrapped(angle: float) -> float:
+    return atan2(sin(angle), cos(angle))
+
+
+def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
+    for name in wanted:
+        if name not in names:
+            raise ConfigurationError(f"a slithering trailer needs the vertical output '{name}'{nearest(name, names)}")
+    return np.array([names.index(name) for name in wanted])
+
+
+def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:
+    """Kingpin to axle [m], and by how much the trailer's yaw is ahead of the direction to the kingpin [rad]."""
+    robot, generator = reduced.robot, np.random.default_rng(0)
+    data, frames = robot.model.createData(), [robot.frame_id(frame) for frame in (tractor, kingpin, axle)]
+    found = []
+    for q in (robot.configuration(), *(robot.random_configuration(generator, spread=0.5) for _ in range(2))):
+        pin.framesForwardKinematics(robot.model, data, q)
+        at, front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames)
+        yaw = reduced.outputs(q)[0][output] - atan2(*(front - rear)[::-1])
+        found.append((hypot(*(front - rear)), _wrapped(yaw), hypot(*(front - at))))
+    (length, offset, ahead), change = found[0], np.ptp(found, axis=0)
+    if change[:2].max() > 1e-9 or length < 1e-6:
+        raise ConfigurationError(
+            f"'{kingpin}' and '{axle}' are not two fixed places on a body with {reduced.vertical.names[output]}: "
+            "name the kingpin and the middle of the trailer's axle"
+        )
+    if change[2] > 1e-9 or ahead >= length:
+        raise ConfigurationError(
+            f"the kingpin '{kingpin}' has to be a fixed place on the tractor, nearer to '{tractor}' than to '{axle}'"
+        )
+    return length, offset

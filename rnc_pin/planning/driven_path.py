@@ -1,0 +1,29 @@
+"""How far points are from a path that is known by samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.spatial import cKDTree
+
+
+def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m 2"]:
+    """Points of a path with a straight stretch before its first pose (x, y, heading) [m], sampled as finely."""
+    x, y, heading = poses[0]
+    steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+    back = np.linspace(length, 0.0, 2 + int(length / max(float(steps.max(initial=0.0)), 1e-3 * length)))[:-1, None]
+    return np.concatenate([[x, y] - back * [np.cos(heading), np.sin(heading)], poses[:, :2]])
+
+
+def distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
+    """Distances (n,) of points from the nearest place on a polyline whose vertices are much closer than it bends."""
+    _, nearest = cKDTree(path).query(points)
+    return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))
+
+
+def _to_segment(points: Array, path: Array, index: Array) -> Array:
+    begin, along = path[index], path[index + 1] - path[index]
+    square = np.maximum(np.vecdot(along, along), 1e-300)
+    s = np.clip(np.vecdot(points - begin, along) / square, 0.0, 1.0)
+    return np.linalg.norm(points - begin - s[:, None] * along, axis=1)

@@ -1,0 +1,270 @@
+"""A trailer on the path that its tractor has driven: the on-line reference, and figure 8."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import rnc_pin as rnc
+from rnc_pin.control import SlitheringReference, SteeringController
+from rnc_pin.planning import CarPath
+from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.urdf_files import find_urdf
+from systems import fire_truck
+
+TASK = (["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+
+
+def truck_with_kingpin_ahead(folder):
+    """The same truck with its hitch 0.3 m ahead of the tractor's rear axle and a longer trailer, its yaw reversed."""
+    text = find_urdf("fire_truck.urdf").read_text()
+    hitch = '<parent link="tractor"/><child link="trailer"/>\n    <origin xyz="0 0 0"'
+    axle = '<parent link="trailer"/><child link="rear_axle"/>\n    <origin xyz="-1 0 0"'
+    assert hitch in text
+    assert axle in text
+    text = text.replace(hitch, hitch.replace("0 0 0", "0.3 0 0")).replace(axle, axle.replace("-1 0 0", "-1.4 0.2 0"))
+    path = folder / "semi.urdf"
+    path.write_text(text)
+    system = rnc.NonholonomicSystem(
+        rnc.Robot.from_urdf(path, base="planar"),
+        [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("tractor_axle"), rnc.NoSideSlip("rear_axle")],
+        [rnc.FrameForce("tractor", "x"), "front_steering", "rear_steering"],
+    )
+    return system.reduce(
+        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
+        [
+            rnc.FramePosition("tractor", "xy"),
+            rnc.FrameYaw("trailer"),
+            rnc.FrameYaw("tractor"),
+            rnc.FramePosition("trailer", "xy"),
+        ],
+    )
+
+
+class Drive:
+    """A tractor on a winding way at a varying speed, known exactly; the path's arc length is known too."""
+
+    def __init__(self, back_up=0.0):
+        self.back_up = back_up
+        rate = lambda t, y: [  # noqa: E731
+            self.u(t)[0] * np.cos(y[2]), self.u(t)[0] * np.sin(y[2]), self.u(t)[0] * np.tan(self.phi(t)[0])
+        ]  # fmt: skip
+        self.solution = solve_ivp(rate, (0, 8), [1.0, -2.0, 0.7], dense_output=True, rtol=1e-12, atol=1e-12).sol
+
+    def u(self, t):
+        """Speed and acceleration; with ``back_up`` the tractor reverses in the middle of every period."""
+        w = np.pi / 2
+        return 1 - (1 + self.back_up) / 2 * (1 - np.cos(w * t)), -(1 + self.back_up) / 2 * w * np.sin(w * t)
+
+    def phi(self, t):
+        """Steering as a function of time: for backing up it has to be one of the place, so straight then."""
+        return (0.0, 0.0) if self.back_up else (0.35 * np.sin(1.3 * t), 0.35 * 1.3 * np.cos(1.3 * t))
+
+    def measure(self, reduced, t):
+        x, y, heading = self.solution(t)
+        (u, u_dot), (phi, phi_dot) = self.u(t), self.phi(t)
+        q = reduced.robot.configuration({"root_joint": [x, y, heading], "front_steering": phi, "hitch": 0.1})
+        # Desired accelerations of steering are not known to the reference; it must not need them.
+        return reduced.measure(q, np.array([u, phi_dot, 0.4])), np.array([u_dot, 0.0, 0.0])
+
+    def axle(self, t, length, ahead):
+        """By brute force: the place a chord behind the kingpin, on the path or straight behind its start."""
+        pose = self.solution(t)
+        kingpin = pose[:2] + ahead * np.array([np.cos(pose[2]), np.sin(pose[2])])
+        start = self.solution(0.0)
+        axis = np.array([np.cos(start[2]), np.sin(start[2])])
+
+        def place(s):
+            return start[:2] + s * axis if s < 0 else self.solution(s)[:2]
+
+        s = brentq(lambda s: np.linalg.norm(kingpin - place(s)) - length, -3.0, t, xtol=1e-14)
+        return place(s), kingpin
+
+    def heading(self, t, length, ahead):
+        axle, kingpin = self.axle(t, length, ahead)
+        return np.arctan2(*(kingpin - axle)[::-1])
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.3])
+def test_heading_and_two_derivatives_against_brute_force(ahead, tmp_path):
+    reduced = truck_with_kingpin_ahead(tmp_path) if ahead else fire_truck()
+    kingpin = "trailer" if ahead else None
+    length, offset = (np.hypot(1.4, 0.2), -np.arctan2(-0.2, 1.4)) if ahead else (1.0, 0.0)
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", kingpin)
+    np.testing.assert_allclose(reference.length, length, rtol=1e-12)
+    way, h, dt = Drive(), 2e-3, 0.005
+    state = reference.initial_state(way.measure(reduced, 0.0)[0])
+    compared = 0
+    for k in range(int(6.0 / dt)):
+        t = k * dt
+        point, state = reference.step(*way.measure(reduced, t), state)
+        if k % 37 == 5:
+            theta = np.unwrap([way.heading(t + i * h, length, ahead) for i in (-2, -1, 0, 1, 2)])
+            rate = (theta[0] - 8 * theta[1] + 8 * theta[3] - theta[4]) / (12 * h)
+            acceleration = (-theta[0] + 16 * theta[1] - 30 * theta[2] + 16 * theta[3] - theta[4]) / (12 * h * h)
+            error = point.position[0] - (theta[2] + offset)
+            assert abs(np.sin(error / 2)) < 1e-6
+            np.testing.assert_allclose(point.velocity, rate, atol=1e-5)
+            # The path is a cubic between places: its curvature is good to the spacing squared.
+            np.testing.assert_allclose(point.acceleration, acceleration, atol=2e-3)
+            compared += 1
+    assert compared > 30
+    assert len(state.path) < 150
+
+
+def test_it_rests_with_the_tractor_and_keeps_its_state_to_itself():
+    reduced, way = fire_truck(), Drive()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+    state = reference.initial_state(way.measure(reduced, 0.0)[0])
+    for k in range(400):
+        _, state = reference.step(*way.measure(reduced, k * 0.005), state)
+    m, _ = way.measure(reduced, 2.0)
+    still = reduced.measure(m.q, np.zeros(3))
+    before = state.path.copy()
+    first, after = reference.step(still, np.zeros(3), state)
+    again, _ = reference.step(still, np.zeros(3), state)
+    np.testing.assert_array_equal(state.path, before)
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal([first.velocity, first.acceleration], 0.0)
+    for _ in range(1000):
+        point, after = reference.step(still, np.zeros(3), after)
+    assert len(after.path) <= len(before) + 1
+    np.testing.assert_array_equal(point.position, first.position)
+
+
+@pytest.mark.parametrize("back", [0.004, 0.5])
+def test_backing_up_leads_back_along_the_same_path(back):
+    """Along a bend, back a little or half a metre, and on again: where it was, the reference is what it was."""
+    reduced = fire_truck()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+
+    def at(s, u):
+        """On a circle of radius 2 after a straight."""
+        x, y, heading = (s, 0.0, 0.0) if s < 0 else (2 * np.sin(s / 2), 2 - 2 * np.cos(s / 2), s / 2)
+        values = {"root_joint": [x, y, heading], "front_steering": np.arctan(0.5) if s > 0 else 0.0}
+        return reduced.measure(reduced.robot.configuration(values), np.array([u, 0.0, 0.0])), np.zeros(3)
+
+    way = [*np.arange(-1.0, 3.0, 0.005), *np.arange(3.0, 3.0 - back, -0.001), *np.arange(3.0 - back, 6.0, 0.005)]
+    state, last = reference.initial_state(at(way[0], 0.0)[0]), -1.0
+    for s in way:
+        point, state = reference.step(*at(s, np.sign(s - last)), state)
+        last = s
+        if s > 1.3:  # chord of length 1 on a circle of radius 2
+            np.testing.assert_allclose(point.position, s / 2 - np.arcsin(0.25), atol=1e-6)
+            np.testing.assert_allclose(np.abs(point.velocity), 0.5, atol=1e-4)
+
+
+@pytest.mark.parametrize("radius", [0.25, 0.45, 0.505])
+def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
+    """On a circle narrower than the trailer is long, the axle never leaves the straight before it."""
+    reduced = fire_truck()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+
+    def at(angle):
+        pose = [radius * np.sin(angle), radius - radius * np.cos(angle), angle]
+        q = reduced.robot.configuration({"root_joint": pose, "front_steering": np.arctan(1 / radius)})
+        return reduced.measure(q, np.array([0.5, 0.0, 0.0])), np.zeros(3)
+
+    def turn():
+        state = reference.initial_state(at(0.0)[0])
+        for angle in np.arange(0.0, 2 * np.pi, 0.01):
+            _, state = reference.step(*at(angle), state)
+
+    with pytest.raises(rnc.SingularityError, match="bends too tightly"):
+        turn()
+
+
+def test_a_loop_of_ones_own_round_a_path_of_three_legs():
+    """No ``simulate``: a kinematic loop by hand, on a way that turns by a full turn and stops twice."""
+    reduced = fire_truck()
+    robot, task = reduced.robot, rnc.Task.of(reduced, *TASK)
+    path = CarPath((0, 0, 0), (0, 2, 0), 40.0, 1.0, forward_only=True)
+    assert len(path.legs) == 3
+    reference = SlitheringReference(reduced, task, "tractor", "rear_axle")
+    steering = SteeringController(reduced, task, path.reference, reference)
+    q, integrals, v2, dt = robot.configuration(), np.zeros(3), np.zeros(3), 0.02
+    state = steering.initial_state(reduced.measure(q, v2, integrals))
+    poses, axles, data = [], [], robot.model.createData()
+    for k in range(2100):
+        m = reduced.measure(q, v2, integrals)
+        target, state = steering.step(k * dt, m, state)
+        middle = target.v2 + 0.5 * dt * target.v2_dot
+        half = pin.integrate(robot.model, q, 0.5 * dt * reduced.terms(q, target.v2).v)
+        q = pin.integrate(robot.model, q, dt * reduced.terms(half, middle).v)
+        integrals, v2 = integrals + dt * middle, target.v2
+        pin.framesForwardKinematics(robot.model, data, q)
+        poses.append([*m.x1[:2], m.x1[3]])
+        axles.append(data.oMf[robot.frame_id("rear_axle")].translation[:2].copy())
+    np.testing.assert_allclose(m.x1[:2], [0, 2], atol=0.02)
+    assert distances(np.array(axles), continued_back(np.array(poses), 2.0)).max() < 0.01
+
+
+def test_figure_8():
+    """The trailer's axle strays from the driven path by at most a tenth of what it does with the rear axle locked."""
+    result = execute(plan("fire-truck"))
+    locked = result.summary["comparisons"]["rear axle locked"]
+    assert result.summary["off_tracking_max"] < 0.1 * locked["off_tracking_max"]
+    assert result.summary["off_tracking_max"] < 1e-3
+    end = result.summary["final_output"]
+    assert max(abs(end[name]) for name in ("tractor_x", "tractor_y", "tractor_yaw")) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("trailer", "rear_axle"), "needs the vertical output 'trailer_x'; did you mean"),
+        (("tractor", "rear"), "no frame 'rear'"),
+        (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
+        (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
+        (("tractor", "rear_axle", None, 0.0), "spacing"),
+    ],
+)
+def test_what_is_no_tractor_with_a_trailer_is_refused(arguments, words):
+    reduced = fire_truck()
+    with pytest.raises(rnc.RncError, match=words):
+        SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), *arguments)
+
+
+def test_steering_along_the_driven_path_needs_its_state():
+    reduced = fire_truck()
+    task = rnc.Task.of(reduced, *TASK)
+    path = CarPath((0, 0, 0), (5, 0, 0), 5.0, 1.0)
+    steering = SteeringController(
+        reduced, task, path.reference, SlitheringReference(reduced, task, "tractor", "rear_axle")
+    )
+    with pytest.raises(rnc.InputError, match="initial_state"):
+        steering.step(0.0, reduced.measure(reduced.robot.configuration(), np.zeros(3)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reference.path.forward_only": False}, "cannot slither backwards"),
+        ({"reference.path.trailer.length": 1.0}, "length"),
+        ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
+        ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),
+        ({"reference.path.max_steering": 2.0}, "max_steering"),
+        ({"reference.path.to": [-8, 3, 0]}, "reference.path: start and goal of the path are the same pose"),
+    ],
+)
+def test_scenarios_that_cannot_slither_are_refused(changes, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        plan("fire-truck", {**changes, "comparisons": {}})
+
+
+def test_a_scenario_says_what_its_path_may_be():
+    changes = {
+        "reference.path.via": [[-4.0, 4.0, 0.0]],
+        "reference.path.max_steering": 0.5,
+        "controller.type": "reducing_outputs",
+        "comparisons": {},
+    }
+    experiment = plan("fire-truck", changes).experiment
+    reference = experiment.controller.target.reference
+    times = np.linspace(0, 12, 500)
+    assert max(abs(reference.at(t).position[1]) for t in times) <= 0.5
+    assert min(reference.at(t).velocity[0] for t in times) > -1e-9
+    assert min(reference.at(t).velocity[0] for t in times[50:-50]) < 0.05  # it stops on the way
