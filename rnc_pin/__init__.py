@@ -2,7 +2,15 @@
 
 from rnc_pin.actuators import FrameForce, FrameTorque
 from rnc_pin.analysis import Report, analyze
-from rnc_pin.constraints import MomentumConservation, NoSideSlip, Pfaffian, RollingWheel
+from rnc_pin.constraints import (
+    JointCoupling,
+    LoopClosure,
+    MomentumConservation,
+    NoSideSlip,
+    Pfaffian,
+    RollingBall,
+    RollingWheel,
+)
 from rnc_pin.errors import (
     ConfigurationError,
     ConstraintError,
@@ -36,8 +44,10 @@ __all__ = [
     "FrameYaw",
     "InfeasibleError",
     "InputError",
+    "JointCoupling",
     "JointPosition",
     "LimitError",
+    "LoopClosure",
     "Measurement",
     "ModelError",
     "MomentumConservation",
@@ -50,6 +60,7 @@ __all__ = [
     "Report",
     "RncError",
     "Robot",
+    "RollingBall",
     "RollingWheel",
     "SimulationError",
     "SingularityError",

@@ -70,6 +70,8 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
             "computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
         )
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
+    if summary["position_residual_max"]:
+        invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e}")
     invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
     if summary["min_singular_value"] is not None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")

@@ -22,7 +22,9 @@ class DroppedRow:
     reason: str
 
 
-def select_independent(samples: np.ndarray, names: Sequence[str]) -> tuple[list[int], list[DroppedRow]]:
+def select_independent(
+    samples: np.ndarray, names: Sequence[str], rates: np.ndarray | None = None
+) -> tuple[list[int], list[DroppedRow]]:
     """A set of rows that is independent and complete at every sample.
 
     Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the
@@ -31,9 +33,11 @@ def select_independent(samples: np.ndarray, names: Sequence[str]) -> tuple[list[
     Args:
         samples: the rows at several configurations, (samples, k, nv).
         names: of the rows, (k,).
+        rates: what ``A v`` has to be, (samples, k), where that is not zero.
 
     Raises:
-        ConstraintError: the rank is not the same at every sample, or no such set was found.
+        ConstraintError: the rank is not the same at every sample, no such set was found, or a row that depends on
+            others demands another velocity than they do.
     """
     scale = np.abs(samples).max(initial=0.0)
     matrices = unit_rows(np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0))
@@ -53,8 +57,22 @@ def select_independent(samples: np.ndarray, names: Sequence[str]) -> tuple[list[
                 for row in range(len(names))
                 if row not in kept
             ]
+            if rates is not None:
+                _refuse_contradiction(samples, rates, kept, names)
             return [int(row) for row in kept], dropped
     raise ConstraintError(f"no {rank} rows of {', '.join(names)} are independent at every configuration")
+
+
+def _refuse_contradiction(samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> None:
+    for matrix, mu in zip(samples, rates, strict=True):
+        v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0] if kept else np.zeros(matrix.shape[1])
+        gap = np.abs(matrix @ v - mu)
+        row = int(np.argmax(gap))
+        if gap[row] > TOLERANCE * max(np.abs(mu).max(), np.abs(matrix).max() * np.linalg.norm(v)):
+            raise ConstraintError(
+                f"constraint row '{names[row]}' contradicts the others: it has to be {mu[row]:.4g} where they make it "
+                f"{matrix[row] @ v:.4g}"
+            )
 
 
 def _rank(matrix: np.ndarray) -> int:

@@ -28,7 +28,10 @@ class Measurement(NamedTuple):
     x2: Float[Array, "*batch r"] = _ABSENT
     """Reducing outputs; integrals of v2 where they are quasi-velocities."""
     v1: Float[Array, "*batch k"] = _ABSENT
-    """Rates of the vertical outputs, ``A_star v2``."""
+    """Rates of the vertical outputs, ``A_star v2 + v1_offset``."""
     A_star: Float[Array, "*batch k r"] = _ABSENT
     """Kinematics (3a), ``v1 = A_star v2``."""
     A_star_dot: Float[Array, "*batch k r"] = _ABSENT
+    v1_offset: Float[Array, "*batch k"] | None = None
+    """Rates of the vertical outputs at ``v2 = 0``; None where the constraints are homogeneous."""
+    v1_offset_dot: Float[Array, "*batch k"] | None = None

@@ -5,6 +5,10 @@ With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
     R = E^-1 [0; I],   Rdot = -E^-1 Edot R,
     H = R^T H* R,   V = R^T (H* Rdot + C* R),   G = R^T g*.
 
+Affine constraints ``A v = mu(q)``, such as a momentum that is not zero, add a given motion,
+
+    v = R v2 + b,   b = E^-1 [mu; 0],   bdot = E^-1 ([mudot; 0] - Edot b),   G = R^T (g* + H* bdot + C* b).
+
 Everything is written over leading batch axes: Pinocchio runs in a loop, the algebra is stacked, and
 one state is the same code without the axis.
 """
@@ -21,6 +25,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.actuators import Actuation
+from rnc_pin.assembly import Assembly
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.independence import DroppedRow
 from rnc_pin.kinematics import Kinematics
@@ -53,6 +58,7 @@ class ReducedModel:
         r, m, p, n: reducing outputs, constraint rows, actuators, degrees of freedom.
         reducing, vertical: the outputs x2 and x1.
         constraints: the independent rows of A; ``dropped_rows``: the others, with reasons.
+        affine: whether constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``.
 
     Raises (every method):
         InputError: an array has the wrong shape or is not finite.
@@ -68,6 +74,7 @@ class ReducedModel:
         vertical: OutputStack,
         singularity_limit: float,
         dropped_rows: Sequence[DroppedRow] = (),
+        assembly: Assembly | None = None,
     ) -> None:
         self.robot = robot
         self.constraints = constraints
@@ -76,6 +83,8 @@ class ReducedModel:
         self.vertical = vertical
         self.singularity_limit = singularity_limit
         self.dropped_rows = tuple(dropped_rows)
+        self.assembly = Assembly(robot, ()) if assembly is None else assembly
+        self.affine = constraints.affine
         self.n, self.m, self.r, self.p = robot.nv, constraints.size, reducing.size, actuation.size
         self._square_limit = singularity_limit**2
         self._basis = (..., slice(self.m, None))  # of E^-1: the columns that are R
@@ -105,14 +114,21 @@ class ReducedModel:
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
         """
         v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
-        v2_dot, v, force = self._accelerate(self._admit(q, v2), v2, T, damping)
-        return Flow(v, v2_dot, np.vecdot(v, force))
+        q = self._admit(q, v2)
+        v2_dot, v, force = self._accelerate(q, v2, T, damping)
+        power = np.vecdot(v, force)
+        if self.affine:  # constraints that move do work
+            E_inverse, M, _ = self.stack(q)
+            power = power - np.vecdot(self._mu(q), self._multipliers(q, v2, E_inverse, M, force))
+        return Flow(v, v2_dot, power)
 
     def _accelerate(self, q: Array, v2: Array, T: Array, damping: Array | None) -> tuple[Array, Array, Array]:
         """v2dot, v and the generalized force: one factorisation of E, no Coriolis matrix."""
         E_inverse, M, B = self.stack(q)
         R = E_inverse[self._basis]
         v = apply(R, v2)
+        if self.affine:
+            v = v + self._offset(q, E_inverse)
         gamma, bias = self._drift(q, v)
         force = apply(B, T)
         if damping is not None:
@@ -131,7 +147,7 @@ class ReducedModel:
         q = self._admit(q, v2)
         E_inverse, M, _ = self.stack(q)
         R = E_inverse[self._basis]
-        v = apply(R, v2)
+        v = self._velocity(q, E_inverse, v2)
         gamma, bias = self._drift(q, v)
         acceleration = apply(R, v2_dot) - apply(E_inverse, gamma)
         return apply_transposed(R, apply(M, acceleration) + bias)
@@ -171,10 +187,13 @@ class ReducedModel:
         v2, T = self._shaped(v2, self.r, "v2"), self._shaped(T, self.p, "T")
         q = self._admit(q, v2)
         E_inverse, M, B = self.stack(q)
+        return self._multipliers(q, v2, E_inverse, M, apply(B, T))
+
+    def _multipliers(self, q: Array, v2: Array, E_inverse: Array, M: Array, force: Array) -> Array:
         R = E_inverse[self._basis]
-        v = apply(R, v2)
+        v = self._velocity(q, E_inverse, v2)
         gamma, bias = self._drift(q, v)
-        free = apply(B, T) - bias + apply(M, apply(E_inverse, gamma))
+        free = force - bias + apply(M, apply(E_inverse, gamma))
         v2_dot = solve_positive_definite(congruence(R, M), apply_transposed(R, free))
         residual = free - apply(M, apply(R, v2_dot))
         # A^T lambda + J2^T 0 = residual, that is E^T [lambda; 0] = residual.
@@ -184,7 +203,7 @@ class ReducedModel:
         """Kinetic plus potential energy [J]."""
         v2 = self._shaped(v2, self.r, "v2")
         q = self._admit(q, v2)
-        v = apply(self.stack(q)[0][self._basis], v2)
+        v = self._velocity(q, self.stack(q)[0], v2)
         model, data = self._state.model, self._state.data
 
         def one(q_i: Array, v_i: Array) -> float:
@@ -208,9 +227,13 @@ class ReducedModel:
         q = self._admit(q, v2)
         E_inverse, M, B = self.stack(q)
         R = E_inverse[self._basis]
-        v = apply(R, v2)
+        b = self._offset(q, E_inverse)
+        v = apply(R, v2) + b
         E_dot, C, g, A, J1, J1_dot = self._rates(q, v)
         R_dot = -E_inverse @ (E_dot @ R)
+        b_dot = self._offset_rate(q, v, E_inverse, E_dot, b)
+        if self.affine:
+            g = g + apply(M, b_dot) + apply(C, b)
         return ReducedTerms(
             R=R.copy(),
             R_dot=R_dot,
@@ -223,14 +246,16 @@ class ReducedModel:
             A_star=J1 @ R,
             A_star_dot=J1_dot @ R + J1 @ R_dot,
             v=v,
+            b=b,
+            b_dot=b_dot,
         )
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
-        """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2``."""
+        """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2 + b``."""
         v2 = self._shaped(v2, self.r, "v2")
         q = self._admit(q, v2)
         E_inverse, M, B = self.stack(q)
-        _, C, g, *_ = self._rates(q, apply(E_inverse[self._basis], v2))
+        _, C, g, *_ = self._rates(q, self._velocity(q, E_inverse, v2))
         return LagrangianTerms(H=np.array(M), C=C, g=g, B=np.array(B))
 
     def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
@@ -264,20 +289,29 @@ class ReducedModel:
         q = self._admit(q, v2)
         E_inverse, _, _ = self.stack(q)
         R = E_inverse[self._basis]
-        v = apply(R, v2)
+        v = self._velocity(q, E_inverse, v2)
         E_dot, _, _, _, J1, J1_dot = self._rates(q, v)
         R_dot = -E_inverse @ (E_dot @ R)
         x1, x2 = self.outputs(q, integrals)
         A_star = J1 @ R
+        v1 = apply(A_star, v2)
+        offset = offset_dot = None
+        if self.affine:
+            b = self._offset(q, E_inverse)
+            offset = apply(J1, b)
+            offset_dot = apply(J1_dot, b) + apply(J1, self._offset_rate(q, v, E_inverse, E_dot, b))
+            v1 = v1 + offset
         return Measurement(
             q=q,
             v=v,
             v2=v2,
             x1=x1,
             x2=x2,
-            v1=apply(A_star, v2),
+            v1=v1,
             A_star=A_star,
             A_star_dot=J1_dot @ R + J1 @ R_dot,
+            v1_offset=offset,
+            v1_offset_dot=offset_dot,
         )
 
     def kinematic_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
@@ -291,7 +325,10 @@ class ReducedModel:
         directions = np.eye(self.r)[list(along)]
         spread = np.broadcast_to(q[..., None, :], (*q.shape[:-1], len(directions), self._nq))
         each = self.measure(np.ascontiguousarray(spread), np.broadcast_to(directions, (*spread.shape[:-1], self.r)))
-        return np.moveaxis(each.A_star_dot, -3, -1)
+        gradient = each.A_star_dot
+        if self.affine:  # along the given motion b it changes as well
+            gradient = gradient - self.measure(q, np.zeros((*q.shape[:-1], self.r))).A_star_dot[..., None, :, :]
+        return np.moveaxis(gradient, -3, -1)
 
     def outputs(self, q: ArrayInput, integrals: Array | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r) of the vertical and reducing outputs."""
@@ -307,12 +344,74 @@ class ReducedModel:
         return x1, x2
 
     def constraint_residual(self, q: ArrayInput, v: ArrayInput) -> Array:
-        """``A v``, (..., m)."""
+        """``A v - mu``, (..., m)."""
         A = np.empty((*q.shape[:-1], self.m, self.n))
         for q_i, A_i in self._states(q, A):
             self._state.set_position(q_i)
             A_i[...] = self.constraints.evaluate(self._state)
-        return apply(A, v)
+        return apply(A, v) - self._mu(q)
+
+    # ------------------------------------------------------------------ velocities and configurations that comply
+
+    def velocity(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch nv"]:
+        """Full velocity ``v = R v2 + b``."""
+        v2 = self._shaped(v2, self.r, "v2")
+        q = self._admit(q, v2)
+        return self._velocity(q, self.stack(q)[0], v2)
+
+    def position_residual(self, q: ArrayInput) -> Float[Array, "*batch h"]:
+        """How far configurations (..., nq) are from satisfying the holonomic rows, ``assembly.names`` [m or rad]."""
+        q = self._admit(q)
+        out = np.empty((*q.shape[:-1], self.assembly.size))
+        for q_i, out_i in self._states(q, out):
+            out_i[...] = self.assembly.residual(q_i)
+        return out
+
+    def assembled(self, q: ArrayInput, hold: Sequence[str] = ()) -> Float[Array, " nq"]:
+        """The configuration near q (nq,) that satisfies the holonomic rows: loops closed, wheels on the ground.
+
+        Args:
+            q: one configuration (nq,).
+            hold: joints that stay where they are.
+
+        Raises:
+            ConstraintError: none was found.
+        """
+        return self.assembly.project(self._admit(q), hold)
+
+    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
+        """``Robot.random_configuration``, assembled."""
+        return self.assembly.random_configuration(generator, spread)
+
+    def _velocity(self, q: Array, E_inverse: Array, v2: Array) -> Array:
+        v = apply(E_inverse[self._basis], v2)
+        return v + self._offset(q, E_inverse) if self.affine else v
+
+    def _offset(self, q: Array, E_inverse: Array) -> Array:
+        """b, (..., nv)."""
+        if not self.affine:
+            return np.zeros((*q.shape[:-1], self.n))
+        return apply(E_inverse[..., : self.m], self._mu(q))
+
+    def _offset_rate(self, q: Array, v: Array, E_inverse: Array, E_dot: Array, b: Array) -> Array:
+        if not self.affine:
+            return np.zeros_like(b)
+        mu_dot = np.empty((*q.shape[:-1], self.m))
+        for q_i, v_i, mu_i in self._states(q, v, mu_dot):
+            if q.ndim > 1:  # a single state is the one that the workspace is at
+                self._state.set_rates(q_i, v_i)
+            self.constraints.rate_dot(self._state, mu_i)
+        return apply(E_inverse[..., : self.m], mu_dot) - apply(E_inverse, apply(E_dot, b))
+
+    def _mu(self, q: Array) -> Array:
+        """What ``A v`` has to be, (..., m), where the workspace is at q if that is a single state."""
+        mu = np.zeros((*q.shape[:-1], self.m))
+        if self.affine:
+            for q_i, mu_i in self._states(q, mu):
+                if q.ndim > 1:  # a single state is the one that the workspace is at
+                    self._state.set_position(q_i)
+                self.constraints.rate(self._state, mu_i)
+        return mu
 
     def condition(self, q: ArrayInput) -> Array | float:
         """Condition number (...) of E with unit rows: how well x2 parametrises the motion at q."""
@@ -368,7 +467,7 @@ class ReducedModel:
         return E, M, B
 
     def _drift(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Edot v (..., nv) and the nonlinear effects (..., nv)."""
+        """``Edot v - [mudot; 0]`` (..., nv) and the nonlinear effects (..., nv)."""
         state, rows = self._state, self._rows
         if q.ndim == 1:
             state.set_velocity(q, v)

@@ -21,17 +21,27 @@ from rnc_pin.robot import Robot
 class Rows(ABC):
     """k linear forms on the velocity, with everything a reduction needs to know of them.
 
+    Constraint rows demand ``J v = mu``, with mu = 0 unless they are ``affine``.
+
     Attributes:
         names: one name for each row, (k,).
         units: unit of each row's rate, (k,).
-        constant: whether the rows are the same at every configuration, so that their rate is zero.
+        constant: whether the rows are the same at every configuration, so that their rate is zero; not if ``affine``.
         conserved: where in ``v`` no actuator may act for the rows to hold (momenta), else None.
+        affine: whether mu is not zero.
+        holonomic: which rows keep a function of q at zero, (k,), whose value ``residual`` knows. Empty if none
+            does. A row that says False may still be integrable together with others.
+        on_ground: whether a holonomic row that no joint can move is to be left alone, as the height of a wheel is
+            over a base that moves in the plane. Others have to be satisfied.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     constant: bool = False
     conserved: slice | None = None
+    affine: bool = False
+    holonomic: tuple[bool, ...] = ()
+    on_ground: bool = False
 
     @abstractmethod
     def jacobian(self, state: Kinematics) -> np.ndarray:
@@ -43,10 +53,25 @@ class Rows(ABC):
 
     @abstractmethod
     def drift(self, state: Kinematics) -> np.ndarray:
-        """``Jdot v``, (k,), for a velocity that satisfies the constraints.
+        """``Jdot v - mudot``, (k,), for a velocity that satisfies the constraints.
 
         Needs ``set_velocity`` only: placements, velocities and accelerations of frames, ``bias``, q and v.
         """
+
+    def rate(self, state: Kinematics) -> np.ndarray:
+        """What ``J v`` has to be: mu(q), (k,). Needs ``set_position``."""
+        return np.zeros(len(self.names))
+
+    def rate_dot(self, state: Kinematics) -> np.ndarray:
+        """Rate of mu along v, (k,). Needs ``set_rates``."""
+        return np.zeros(len(self.names))
+
+    def residual(self, state: Kinematics) -> np.ndarray:
+        """How far q is from satisfying the holonomic rows, (k,) [m or rad]; zero at the others.
+
+        Its rate is ``J v`` where it is zero. Needs ``set_position``.
+        """
+        return np.zeros(len(self.names))
 
 
 class OutputRows(Rows):
@@ -145,6 +170,32 @@ class RowStack:
         """Write Jdot(q, v) into ``out`` (size, nv)."""
         for block, place, selection in self.places:
             rows = block.jacobian_dot(state)
+            out[place] = rows if selection is None else rows[selection]
+
+    @property
+    def affine(self) -> bool:
+        """Whether some row demands a velocity that is not zero."""
+        return any(block.affine for block, _, _ in self.places)
+
+    @property
+    def holonomic(self) -> tuple[bool, ...]:
+        """Which rows keep a function of the configuration at zero, (size,)."""
+        flags: list[bool] = []
+        for block, _, selection in self.places:
+            own = block.holonomic or (False,) * len(block.names)
+            flags += own if selection is None else [own[row] for row in selection]
+        return tuple(flags)
+
+    def rate(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write mu(q) into ``out`` (size,)."""
+        for block, place, selection in self.places:
+            rows = block.rate(state)
+            out[place] = rows if selection is None else rows[selection]
+
+    def rate_dot(self, state: Kinematics, out: np.ndarray) -> None:
+        """Write the rate of mu into ``out`` (size,)."""
+        for block, place, selection in self.places:
+            rows = block.rate_dot(state)
             out[place] = rows if selection is None else rows[selection]
 
     def evaluate(self, state: Kinematics) -> np.ndarray:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rnc_pin.actuators import Actuation, Actuators
+from rnc_pin.assembly import Assembly
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.independence import select_independent
 from rnc_pin.kinematics import Kinematics
@@ -18,10 +19,10 @@ _SAMPLES = 12
 
 
 class NonholonomicSystem:
-    """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``.
+    """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
-    were and why they add nothing.
+    were and why they add nothing. The rank is that at configurations which satisfy the holonomic rows.
 
     Args:
         robot: the robot.
@@ -34,11 +35,12 @@ class NonholonomicSystem:
         p: actuators.
         constraints: the independent rows.
         dropped_rows: the others, with reasons.
+        assembly: the holonomic rows, kept or not, and the configurations that satisfy them.
 
     Raises:
         ModelError: unknown joint or frame.
-        ConstraintError: rank that varies with the configuration, constraints that leave no motion, or
-            an actuator that drives a momentum said to be conserved.
+        ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
+            other, or an actuator that drives a momentum said to be conserved.
     """
 
     def __init__(
@@ -52,8 +54,9 @@ class NonholonomicSystem:
         blocks = [kind.bind(robot) for kind in constraints]
         all_rows = RowStack(blocks)
         _refuse_twice(all_rows.names, "constraint row")
-        samples = _sample_rows(all_rows, robot)
-        kept, self.dropped_rows = select_independent(samples, all_rows.names)
+        self.assembly = Assembly(robot, blocks)
+        samples, rates = _sample_rows(all_rows, self.assembly)
+        kept, self.dropped_rows = select_independent(samples, all_rows.names, rates if all_rows.affine else None)
         self.constraints = RowStack(blocks, _by_block(blocks, kept))
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
@@ -66,6 +69,18 @@ class NonholonomicSystem:
     def r(self) -> int:
         """Number of reducing outputs that a reduction needs: n - m."""
         return self.n - self.m
+
+    def assembled(self, q: np.ndarray, hold: Sequence[str] = ()) -> np.ndarray:
+        """The configuration near q (nq,) that satisfies the holonomic rows: loops closed, wheels on the ground.
+
+        Args:
+            q: one configuration (nq,).
+            hold: joints that stay where they are.
+
+        Raises:
+            ConstraintError: none was found.
+        """
+        return self.assembly.project(np.asarray(q, dtype=float), hold)
 
     def reduce(
         self,
@@ -93,7 +108,7 @@ class NonholonomicSystem:
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
             )
         reduced = ReducedModel(
-            self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows
+            self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows, self.assembly
         )
         self._check_regular(reduced)
         return reduced
@@ -104,7 +119,7 @@ class NonholonomicSystem:
         failure: SingularityError | None = None
         for _ in range(_SAMPLES):
             try:
-                reduced.stack(self.robot.random_configuration(generator))
+                reduced.stack(self.assembly.random_configuration(generator))
                 return
             except SingularityError as error:
                 failure = error
@@ -139,24 +154,32 @@ def _by_block(blocks: Sequence[Rows], kept: Sequence[int]) -> list[list[int]]:
     return result
 
 
-def _sample_rows(rows: RowStack, robot: Robot) -> np.ndarray:
-    """The rows at seeded random configurations, (samples, k, nv), leaving out those where one is undefined."""
-    state = Kinematics(robot)
+def _sample_rows(rows: RowStack, assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
+    """The rows (samples, k, nv) and mu (samples, k) at seeded random configurations, leaving out undefined ones.
+
+    The configurations satisfy the holonomic rows: elsewhere the rank can be another.
+    """
+    state = Kinematics(assembly.robot)
     generator = np.random.default_rng(0)
     samples: list[np.ndarray] = []
+    rates: list[np.ndarray] = []
     for _ in range(_SAMPLES):
-        state.set_position(robot.random_configuration(generator))
+        state.set_position(assembly.random_configuration(generator))
+        mu = np.empty(rows.size)
         try:
             out = rows.evaluate(state)
+            rows.rate(state, mu)
         except SingularityError:
             continue
-        if not np.isfinite(out).all():
-            bad = rows.names[int(np.argmin(np.isfinite(out).all(axis=1)))]
+        finite = np.isfinite(out).all(axis=1) & np.isfinite(mu)
+        if not finite.all():
+            bad = rows.names[int(np.argmin(finite))]
             raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(state.q, 4).tolist()}")
         samples.append(out)
+        rates.append(mu)
     if not samples:
         raise ConstraintError(f"constraints {', '.join(rows.names)} are undefined at every sampled configuration")
-    return np.stack(samples)
+    return np.stack(samples), np.stack(rates)
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:

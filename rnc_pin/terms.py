@@ -14,24 +14,27 @@ class ReducedTerms:
     """Every matrix of the reduced system at a state; batch axes lead."""
 
     R: Float[Array, "*batch nv r"]
-    """Null-space basis, ``v = R v2``."""
+    """Null-space basis, ``v = R v2 + b``."""
     R_dot: Float[Array, "*batch nv r"]
     H: Float[Array, "*batch r r"]
     """Reduced inertia matrix."""
     V: Float[Array, "*batch r r"]
     """Coriolis matrix, with ``Hdot = V + V^T``."""
     G: Float[Array, "*batch r"]
-    """Gravity forces."""
+    """Gravity forces; with affine constraints also those of the motion b, ``R^T (g* + H* b_dot + C* b)``."""
     input_matrix: Float[Array, "*batch r p"]
     """``R^T B``, so that ``F = input_matrix @ T``."""
     A: Float[Array, "*batch m nv"]
     """Independent constraint rows."""
     A_dot: Float[Array, "*batch m nv"]
     A_star: Float[Array, "*batch k r"]
-    """Kinematics of the vertical outputs, ``x1dot = A_star v2``."""
+    """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
     A_star_dot: Float[Array, "*batch k r"]
     v: Float[Array, "*batch nv"]
-    """Full velocity ``R v2``."""
+    """Full velocity ``R v2 + b``."""
+    b: Float[Array, "*batch nv"]
+    """Velocity at ``v2 = 0``: zero unless constraints are affine."""
+    b_dot: Float[Array, "*batch nv"]
 
 
 @dataclass(frozen=True)
@@ -49,4 +52,4 @@ class Flow(NamedTuple):
 
     v: Array  # (..., nv), full velocity
     v2_dot: Array  # (..., r)
-    power: Array | float  # (...,) of actuators and damping [W]
+    power: Array | float  # (...,) of actuators, damping and constraints that move [W]

@@ -106,6 +106,114 @@ def leaning_wheel() -> rnc.ReducedModel:
     return system.reduce([rnc.Output(None, spin, no_rate, ["spin_x", "spin_y", "spin_z"])], [])
 
 
+@cache
+def spinning_space_robot() -> rnc.ReducedModel:
+    """The space robot with an angular momentum that is not zero: an affine constraint."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    joints = ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", 6.0)], joints)
+    return system.reduce(
+        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
+    )
+
+
+@cache
+def drifting_manipulator() -> rnc.ReducedModel:
+    """A platform that slides on the plane without friction, with linear and angular momentum."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    momentum = rnc.MomentumConservation("root_joint", (3.0, -2.0, 5.0))
+    system = rnc.NonholonomicSystem(robot, [momentum], ["joint_1", "joint_2"])
+    return system.reduce([rnc.FramePosition("tip", "xy")], [rnc.FramePosition("base", "xy"), rnc.FrameYaw("base")])
+
+
+@cache
+def tumbling_panda() -> rnc.ReducedModel:
+    """A free-flyer base whose linear and angular momentum are constant in the world, not in its own axes."""
+    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    robot = rnc.Robot.from_example("panda", base="free", gravity=(0, 0, 0), lock=fingers)
+    joints = [f"panda_joint{i}" for i in range(1, 8)]
+    momentum = rnc.MomentumConservation("root_joint", (2.0, -1.0, 0.5, 0.3, 0.4, -0.6))
+    system = rnc.NonholonomicSystem(robot, [momentum], joints)
+    return system.reduce(
+        [rnc.JointPosition(joint) for joint in joints],
+        [rnc.FramePosition("panda_hand"), rnc.FrameYaw("panda_link0")],
+    )
+
+
+CRANK, COUPLER, ROCKER, GROUND = 0.3, 0.8, 0.6, 0.9
+
+
+def four_bar_robot(knee: bool = False) -> rnc.Robot:
+    """Crank and coupler from one pivot, rocker from the other, in the x-z plane under gravity; the loop is open.
+
+    With a knee the rocker ends in a small link of its own, to be joined to the coupler as a whole.
+    """
+    model = pin.Model()
+    model.name = "four-bar"
+    here, axis = pin.SE3.Identity(), pin.JointModelRY
+
+    def at(x: float) -> pin.SE3:
+        return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+
+    def link(parent: int, placement: pin.SE3, name: str, length: float, mass: float) -> int:
+        joint = model.addJoint(parent, axis(), placement, name)
+        inertia = np.diag([0.01, mass * length**2 / 12, mass * length**2 / 12 + 0.001])
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array([length / 2, 0, 0]), inertia), here)
+        model.addFrame(pin.Frame(f"{name}_tip", joint, 0, at(length), pin.FrameType.OP_FRAME))
+        return joint
+
+    crank = link(0, here, "crank", CRANK, 1.0)
+    link(crank, at(CRANK), "coupler", COUPLER, 2.0)
+    rocker = link(0, at(GROUND), "rocker", ROCKER, 1.5)
+    if knee:
+        link(rocker, at(ROCKER), "knee", 0.1, 0.2)
+        model.addFrame(pin.Frame("knee_pin", 4, 0, here, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+@cache
+def four_bar() -> rnc.ReducedModel:
+    """A planar loop closed at a point: three rows of rank two."""
+    system = rnc.NonholonomicSystem(
+        four_bar_robot(), [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")], ["crank"]
+    )
+    return system.reduce([rnc.JointPosition("crank")], [rnc.JointPosition("rocker")])
+
+
+@cache
+def bicycle() -> rnc.ReducedModel:
+    """Two wheels, the front one on a fork whose steering axis is raked back, free to lean, under gravity."""
+    model = pin.Model()
+    model.name = "bicycle"
+    rake, radius = 0.35, 0.3
+    steering = np.array([-np.sin(rake), 0.0, np.cos(rake)])
+
+    def body(joint: int, mass: float, size: float, lever: tuple[float, float, float]) -> None:
+        inertia = pin.Inertia(mass, np.array(lever), mass * size**2 * np.diag([0.3, 0.5, 0.25]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+
+    def at(*where: float) -> pin.SE3:
+        return pin.SE3(np.eye(3), np.array(where))
+
+    frame = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    body(frame, 10.0, 0.6, (0.4, 0.0, 0.3))
+    rear = model.addJoint(frame, pin.JointModelRY(), pin.SE3.Identity(), "rear_wheel")
+    body(rear, 1.5, radius, (0.0, 0.0, 0.0))
+    fork = model.addJoint(frame, pin.JointModelRevoluteUnaligned(steering), at(0.9, 0.0, 0.2), "steer")
+    body(fork, 2.0, 0.3, (0.05, 0.0, 0.1))
+    front = model.addJoint(fork, pin.JointModelRY(), at(0.12, 0.0, -0.2), "front_wheel")
+    body(front, 1.5, radius, (0.0, 0.0, 0.0))
+    for name, joint in (("frame", frame), ("rear", rear), ("front", front)):
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    wheels = [rnc.RollingWheel("rear", radius), rnc.RollingWheel("front", radius)]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), wheels, ["rear_wheel", "steer", rnc.FrameTorque("frame", "x")])
+    lean = np.eye(9)[3:4]  # angular velocity about the frame's own x axis
+    roll = rnc.Output(None, lambda q: lean, lambda q, v: 0 * lean, ["roll_rate"])
+    return system.reduce(
+        [roll, rnc.JointPosition("steer"), rnc.JointPosition("rear_wheel")], [rnc.FramePosition("front", "xy")]
+    )
+
+
 ALL = {
     function.__name__: function
     for function in (
@@ -116,6 +224,11 @@ ALL = {
         free_flying_panda,
         tiago,
         leaning_wheel,
+        spinning_space_robot,
+        drifting_manipulator,
+        tumbling_panda,
+        four_bar,
+        bicycle,
     )
 }
 
@@ -123,7 +236,7 @@ ALL = {
 def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, condition: float = 3e2):
     """Seeded random (q, v2) at which the outputs parametrise the motion well."""
     generator = np.random.default_rng(seed)
-    drawn = (reduced.robot.random_configuration(generator, spread=1.2) for _ in range(100 * count))
+    drawn = (reduced.random_configuration(generator, spread=1.2) for _ in range(100 * count))
     states = [(q, generator.uniform(-1, 1, reduced.r)) for q in drawn if reduced.condition(q) < condition][:count]
     assert len(states) == count, f"only {len(states)} of {count} configurations have condition below {condition:g}"
     return states

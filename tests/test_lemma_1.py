@@ -42,7 +42,9 @@ def test_basis_satisfies_the_constraints(reduced, states):
         t = reduced.terms(q, v2)
         lengths = np.linalg.norm(t.A, axis=1, keepdims=True) * np.linalg.norm(t.R)
         assert np.abs(t.A @ t.R / lengths).max() < CONSTRAINT
-        assert np.abs(t.A @ t.v / lengths).max() < CONSTRAINT * (1 + np.linalg.norm(v2))
+        assert np.abs(reduced.constraint_residual(q, t.v) / lengths[:, 0]).max() < CONSTRAINT * (
+            1 + np.linalg.norm(v2) + np.linalg.norm(t.b)
+        )
 
 
 def test_basis_gives_back_the_reducing_outputs(reduced, states):
@@ -70,22 +72,26 @@ def test_rate_of_inertia_is_v_plus_its_transpose(reduced, states):
 def test_coriolis_matrix_is_linear_in_velocity(reduced, states):
     for q, v2 in states:
         other = np.flip(v2) + 0.3
-        V = [reduced.terms(q, each).V for each in (v2, other, 2 * v2 - 3 * other)]
-        assert_close(V[2], 2 * V[0] - 3 * V[1], ROUNDING)
+        # Weights that add up to one: with affine constraints V is affine, and without it is zero at rest (below).
+        V = [reduced.terms(q, each).V for each in (v2, other, 3 * v2 - 2 * other)]
+        assert_close(V[2], 3 * V[0] - 2 * V[1], ROUNDING)
 
 
 def test_gravity_and_inertia_do_not_depend_on_velocity(reduced, states):
     for q, v2 in states:
         moving, resting = reduced.terms(q, v2), reduced.terms(q, np.zeros_like(v2))
         assert_close(moving.H, resting.H, ROUNDING)
-        assert_close(moving.G, resting.G, ROUNDING)
-        assert_close(resting.V, np.zeros_like(resting.V), ROUNDING)
+        if not reduced.affine:  # else both hold what the given motion b does
+            assert_close(moving.G, resting.G, ROUNDING)
+            assert_close(resting.V, np.zeros_like(resting.V), ROUNDING)
+            assert not moving.b.any()
+            assert not moving.b_dot.any()
 
 
 def test_rates_of_basis_and_constraints(reduced, states):
     for q, v2 in states:
         t = reduced.terms(q, v2)
-        for rate, name in ((t.R_dot, "R"), (t.A_dot, "A"), (t.A_star_dot, "A_star")):
+        for rate, name in ((t.R_dot, "R"), (t.A_dot, "A"), (t.A_star_dot, "A_star"), (t.b_dot, "b")):
             difference = derivative(reduced, q, t.v, lambda p, v2=v2, name=name: getattr(reduced.terms(p, v2), name))
             assert_close(rate, difference, FINITE_DIFFERENCE)
 
@@ -97,6 +103,12 @@ def test_rates_of_outputs(reduced, states):
         x1_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[0])
         x2_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[1])
         assert_close(measured.v1, x1_dot, FINITE_DIFFERENCE)
+        if reduced.affine:
+            offset_dot = derivative(reduced, q, v, lambda p, v2=v2: reduced.measure(p, v2).v1_offset)
+            assert_close(measured.v1_offset_dot, offset_dot, FINITE_DIFFERENCE)
+            assert_close(measured.v1, measured.A_star @ v2 + measured.v1_offset, ROUNDING)
+        else:
+            assert measured.v1_offset is None
         own = ~reduced.reducing.quasi
         assert_close(v2[own], x2_dot[own], FINITE_DIFFERENCE)
 
@@ -109,9 +121,9 @@ def test_acceleration_agrees_with_kkt(reduced, states):
     for q, v2 in states:
         T = generator.normal(size=reduced.p)
         t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
-        vdot = pin.forwardDynamics(model, data, q, t.v, full.B @ T, t.A, t.A_dot @ t.v)
+        vdot = pin.forwardDynamics(model, data, q, t.v, full.B @ T, t.A, t.A_dot @ t.v)  # mu is constant in all of them
         v2_dot = reduced.forward_dynamics(q, v2, T)
-        assert_close(t.R @ v2_dot + t.R_dot @ v2, vdot, KKT)
+        assert_close(t.R @ v2_dot + t.R_dot @ v2 + t.b_dot, vdot, KKT)
         # The multipliers of the same problem, in the sign of the paper's (1).
         residual = full.B @ T - full.H @ vdot - full.C @ t.v - full.g
         assert_close(t.A.T @ reduced.multipliers(q, v2, T), residual, KKT)
@@ -167,5 +179,8 @@ def test_batch_is_the_same_as_one_by_one(reduced, states):
     for i in np.ndindex(2, 3):
         one = {**vars(reduced.terms(q[i], v2[i])), **reduced.measure(q[i], v2[i])._asdict()}
         for name, value in one.items():
+            if value is None:
+                assert whole[name] is None
+                continue
             assert whole[name][i].shape == value.shape
             assert_close(whole[name][i], value, ROUNDING)

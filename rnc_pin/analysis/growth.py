@@ -54,6 +54,9 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
     and free-flying joints have a bracket of their own. Brackets of the columns of R are exact; deeper
     ones take an eighth-order difference of those.
 
+    Where constraints are affine, ``v = R v2 + b``, brackets with the given motion b are left out: what span(R) reaches
+    can be reached, and b may reach more.
+
     Args:
         reduced: the model.
         q: a configuration (nq,) at which the dimensions are the generic ones.

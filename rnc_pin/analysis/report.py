@@ -105,7 +105,7 @@ def analyze(
     generator = np.random.default_rng(seed)
     regular, failure = [], None
     for _ in range(samples):
-        q = reduced.robot.random_configuration(generator)
+        q = reduced.random_configuration(generator)
         try:
             reduced.inertia(q)
             regular.append(q)

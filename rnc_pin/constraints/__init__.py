@@ -1,8 +1,19 @@
-"""Constraints ``A(q) v = 0``: one file a kind."""
+"""Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file a kind."""
 
+from rnc_pin.constraints.joint_coupling import JointCoupling
+from rnc_pin.constraints.loop_closure import LoopClosure
 from rnc_pin.constraints.momentum import MomentumConservation
 from rnc_pin.constraints.no_side_slip import NoSideSlip
 from rnc_pin.constraints.pfaffian import Pfaffian
+from rnc_pin.constraints.rolling_ball import RollingBall
 from rnc_pin.constraints.rolling_wheel import RollingWheel
 
-__all__ = ["MomentumConservation", "NoSideSlip", "Pfaffian", "RollingWheel"]
+__all__ = [
+    "JointCoupling",
+    "LoopClosure",
+    "MomentumConservation",
+    "NoSideSlip",
+    "Pfaffian",
+    "RollingBall",
+    "RollingWheel",
+]

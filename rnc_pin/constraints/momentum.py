@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,37 +17,68 @@ _SAMPLES = 4
 _TOLERANCE = 1e-9
 
 
+# Components of a spatial vector that a joint moves along: those joints whose velocity is in the moving body's axes.
+_TURNING = {"JointModelPlanar": [0, 1, 5], "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5], "JointModelSpherical": [3, 4, 5]}
+
+
 @dataclass(frozen=True)
 class MomentumConservation:
-    """The momentum conjugate to an unactuated, cyclic joint is zero, because the system starts at rest.
+    """The momentum of an unactuated, cyclic joint stays what it is; zero where the system starts at rest.
 
-    A revolute platform gives one row, a planar base three, a free-flying base six.
+    A revolute platform gives one row, a planar base three, a free-flying base six. Not one of them is holonomic.
+
+    Zero momentum is the momentum conjugate to the joint's velocity. A momentum that is not zero stays constant in
+    the world, not in the axes of a body that turns: for a planar, free-flying or spherical joint it is the linear
+    momentum and the angular momentum about the world's origin, in the world's axes (more exactly, those of the fixed
+    frame in which the joint sits). The constraint is affine then, ``A v = mu``.
 
     Args:
         joint: name of the joint, ``"root_joint"`` for a planar or free base.
+        momentum: its value: a number for a joint with one degree of freedom [N m s or kg m/s]; (p_x, p_y, L_z) for a
+            planar base; (p, L), six numbers, for a free-flying one; zero by default.
 
     Raises:
         ModelError: no such joint.
-        ConstraintError: the inertia depends on the joint's own position (it is not cyclic), or gravity
-            acts along it, so that its momentum is not conserved.
+        ConstraintError: the inertia depends on the joint's own position (it is not cyclic), gravity acts along it, so
+            that its momentum is not conserved, or the value does not fit the joint.
     """
 
     joint: str
+    momentum: float | Sequence[float] | np.ndarray | None = None
 
     def bind(self, robot: Robot) -> Rows:
         rows = robot.velocity_indices(self.joint)
         _check_symmetry(robot, self.joint, rows)
-        return _MomentumRows(self.joint, rows)
+        if self.momentum is None or not np.any(self.momentum):
+            return _MomentumRows(self.joint, rows)
+        value = np.atleast_1d(np.array(self.momentum, dtype=float))
+        size = rows.stop - rows.start
+        if value.shape != (size,) or not np.isfinite(value).all():
+            raise ConstraintError(
+                f"momentum of joint '{self.joint}' takes {size} finite number{'s' * (size > 1)}, found {self.momentum}"
+            )
+        joint = robot.joint_id(self.joint)
+        kind = robot.model.joints[joint].shortname()
+        if size == 1 or kind == "JointModelTranslation":
+            return _MomentumRows(self.joint, rows, value)
+        if kind not in _TURNING or robot.model.parents[joint] != 0:
+            raise ConstraintError(
+                f"momentum of joint '{self.joint}' can only be zero: where a joint of type {kind} that does not hang "
+                "on the world keeps a momentum that is not zero is not known"
+            )
+        return _WorldMomentumRows(self.joint, rows, value, robot)
 
 
 class _MomentumRows(Rows):
-    def __init__(self, joint: str, rows: slice) -> None:
+    def __init__(self, joint: str, rows: slice, value: np.ndarray | None = None) -> None:
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))
         self.units = ("N m s",) if size == 1 else ("kg m/s",) * (size - size // 2) + ("N m s",) * (size // 2)
         if size == 3:  # planar: x, y, yaw
             self.units = ("kg m/s", "kg m/s", "N m s")
         self.conserved = self._rows = rows
+        self.affine = value is not None
+        self._value = np.zeros(size) if value is None else value
 
     def jacobian(self, state: Kinematics) -> np.ndarray:
         return state.M[self._rows]
@@ -55,9 +87,39 @@ class _MomentumRows(Rows):
         return state.C[self._rows] + state.C.T[self._rows]
 
     def drift(self, state: Kinematics) -> np.ndarray:
-        # d/dt (M v) = bias + coadjoint action of v on M v, and the latter is zero where M v is; gravity
-        # has no part along a cyclic joint.
+        # d/dt (M v) = bias + coadjoint action of v on M v, and the latter is zero where M v is, and where the joint
+        # has one degree of freedom; gravity has no part along a cyclic joint.
         return state.bias[self._rows]
+
+    def rate(self, state: Kinematics) -> np.ndarray:
+        return self._value
+
+
+class _WorldMomentumRows(_MomentumRows):
+    """The same momentum, carried from the body's axes to those of the frame in which the joint sits."""
+
+    def __init__(self, joint: str, rows: slice, value: np.ndarray, robot: Robot) -> None:
+        super().__init__(joint, rows, value)
+        self._joint = robot.joint_id(joint)
+        self._fixed = robot.model.jointPlacements[self._joint].inverse()
+        along = _TURNING[robot.model.joints[self._joint].shortname()]
+        self._along, self._block = along, np.ix_(along, along)
+
+    def _to_world(self, state: Kinematics) -> np.ndarray:
+        return (self._fixed * state.data.oMi[self._joint]).toDualActionMatrix()[self._block]
+
+    def jacobian(self, state: Kinematics) -> np.ndarray:
+        return self._to_world(state) @ state.M[self._rows]
+
+    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
+        velocity = np.zeros(6)
+        velocity[self._along] = state.v[self._rows]
+        turning = pin.Motion(velocity).dualAction[self._block]
+        return self._to_world(state) @ (turning @ state.M[self._rows] + super().jacobian_dot(state))
+
+    def drift(self, state: Kinematics) -> np.ndarray:
+        # In fixed axes the rate of the momentum at zero vdot is the force on the base that such a motion takes.
+        return self._to_world(state) @ state.bias[self._rows]
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:

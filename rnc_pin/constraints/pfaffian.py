@@ -15,23 +15,34 @@ from rnc_pin.rows import Rows, checked_rows
 
 @dataclass(frozen=True)
 class Pfaffian:
-    """Any constraint ``A(q) v = 0``.
+    """Any constraint ``A(q) v = 0``, or ``A(q) v = mu(q)``.
 
     Args:
         rows: ``rows(q) -> (k, nv)``.
         rows_dot: ``rows_dot(q, v) -> (k, nv)``, the rate of ``rows`` along v.
         names: one for each row; ``row[0]``, ``row[1]``, ... by default.
+        rate: ``rate(q) -> (k,)``, mu, for what moves by itself: a conveyor, a turntable.
+        rate_dot: ``rate_dot(q, v) -> (k,)``, the rate of mu along v.
+        residual: ``residual(q) -> (k,)`` for holonomic rows: the function of q whose rate is ``A v`` and which stays
+            at zero. Its drift is removed in simulation.
 
     Raises:
         InputError: a function returns an array of another shape.
-        ConstraintError: ``names`` does not fit the rows.
+        ConstraintError: ``names`` does not fit the rows, ``rate`` comes without ``rate_dot`` or with ``residual``.
     """
 
     rows: Callable[[np.ndarray], np.ndarray]
     rows_dot: Callable[[np.ndarray, np.ndarray], np.ndarray]
     names: Sequence[str] | None = None
+    rate: Callable[[np.ndarray], np.ndarray] | None = None
+    rate_dot: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    residual: Callable[[np.ndarray], np.ndarray] | None = None
 
     def bind(self, robot: Robot) -> Rows:
+        if (self.rate is None) != (self.rate_dot is None):
+            raise ConstraintError("a Pfaffian constraint takes 'rate' and 'rate_dot' together")
+        if self.rate is not None and self.residual is not None:
+            raise ConstraintError("a Pfaffian constraint takes 'rate' or 'residual': rows that move keep no position")
         return _PfaffianRows(self, robot)
 
 
@@ -44,6 +55,8 @@ class _PfaffianRows(Rows):
             raise ConstraintError(f"{len(self.names)} names for {self._shape[0]} Pfaffian rows")
         self.units = ("",) * self._shape[0]
         self._kind = kind
+        self.affine = kind.rate is not None
+        self.holonomic = (kind.residual is not None,) * self._shape[0]
         checked_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
 
     def jacobian(self, state: Kinematics) -> np.ndarray:
@@ -54,4 +67,21 @@ class _PfaffianRows(Rows):
         return checked_rows(rows, self._shape, "rows_dot(q, v) of a Pfaffian constraint")
 
     def drift(self, state: Kinematics) -> np.ndarray:
-        return self.jacobian_dot(state) @ state.v
+        drift = self.jacobian_dot(state) @ state.v
+        return drift - self.rate_dot(state) if self.affine else drift
+
+    def rate(self, state: Kinematics) -> np.ndarray:
+        if self._kind.rate is None:
+            return super().rate(state)
+        return checked_rows(self._kind.rate(state.q), self._shape[:1], "rate(q) of a Pfaffian constraint")
+
+    def rate_dot(self, state: Kinematics) -> np.ndarray:
+        if self._kind.rate_dot is None:
+            return super().rate_dot(state)
+        values = self._kind.rate_dot(state.q, state.v)
+        return checked_rows(values, self._shape[:1], "rate_dot(q, v) of a Pfaffian constraint")
+
+    def residual(self, state: Kinematics) -> np.ndarray:
+        if self._kind.residual is None:
+            return super().residual(state)
+        return checked_rows(self._kind.residual(state.q), self._shape[:1], "residual(q) of a Pfaffian constraint")

@@ -22,7 +22,7 @@ class RollingWheel:
 
     The contact is the lowest point of a disk about its axle, wherever the wheel leans. Rows are the
     velocity of the material point there: along the heading of the wheel, along the ground across it,
-    and up. The last is holonomic; for a planar base it is zero and drops out.
+    and up. The last is holonomic, the lowest point stays at height zero; for a planar base it is zero and drops out.
 
     Args:
         frame: a frame at the centre of the wheel that turns with it.
@@ -47,6 +47,9 @@ class RollingWheel:
 
 
 class _RollingRows(Rows):
+    holonomic = (False, False, True)
+    on_ground = True
+
     def __init__(self, kind: RollingWheel, robot: Robot) -> None:
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling", "lateral", "vertical"))
         self.units = ("m/s",) * 3
@@ -101,6 +104,10 @@ class _RollingRows(Rows):
         spin = state.velocity(self._frame).angular
         contact = acceleration.linear + pin.skew(acceleration.angular) @ arm + pin.skew(spin) @ arm_dot
         return directions_dot @ slip + directions @ contact
+
+    def residual(self, state: Kinematics) -> np.ndarray:
+        _, _, arm, _ = self._contact(state)
+        return np.array([0.0, 0.0, state.placement(self._frame).translation[2] + arm[2]])
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:

@@ -27,7 +27,7 @@ class RedundancyController:
     the primary outputs follow theirs. The paper feeds ``v21d = x21d_dot`` forward, so that x21 drifts by
     what the inner loop misses; ``k21`` closes that loop (0 is the paper).
 
-    Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``.
+    Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``, and ``v1_offset`` where constraints are affine.
 
     Args:
         task: the outputs; at least as many redundant as vertical.
@@ -84,6 +84,9 @@ class RedundancyController:
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
         wanted = base.velocity + self.k3 * base.error - apply(A3, v21)
         wanted_dot = base.acceleration + self.k3 * base.error_rate - apply(A3_dot, v21) - apply(A3, v21_dot)
+        if m.v1_offset is not None and m.v1_offset_dot is not None:  # what the vertical outputs do by themselves
+            wanted = wanted - m.v1_offset[..., task.vertical]
+            wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
         if A4.shape[-1] == A4.shape[-2]:
             v22 = self._solve(A4, wanted, m)
             v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)

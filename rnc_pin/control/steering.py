@@ -45,7 +45,7 @@ class SteeringController:
             record.
 
     Raises:
-        ConfigurationError: not as many redundant as vertical outputs, or A4 is not zero.
+        ConfigurationError: not as many redundant as vertical outputs, A4 is not zero, or constraints are affine.
     """
 
     def __init__(
@@ -66,6 +66,8 @@ class SteeringController:
                 f"steering needs as many redundant as vertical outputs, found {len(task.redundant)} "
                 f"and {len(task.vertical)}"
             )
+        if reduced.affine:
+            raise ConfigurationError("steering assumes A v = 0, and these constraints are affine (A v = mu)")
         check_size(primary, len(task.primary), "primary")
         check_size(vertical, len(task.vertical), "vertical")
         self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical

@@ -46,7 +46,8 @@ class UncertainRedundancyController:
         alpha: adaptation gain; 0 switches it off.
 
     Raises:
-        ConfigurationError: estimates outside the bounds or of the wrong number, or other vertical outputs.
+        ConfigurationError: estimates outside the bounds or of the wrong number, other vertical outputs, or a
+            momentum that is not zero.
     """
 
     def __init__(
@@ -69,6 +70,8 @@ class UncertainRedundancyController:
         self._low, self._high = np.full(size, bounds[0]), np.full(size, bounds[1])
         if not (0 < bounds[0] < bounds[1] and (self.initial >= bounds[0]).all() and (self.initial <= bounds[1]).all()):
             raise ConfigurationError(f"estimates {self.initial.tolist()} have to be within positive bounds {bounds}")
+        if reduced.affine:
+            raise ConfigurationError("unknown masses are estimated from a momentum of zero, and this one is not zero")
         if reduced.vertical.names != (base,):
             raise ConfigurationError(f"the vertical output has to be the base joint '{base}' alone")
         self._model = reduced.robot.model.copy()

@@ -43,6 +43,7 @@ def kinematic_rollout(
             measured, state_next = target.step(t, reduced.measure(q, v2, y), state)
             v2 = measured.v2
             q, y = integrator.step(rate, q, y, dt)
+            q = reduced.assembly.project(q)
             state, t = state_next, sample * dt
             times.append(t)
             path.append(q)

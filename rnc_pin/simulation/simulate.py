@@ -18,6 +18,7 @@ from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
 _MOST_SAMPLES = 10_000_000
+_ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
 
 Observer = Callable[[float, np.ndarray], None]
 _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
@@ -43,7 +44,8 @@ def simulate(
     """Run a controller against the reduced model.
 
     The controller sees a measurement every ``dt`` and its inputs are held in between, while the model moves
-    by a fourth-order Lie-group integrator.
+    by a fourth-order Lie-group integrator. What the integrator lets holonomic rows drift, wheels off the ground or
+    loops apart, is removed at every sample, along a correction that has no momentum in the motion that is left.
 
     Args:
         reduced: the model.
@@ -67,7 +69,8 @@ def simulate(
     Raises:
         SingularityError, DivergenceError, LimitError: with the run so far in ``error.trajectory``.
         ConstraintError: the actuators cannot produce what the controller asks for.
-        InputError: wrong shapes, a duration or period that is not positive.
+        InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
+            satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
     """
     if not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
         raise InputError(f"duration {duration} and dt {dt} have to be positive and substeps {substeps} at least 1")
@@ -76,7 +79,8 @@ def simulate(
         raise InputError(
             f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
         )
-    q = np.array(q0, dtype=float)
+    closed = reduced.assembly.size > 0
+    q = _assembled(reduced, np.array(q0, dtype=float))
     y = np.zeros(2 * reduced.r + 1)
     y[: reduced.r] = 0.0 if v2_0 is None else v2_0
     measurement = reduced.measure(q, y[: reduced.r], y[reduced.r : 2 * reduced.r])
@@ -105,6 +109,8 @@ def simulate(
                 rate = plant.rate(T)
                 for _ in range(substeps):
                     q, y = integrator.step(rate, q, y, dt / substeps)
+                if closed and np.isfinite(q).all():  # else diverged, which the next sample says
+                    q = reduced.assembly.project(q)
     except KeyboardInterrupt:
         outcome = Outcome.INTERRUPTED
     except (SimulationError, ConstraintError, InputError) as error:
@@ -116,6 +122,19 @@ def simulate(
         raise
     information.update(outcome=outcome)
     return record.finish(information, dt)
+
+
+def _assembled(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
+    """The initial configuration without its rounding, or a refusal."""
+    if not reduced.assembly.size:
+        return q0
+    if np.abs(reduced.position_residual(q0)).max() > _ASSEMBLED:
+        name, residual = reduced.assembly.worst(q0)
+        raise InputError(
+            f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
+            "reduced.assembled(q0) gives the nearest one that does not"
+        )
+    return reduced.assembled(q0)
 
 
 def _inputs(reduced: ReducedModel, q: np.ndarray, command: Command) -> np.ndarray:
@@ -173,7 +192,7 @@ class _Record:
         if self.count:
             E_inverse, _, B = reduced.stack(q)
             R = E_inverse[..., reduced.m :]
-            terms_v = np.matvec(R, v2)
+            terms_v = reduced.velocity(q, v2)
             F = np.vecmat(np.matvec(B, T), R)
         residual = np.abs(reduced.constraint_residual(q, terms_v)).max(axis=-1, initial=0.0)
         return Trajectory(
@@ -183,6 +202,7 @@ class _Record:
             multipliers=reduced.multipliers(q, v2, T),
             energy=np.asarray(reduced.energy(q, v2)),
             constraint_residual=residual,
+            position_residual=np.abs(reduced.position_residual(q)).max(axis=-1, initial=0.0),
             singular_value=np.asarray(reduced.smallest_singular_value(q)),
             meta={
                 **_names(reduced),

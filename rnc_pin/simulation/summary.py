@@ -49,6 +49,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
         **_learning(trajectory),
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
+        "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
         "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
         "max_input": {

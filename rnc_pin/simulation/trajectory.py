@@ -53,9 +53,11 @@ class Trajectory:
     energy: Float[Array, " N"]
     """[J]"""
     work: Float[Array, " N"]
-    """Work done by actuators, less what damping took [J]: ``energy - work`` stays constant."""
+    """Work done by actuators and by constraints that move, less what damping took [J]: ``energy - work`` stays constant."""
     constraint_residual: Float[Array, " N"]
-    """Largest entry of ``A v``."""
+    """Largest entry of ``A v - mu``."""
+    position_residual: Float[Array, " N"]
+    """Largest violation of a holonomic row [m or rad]; zero where there is none."""
     singular_value: Float[Array, " N"]
     """Smallest singular value of the stack E with unit rows."""
     estimates: Float[Array, "N s"]
@@ -130,4 +132,4 @@ def _check(arrays: dict[str, np.ndarray], meta: Any) -> None:
         raise _Unfit("it holds values that are not finite")
 
 
-_SERIES = ("time", "energy", "work", "constraint_residual", "singular_value")
+_SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

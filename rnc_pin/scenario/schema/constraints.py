@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Tag
 
-from rnc_pin.constraints import MomentumConservation, NoSideSlip, RollingWheel
+from rnc_pin.constraints import (
+    JointCoupling,
+    LoopClosure,
+    MomentumConservation,
+    NoSideSlip,
+    RollingBall,
+    RollingWheel,
+)
 from rnc_pin.rows import ConstraintKind
-from rnc_pin.scenario.schema.base import BY_KIND, Axis, Positive, Strict
+from rnc_pin.scenario.schema.base import BY_KIND, Axis, Numbers, Positive, Strict
+
+
+class _MomentumArguments(Strict):
+    joint: str
+    value: float | Numbers
 
 
 class Momentum(Strict):
-    """Zero momentum of an unactuated base joint."""
+    """Momentum of an unactuated base joint: its name where it is zero, or ``{joint, value}``."""
 
-    momentum: str
+    momentum: str | _MomentumArguments
 
     def build(self) -> ConstraintKind:
-        return MomentumConservation(self.momentum)
+        if isinstance(self.momentum, str):
+            return MomentumConservation(self.momentum)
+        return MomentumConservation(self.momentum.joint, self.momentum.value)
 
 
 class _SlipArguments(Strict):
@@ -49,9 +63,58 @@ class Wheel(Strict):
         return RollingWheel(self.rolling_wheel.frame, self.rolling_wheel.radius, self.rolling_wheel.axis)
 
 
+class _BallArguments(Strict):
+    frame: str
+    radius: Positive
+
+
+class Ball(Strict):
+    """A ball that rolls on the plane z = 0."""
+
+    rolling_ball: _BallArguments
+
+    def build(self) -> ConstraintKind:
+        return RollingBall(self.rolling_ball.frame, self.rolling_ball.radius)
+
+
+class _CouplingArguments(Strict):
+    joint: str
+    driver: str
+    ratio: float = 1.0
+    offset: float = 0.0
+
+
+class Coupling(Strict):
+    """A joint that follows another."""
+
+    joint_coupling: _CouplingArguments
+
+    def build(self) -> ConstraintKind:
+        a = self.joint_coupling
+        return JointCoupling(a.joint, a.driver, a.ratio, a.offset)
+
+
+class _LoopArguments(Strict):
+    frame_a: str
+    frame_b: str
+    kind: Literal["frame", "point"] = "frame"
+
+
+class Loop(Strict):
+    """Two frames, or their origins, that stay together."""
+
+    loop_closure: _LoopArguments
+
+    def build(self) -> ConstraintKind:
+        return LoopClosure(self.loop_closure.frame_a, self.loop_closure.frame_b, self.loop_closure.kind)
+
+
 Constraint = Annotated[
     Annotated[Momentum, Tag("momentum")]
     | Annotated[SideSlip, Tag("no_side_slip")]
-    | Annotated[Wheel, Tag("rolling_wheel")],
+    | Annotated[Wheel, Tag("rolling_wheel")]
+    | Annotated[Ball, Tag("rolling_ball")]
+    | Annotated[Coupling, Tag("joint_coupling")]
+    | Annotated[Loop, Tag("loop_closure")],
     BY_KIND,
 ]

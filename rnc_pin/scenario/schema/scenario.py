@@ -31,6 +31,7 @@ class Initial(Strict):
     """Where the run starts; it starts at rest."""
 
     q: dict[str, float | list[float]] = {}
+    """Joint: its value. Where loops are to be closed or wheels to stand, those named stay and the others give way."""
 
 
 class PlotSettings(Strict):

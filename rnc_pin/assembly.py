@@ -1,0 +1,139 @@
+"""Configurations that satisfy the holonomic rows: loops closed, wheels on the ground, joints geared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.robot import Robot
+from rnc_pin.rows import Rows
+
+_EXACT = 1e-14  # a residual that cannot be made much smaller [m or rad]
+_GOOD = 1e-11  # one at which the rows count as satisfied
+_DEPENDENT = 1e-9  # relative singular value below which a direction is not corrected
+_LONGEST = 0.5  # step [rad or m]
+_STEPS, _HALVINGS, _TRIES = 100, 12, 100
+_SAMPLES = 4
+
+
+class Assembly:
+    """Gauss-Newton on the configuration manifold, measured by kinetic energy.
+
+    The step ``dq = -M^-1 A^T (A M^-1 A^T)^+ residual`` is orthogonal, in the metric of the inertia matrix M, to every
+    velocity that the holonomic rows allow: a correction has no momentum along the motion that is left. Dependent
+    rows are welcome, as planar loops have them.
+
+    Args:
+        robot: whose configurations they are.
+        blocks: bound rows; those that are not holonomic are left out, and those ``on_ground`` that no joint moves.
+
+    Attributes:
+        names: of the holonomic rows, (h,).
+        size: their number h.
+    """
+
+    def __init__(self, robot: Robot, blocks: Sequence[Rows]) -> None:
+        self.robot = robot
+        self._state = Kinematics(robot)
+        self._places: list[tuple[Rows, list[int]]] = []
+        for block in blocks:
+            rows = [row for row, flag in enumerate(block.holonomic) if flag]
+            if rows and block.on_ground:
+                rows = self._moving(block, rows)
+            if rows:
+                self._places.append((block, rows))
+        self.names = tuple(block.names[row] for block, rows in self._places for row in rows)
+        self.size = len(self.names)
+
+    def residual(self, q: np.ndarray) -> np.ndarray:
+        """How far a configuration (nq,) is from satisfying the rows, (h,) [m or rad]."""
+        if not self._places:
+            return np.zeros(0)
+        self._state.set_position(q)
+        return np.concatenate([block.residual(self._state)[rows] for block, rows in self._places])
+
+    def worst(self, q: np.ndarray) -> tuple[str, float]:
+        """The row that is violated most, and by how much."""
+        residual = self.residual(q)
+        row = int(np.argmax(np.abs(residual)))
+        return self.names[row], float(residual[row])
+
+    def project(self, q: np.ndarray, hold: Sequence[str] = ()) -> np.ndarray:
+        """The configuration (nq,) near q that satisfies the rows; q itself where it does.
+
+        Args:
+            q: where to start.
+            hold: joints that stay where they are.
+
+        Raises:
+            ModelError: no such joint.
+            ConstraintError: none was found; says which row is left, and by how much.
+        """
+        if not self._places:
+            return q
+        free = np.ones(self.robot.nv, dtype=bool)
+        for joint in hold:
+            free[self.robot.velocity_indices(joint)] = False
+        residual = self.residual(q)
+        for _ in range(_STEPS):
+            if np.abs(residual).max() <= _EXACT:
+                break
+            step = self._step(residual, free)
+            step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
+            for _ in range(_HALVINGS):
+                ahead = pin.integrate(self.robot.model, q, step)
+                left = self.residual(ahead)
+                if np.linalg.norm(left) < np.linalg.norm(residual):
+                    break
+                step = 0.5 * step
+            else:
+                break
+            q, residual = ahead, left
+        if not np.abs(residual).max() <= _GOOD:
+            row = int(np.argmax(np.abs(residual)))
+            raise ConstraintError(
+                f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} is left "
+                f"{abs(residual[row]):.3g} from zero"
+            )
+        return q
+
+    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
+        """``Robot.random_configuration``, projected; drawn again where that fails.
+
+        Raises:
+            ConstraintError: it failed too often.
+        """
+        failure: ConstraintError | SingularityError | None = None
+        for _ in range(_TRIES):
+            try:
+                return self.project(self.robot.random_configuration(generator, spread))
+            except (ConstraintError, SingularityError) as error:
+                failure = error
+        raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations: {failure}")
+
+    def _step(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """At the configuration of the last ``residual``."""
+        state = self._state
+        rows = np.concatenate([block.jacobian(state)[chosen] for block, chosen in self._places])[:, free]
+        factor = np.linalg.cholesky(state.M[np.ix_(free, free)])
+        scaled = scipy.linalg.solve_triangular(factor, rows.T, lower=True).T  # A L^-T
+        reduced = np.linalg.lstsq(scaled, -residual, rcond=_DEPENDENT)[0]
+        step = np.zeros(len(free))
+        step[free] = scipy.linalg.solve_triangular(factor.T, reduced)
+        return step
+
+    def _moving(self, block: Rows, rows: list[int]) -> list[int]:
+        """Rows that are not zero everywhere."""
+        generator, largest = np.random.default_rng(0), np.zeros(len(rows))
+        for _ in range(_SAMPLES):
+            self._state.set_position(self.robot.random_configuration(generator))
+            try:
+                largest = np.maximum(largest, np.abs(block.jacobian(self._state)[rows]).max(axis=1))
+            except SingularityError:
+                continue
+        return [row for row, size in zip(rows, largest, strict=True) if size > 1e-12]
