@@ -123,7 +123,8 @@ def drifting_manipulator() -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
     momentum = rnc.MomentumConservation("root_joint", (3.0, -2.0, 5.0))
     system = rnc.NonholonomicSystem(robot, [momentum], ["joint_1", "joint_2"])
-    return system.reduce([rnc.FramePosition("tip", "xy")], [rnc.FramePosition("base", "xy"), rnc.FrameYaw("base")])
+    joints = [rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
+    return system.reduce(joints, [rnc.FramePosition("base", "xy"), rnc.FrameYaw("base")])
 
 
 @cache

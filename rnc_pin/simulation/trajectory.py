@@ -53,7 +53,7 @@ class Trajectory:
     energy: Float[Array, " N"]
     """[J]"""
     work: Float[Array, " N"]
-    """Work done by actuators and by constraints that move, less what damping took [J]: ``energy - work`` stays constant."""
+    """Work of actuators and of constraints that move, less what damping took [J]: ``energy - work`` is constant."""
     constraint_residual: Float[Array, " N"]
     """Largest entry of ``A v - mu``."""
     position_residual: Float[Array, " N"]

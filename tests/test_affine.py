@@ -1,0 +1,233 @@
+"""Affine constraints ``A v = mu``: momentum that is not zero, against the free motion that plain ABA gives."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis import lemma_1_residuals
+from rnc_pin.control import ComputedTorque, RedundancyController, SteeringController, UncertainRedundancyController
+from rnc_pin.control.momentum_estimator import UnknownMass
+from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
+from tolerances import ROUNDING
+
+AFFINE = {each.__name__: each for each in (spinning_space_robot, drifting_manipulator, tumbling_panda)}
+
+
+@pytest.fixture(params=AFFINE)
+def reduced(request):
+    return AFFINE[request.param]()
+
+
+def test_free_motion_is_that_of_aba(reduced):
+    """The whole robot, nothing reduced, under the same joint torques: same path, same velocity, same momentum."""
+    model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
+    data = model.createData()
+    start, v2 = random_states(reduced, 1, seed=3, condition=100)[0]
+    T, duration = 0.05 * np.cos(np.arange(reduced.p)), 0.5
+    B = reduced.lagrangian_terms(start, v2).B
+    assert reduced.actuation.constant is not None
+
+    def short(p, y):
+        return reduced.flow(p, y, T)[:2]
+
+    def full(p, w):
+        return w, pin.aba(model, data, p, w, B @ T)
+
+    gaps = []
+    for steps in (250, 500):
+        (q, w), (p, y) = (start, reduced.velocity(start, v2)), (start, v2)
+        for _ in range(steps):
+            q, w = integrator.step(full, q, w, duration / steps)
+            p, y = integrator.step(short, p, y, duration / steps)
+        gaps.append(np.abs(pin.difference(model, p, q)).max() + np.abs(reduced.velocity(p, y) - w).max())
+    assert np.linalg.norm(pin.difference(model, start, p)) > 0.1
+    # Two integrations of fourth order of one motion: they meet as the step shrinks.
+    assert gaps[1] < 1e-8
+    assert gaps[1] < gaps[0] / 8 or gaps[1] < 1e-11
+    # The same rows say that the momentum of the unreduced motion is what was given.
+    np.testing.assert_allclose(reduced.constraint_residual(q, w), 0, atol=1e-8)
+
+
+def test_momentum_of_a_free_flyer_is_that_about_the_origin_of_the_world():
+    reduced, given = tumbling_panda(), np.array([2.0, -1.0, 0.5, 0.3, 0.4, -0.6])
+    model = reduced.robot.model
+    data = model.createData()
+    for q, v2 in random_states(reduced, 4):
+        pin.computeCentroidalMomentum(model, data, q, reduced.velocity(q, v2))
+        linear = data.hg.linear
+        about_origin = data.hg.angular + np.cross(data.com[0], linear)
+        np.testing.assert_allclose(np.concatenate([linear, about_origin]), given, atol=1e-10)
+
+
+def test_momentum_in_the_plane_is_that_about_the_origin_of_the_world():
+    reduced, model = drifting_manipulator(), drifting_manipulator().robot.model
+    data = model.createData()
+    for q, v2 in random_states(reduced, 4):
+        pin.computeCentroidalMomentum(model, data, q, reduced.velocity(q, v2))
+        about_origin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
+        np.testing.assert_allclose([*data.hg.linear[:2], about_origin[2]], [3.0, -2.0, 5.0], atol=1e-10)
+
+
+def test_a_pivot_keeps_its_angular_momentum():
+    """A top pinned at its center of mass, on a base turned in the world: Euler's equations in body axes."""
+    model = pin.Model()
+    model.name = "top"
+    placement = pin.SE3(pin.utils.rpyToMatrix(0.4, -0.7, 1.1), np.array([1.0, 2.0, 3.0]))
+    joint = model.addJoint(0, pin.JointModelSpherical(), placement, "pivot")
+    principal = np.array([1.0, 2.0, 3.0])
+    model.appendBodyToJoint(joint, pin.Inertia(5.0, np.zeros(3), np.diag(principal)), pin.SE3.Identity())
+    wheel = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "wheel")
+    model.appendBodyToJoint(wheel, pin.Inertia(1.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
+    momentum = np.array([0.5, -1.0, 2.0])
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("pivot", momentum)], ["wheel"])
+    reduced = system.reduce([rnc.JointPosition("wheel")])
+    for q, v2 in random_states(reduced, 4):
+        rotation = pin.Quaternion(q[:4]).toRotationMatrix()  # of the body in the pivot's fixed frame
+        own = rotation.T @ momentum
+        spin = np.array([0.0, 0.0, v2[0]])
+        np.testing.assert_allclose(reduced.velocity(q, v2)[:3], (own - 0.5 * spin) / (principal + 0.5), atol=ROUNDING)
+
+
+def test_no_momentum_is_the_homogeneous_constraint():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    for momentum in (None, 0.0, [0.0]):
+        system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", momentum)])
+        assert not system.constraints.affine
+
+
+def test_energy_is_that_of_the_whole_motion(reduced):
+    model = reduced.robot.model
+    data = model.createData()
+    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 3), strict=True))
+    v = reduced.velocity(q, v2)
+    expected = [
+        pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
+        for a, b in zip(q, v, strict=True)
+    ]
+    np.testing.assert_allclose(reduced.energy(q, v2), expected, rtol=1e-12)
+    np.testing.assert_allclose(reduced.terms(q, v2).v, v, atol=1e-12)
+    # Conserved momentum needs no constraint force.
+    assert np.abs(reduced.multipliers(q, v2, np.ones((3, reduced.p)))).max() < 1e-7
+
+
+def test_a_run_keeps_momentum_and_energy():
+    reduced = spinning_space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    x1, x2 = reduced.outputs(q0)
+    # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
+    primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
+    target = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
+    run = rnc.simulate(reduced, ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.002)
+    assert run.constraint_residual.max() < 1e-9
+    assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
+    final = rnc.summarize(run)["final_error"]
+    assert max(final.values()) < 1e-3
+    data, model = reduced.robot.model.createData(), reduced.robot.model
+    for q, v in zip(run.q[::200], run.v[::200], strict=True):
+        assert pin.crba(model, data, q)[0] @ v == pytest.approx(6.0, abs=1e-9)
+    # Left out, the rate that b gives spoils the platform's tracking.
+    blind = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
+
+    class Blind:
+        initial_state = blind.initial_state
+
+        def step(self, t, measurement, state):
+            return blind.step(t, measurement._replace(v1_offset=None, v1_offset_dot=None), state)
+
+    worse = rnc.simulate(reduced, ComputedTorque(reduced, Blind(), 40.0), q0, 4.0, 0.002)
+    assert rnc.summarize(worse)["final_error"]["platform"] > 30 * final["platform"]
+
+
+def test_targets_have_the_exact_rate():
+    reduced = spinning_space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    for q, v2 in random_states(reduced, 4):
+        x1, x2 = reduced.outputs(q)
+        target = RedundancyController(task, Hold(x2[:2] + 0.1), Hold(x1 + 0.2), k3=2.0, k21=1.0)
+        v, h = reduced.velocity(q, v2), 1e-6
+        now = target.step(0.0, reduced.measure(q, v2))[0]
+        ahead, behind = (
+            target.step(0.0, reduced.measure(pin.integrate(reduced.robot.model, q, sign * h * v), v2))[0].v2
+            for sign in (1, -1)
+        )
+        difference = (ahead - behind) / (2 * h)
+        np.testing.assert_allclose(now.v2_dot, difference, rtol=1e-5, atol=1e-5 * (1 + np.abs(difference).max()))
+
+
+def test_what_assumes_rest_is_refused():
+    reduced = spinning_space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    inner = RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)))
+    with pytest.raises(rnc.ConfigurationError, match="momentum of zero"):
+        UncertainRedundancyController(reduced, inner, "platform", [UnknownMass("joint_1")], [1.0])
+    with pytest.raises(rnc.ConfigurationError, match="steering assumes A v = 0"):
+        SteeringController(reduced, task, Hold(np.zeros(2)), Hold(np.zeros(1)))
+
+
+def test_analysis_is_that_of_the_motion_that_can_be_commanded():
+    """Class and growth vector depend on span(R), and the gradient of A_star on R alone."""
+    resting = rnc.Robot.from_urdf("space_robot.urdf")
+    joints = ["joint_1", "joint_2", "joint_3"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+    homogeneous = rnc.NonholonomicSystem(resting, [rnc.MomentumConservation("platform")], joints).reduce(
+        outputs, [rnc.JointPosition("platform")]
+    )
+    reduced = spinning_space_robot()
+    reports = [rnc.analyze(each, ["tip_x", "tip_y"], ["joint_1"], samples=16) for each in (homogeneous, reduced)]
+    assert reports[0].redundancy_class == reports[1].redundancy_class == "1"
+    assert reports[0].growth_vector == reports[1].growth_vector
+    assert reports[1].lemma1_holds
+    q, _ = random_states(reduced, 1)[0]
+    np.testing.assert_allclose(
+        reduced.kinematic_gradient(q, [0, 2]), homogeneous.kinematic_gradient(q, [0, 2]), atol=1e-10
+    )
+    assert lemma_1_residuals(reduced, q[None])["V linear"] < 1e-10
+
+
+def test_rows_that_demand_two_things_are_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    row = np.eye(4)[:1]
+
+    def turning(speed, name):
+        return rnc.Pfaffian(
+            lambda q: row,
+            lambda q, v: 0 * row,
+            [name],
+            rate=lambda q: np.array([speed]),
+            rate_dot=lambda q, v: np.zeros(1),
+        )
+
+    assert rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.5, "b")]).m == 1
+    with pytest.raises(
+        rnc.ConstraintError, match=r"'b' contradicts the others: it has to be 0.7 where they make it 0.5"
+    ):
+        rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda r: rnc.MomentumConservation("platform", [1.0, 2.0]), "takes 1 finite number, found"),
+        (lambda r: rnc.MomentumConservation("platform", np.nan), "takes 1 finite number, found nan"),
+        (lambda r: rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: np.eye(4)[:1], rate=lambda q: q), "together"),
+        (
+            lambda r: rnc.Pfaffian(
+                lambda q: np.eye(4)[:1],
+                lambda q, v: np.eye(4)[:1],
+                rate=lambda q: q[:1],
+                rate_dot=lambda q, v: v[:1],
+                residual=lambda q: q[:1],
+            ),
+            "rows that move keep no position",
+        ),
+    ],
+)
+def test_values_that_do_not_fit_are_refused(make, words):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match=words):
+        rnc.NonholonomicSystem(robot, [make(robot)])

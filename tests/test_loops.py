@@ -1,0 +1,375 @@
+"""Holonomic rows: loops, couplings, contacts; their positions, their rank, and what a simulation keeps of them."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import Command
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from systems import (
+    COUPLER,
+    CRANK,
+    GROUND,
+    ROCKER,
+    bicycle,
+    four_bar,
+    four_bar_robot,
+    leaning_wheel,
+    random_states,
+    tiago,
+)
+from tolerances import FINITE_DIFFERENCE, KKT, ROUNDING
+
+
+class Idle:
+    """No inputs."""
+
+    def __init__(self, p):
+        self.T = np.zeros(p)
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return Command(T=self.T), state
+
+
+# ---------------------------------------------------------------------- four-bar linkage, closed form
+
+
+def closed_form(crank, branch):
+    """Angle of the rocker, absolute angle of the coupler, and their rates for unit rate of the crank.
+
+    Angles turn about y, so that a link points along exp(-i angle) in the plane x + i z.
+    """
+    a = CRANK * np.exp(1j * crank) - GROUND
+    d = abs(a)
+    rocker = np.angle(a) + branch * np.arccos((ROCKER**2 + d**2 - COUPLER**2) / (2 * ROCKER * d))
+    coupler = np.angle(GROUND + ROCKER * np.exp(1j * rocker) - CRANK * np.exp(1j * crank))
+    rocker_rate = CRANK * np.sin(crank - coupler) / (ROCKER * np.sin(rocker - coupler))
+    coupler_rate = CRANK * np.sin(crank - rocker) / (COUPLER * np.sin(rocker - coupler))
+    return rocker, coupler, rocker_rate, coupler_rate
+
+
+def turn(angle):
+    return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
+
+
+def four_bar_with_knee():
+    system = rnc.NonholonomicSystem(four_bar_robot(knee=True), [rnc.LoopClosure("coupler_tip", "knee_pin")], ["crank"])
+    return system.reduce([rnc.JointPosition("crank")], [rnc.JointPosition("rocker")])
+
+
+@pytest.mark.parametrize("make", [four_bar, four_bar_with_knee], ids=["point", "frame"])
+def test_four_bar_moves_as_in_closed_form(make):
+    reduced = make()
+    branches = set()
+    for q, v2 in random_states(reduced, 8):
+        candidates = {branch: closed_form(q[0], branch) for branch in (-1, 1)}
+        branch = min(candidates, key=lambda b: abs(turn(candidates[b][0] - q[2])))
+        branches.add(branch)
+        rocker, coupler, rocker_rate, coupler_rate = candidates[branch]
+        np.testing.assert_allclose(turn(q[2] - rocker), 0, atol=ROUNDING)
+        np.testing.assert_allclose(turn(q[0] + q[1] - coupler), 0, atol=ROUNDING)
+        v = reduced.velocity(q, v2)
+        expected = v2[0] * np.array([1.0, coupler_rate - 1.0, rocker_rate])
+        np.testing.assert_allclose(v[:3], expected, rtol=1e-8, atol=1e-9)
+    assert branches == {-1, 1}, "both ways to close the loop"
+
+
+def test_four_bar_accelerates_as_lagrange_says():
+    """Independent: ``H cddot + H' cdot^2 / 2 + U' = tau`` from the closed form's energy, differentiated numerically."""
+    reduced, model = four_bar(), four_bar().robot.model
+    data = model.createData()
+
+    def energies(crank, branch):
+        rocker, coupler, rocker_rate, coupler_rate = closed_form(crank, branch)
+        q = np.array([crank, coupler - crank, rocker])
+        v = np.array([1.0, coupler_rate - 1.0, rocker_rate])
+        return 2 * pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)
+
+    for q, v2 in random_states(reduced, 6):
+        branch = min((-1, 1), key=lambda b: abs(turn(closed_form(q[0], b)[0] - q[2])))
+        h, tau = 1e-5, 0.7
+        (H, _), ahead, behind = energies(q[0], branch), energies(q[0] + h, branch), energies(q[0] - h, branch)
+        H_slope, U_slope = ((ahead[i] - behind[i]) / (2 * h) for i in (0, 1))
+        expected = (tau - 0.5 * H_slope * v2[0] ** 2 - U_slope) / H
+        np.testing.assert_allclose(reduced.forward_dynamics(q, v2, [tau])[0], expected, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(reduced.inertia(q)[0, 0], H, rtol=1e-9)
+
+
+def test_a_planar_loop_keeps_two_rows_of_three_and_three_of_six():
+    reduced = four_bar()
+    assert reduced.m == 2
+    assert [row.name for row in reduced.dropped_rows] == ["closure_y(coupler_tip, rocker_tip)"]
+    reduced = four_bar_with_knee()
+    assert reduced.m == 3
+    assert {row.name.split("(")[0] for row in reduced.dropped_rows} == {"closure_y", "closure_roll", "closure_yaw"}
+    assert all(reduced.constraints.holonomic)
+
+
+def test_the_rank_is_that_of_closed_loops():
+    """Bennett's linkage: six rows of rank three where it is closed, of rank four where it is not."""
+    twist = np.array([0.6, np.arcsin(np.sin(0.6) * 1.4 / 1.0)])
+    lengths = np.array([1.0, 1.4])  # a / sin(alpha) = b / sin(beta)
+    model = pin.Model()
+    model.name = "bennett"
+    joint, placement = 0, pin.SE3.Identity()
+    for k in range(4):
+        joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        bend = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
+        placement = bend
+    model.addFrame(pin.Frame("end", joint, 0, placement, pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "end")])
+    assert system.m == 3
+    state = Kinematics(robot)
+    state.set_position(robot.random_configuration(np.random.default_rng(0)))
+    open_rank = np.linalg.matrix_rank(rnc.LoopClosure("universe", "end").bind(robot).jacobian(state))
+    assert open_rank == 4
+
+
+def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
+    """Momentum and a loop together: a four-bar linkage on a free-flying plate."""
+    model = pin.Model()
+    model.name = "floating four-bar"
+    model.gravity.linear = np.zeros(3)
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(3.0, np.array([0.4, 0, 0]), np.eye(3)), pin.SE3.Identity())
+    model.addJointFrame(base)
+    linkage = four_bar_robot().model
+    whole = pin.appendModel(model, linkage, model.getFrameId("root_joint"), pin.SE3.Identity())
+    whole.gravity.linear = np.zeros(3)
+    momentum = rnc.MomentumConservation("root_joint", [0.5, -0.2, 0.3, 0.1, 0.6, -0.4])
+    loop = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
+    reduced = rnc.NonholonomicSystem(rnc.Robot(whole), [momentum, loop], ["crank"]).reduce([rnc.JointPosition("crank")])
+    assert reduced.m == 8
+    data = whole.createData()
+    for q, v2 in random_states(reduced, 5):
+        assert np.abs(reduced.position_residual(q)).max() < 1e-11
+        t, B = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2).B
+        # The loop's rows alone: the momentum is conserved by itself. Two of the three are independent.
+        J = t.A[6:]
+        vdot = pin.forwardDynamics(whole, data, q, t.v, B @ [0.4], J, t.A_dot[6:] @ t.v)
+        ours = t.R @ reduced.forward_dynamics(q, v2, [0.4]) + t.R_dot @ v2 + t.b_dot
+        np.testing.assert_allclose(ours, vdot, atol=KKT * max(1, np.abs(vdot).max()))
+
+
+@pytest.mark.parametrize("kind", ["frame", "point"])
+@pytest.mark.parametrize("other", ["universe", "panda_link3"])
+def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    rows = rnc.LoopClosure("panda_hand", other, kind).bind(robot)
+    generator, state, h = np.random.default_rng(0), Kinematics(robot), 1e-6
+
+    def at(q, what):
+        state.set_position(q)
+        return what(state)
+
+    for _ in range(4):
+        q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
+        ahead, behind = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
+        state.set_rates(q, v)
+        J, J_dot, drift = rows.jacobian(state), rows.jacobian_dot(state), rows.drift(state)
+        difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
+        np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))
+        np.testing.assert_allclose(drift, J_dot @ v, atol=1e-11 * (1 + np.abs(drift).max()))
+        if kind == "point":  # of a frame only where it is closed, below
+            rate = (at(ahead, rows.residual) - at(behind, rows.residual)) / (2 * h)
+            np.testing.assert_allclose(J @ v, rate, atol=FINITE_DIFFERENCE)
+
+
+@pytest.mark.parametrize("make", [four_bar, four_bar_with_knee, leaning_wheel, bicycle])
+def test_rows_are_the_rate_of_their_residual(make):
+    reduced, h = make(), 1e-6
+    blocks = [block for block, _, _ in reduced.constraints.places]
+    generator, state = np.random.default_rng(1), Kinematics(reduced.robot)
+    for q, _ in random_states(reduced, 4):
+        v = generator.normal(size=reduced.n)  # need not satisfy anything
+        for block in blocks:
+            residuals = []
+            for sign in (1, -1):
+                state.set_position(pin.integrate(reduced.robot.model, q, sign * h * v))
+                residuals.append(block.residual(state))
+            state.set_position(q)
+            rows = block.jacobian(state) * np.array(block.holonomic)[:, None]
+            np.testing.assert_allclose(rows @ v, (residuals[0] - residuals[1]) / (2 * h), atol=1e-7)
+
+
+def test_loops_that_cannot_close_are_refused():
+    robot = four_bar_robot()
+    model = robot.model.copy()
+    too_far = pin.SE3(np.eye(3), np.array([3.0, 0.0, 0.0]))
+    aside = pin.SE3(np.eye(3), np.array([ROCKER, 0.02, 0.0]))
+    model.addFrame(pin.Frame("far", 3, 0, too_far, pin.FrameType.OP_FRAME))
+    model.addFrame(pin.Frame("aside", 3, 0, aside, pin.FrameType.OP_FRAME))
+    for frame, words in (("far", "closure_x"), ("aside", r"closure_y\(coupler_tip, aside\) is left 0.02 from zero")):
+        with pytest.raises(rnc.ConstraintError, match=words) as caught:
+            rnc.NonholonomicSystem(rnc.Robot(model), [rnc.LoopClosure("coupler_tip", frame, "point")])
+        assert "\n" not in str(caught.value)
+    for loop, error, words in (
+        (rnc.LoopClosure("coupler_tp", "rocker_tip"), rnc.ModelError, "did you mean 'coupler_tip'"),
+        (rnc.LoopClosure("coupler_tip", "rocker_tip", "pint"), rnc.ConfigurationError, "did you mean 'point'"),
+        (rnc.LoopClosure("rocker_tip", "aside"), rnc.ConstraintError, "are on one body"),
+    ):
+        with pytest.raises(error, match=words):
+            rnc.NonholonomicSystem(rnc.Robot(model), [loop])
+
+
+# ---------------------------------------------------------------------- coupled joints
+
+
+def geared(first, second, ratio, offset=0.0):
+    """Two flywheels (2 and 0.5 kg m^2) of which the second follows the first; n = 2, r = 1."""
+    model = pin.Model()
+    model.name = "gears"
+    for name, joint, inertia in (("motor", first, 2.0), ("wheel", second, 0.5)):
+        index = model.addJoint(0, joint, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3)), pin.SE3.Identity())
+    coupling = rnc.JointCoupling("wheel", "motor", ratio, offset)
+    return rnc.NonholonomicSystem(rnc.Robot(model), [coupling], ["motor"]).reduce([rnc.JointPosition("motor")])
+
+
+@pytest.mark.parametrize("first", [pin.JointModelRZ(), pin.JointModelRUBZ()], ids=["revolute", "continuous"])
+@pytest.mark.parametrize("second", [pin.JointModelRZ(), pin.JointModelRUBZ()], ids=["revolute", "continuous"])
+@pytest.mark.parametrize("ratio", [-3.0, 0.25, 1.0])
+def test_geared_flywheels_have_the_inertia_that_gears_reflect(first, second, ratio):
+    reduced = geared(first, second, ratio, offset=0.4)
+    q, v2 = random_states(reduced, 1)[0]
+    assert reduced.inertia(q)[0, 0] == pytest.approx(2.0 + ratio**2 * 0.5, rel=1e-12)
+    assert reduced.forward_dynamics(q, v2, [1.0])[0] == pytest.approx(1.0 / (2.0 + ratio**2 * 0.5), rel=1e-12)
+    np.testing.assert_allclose(reduced.velocity(q, v2), [v2[0], ratio * v2[0]], atol=1e-12)
+    # Many turns under way, the position residual stays that of the gears.
+    run = rnc.simulate(reduced, Idle(1), q, duration=4.0, dt=0.01, v2_0=np.array([9.0]))
+    assert run.position_residual.max() < 1e-12
+    motor, wheel = reduced.robot.model.joints[1], reduced.robot.model.joints[2]
+    angles = [
+        np.unwrap(np.arctan2(run.q[:, j.idx_q + 1], run.q[:, j.idx_q])) if j.nq == 2 else run.q[:, j.idx_q]
+        for j in (motor, wheel)
+    ]
+    moved = [angle - angle[0] for angle in angles]
+    np.testing.assert_allclose(moved[0][-1], 36.0, atol=1e-9)
+    np.testing.assert_allclose(moved[1], ratio * moved[0], atol=1e-9)
+
+
+def test_a_coupling_that_full_turns_make_ambiguous_says_so():
+    assert geared(pin.JointModelRZ(), pin.JointModelRUBZ(), np.sqrt(2)).constraints.holonomic == (True,)
+    reduced = geared(pin.JointModelRUBZ(), pin.JointModelRUBZ(), np.sqrt(2))
+    assert reduced.constraints.holonomic == (False,)
+    assert reduced.assembly.size == 0
+
+
+@pytest.mark.parametrize(
+    ("coupling", "error", "words"),
+    [
+        (rnc.JointCoupling("wheel", "motr"), rnc.ModelError, "did you mean 'motor'"),
+        (rnc.JointCoupling("wheel", "wheel"), rnc.ConstraintError, "coupled to itself"),
+        (rnc.JointCoupling("wheel", "motor", 0.0), rnc.ConstraintError, "ratio other than zero"),
+        (rnc.JointCoupling("wheel", "motor", 1.0, np.nan), rnc.ConstraintError, "finite offset"),
+    ],
+)
+def test_couplings_that_make_no_sense_are_refused(coupling, error, words):
+    robot = geared(pin.JointModelRZ(), pin.JointModelRZ(), 1.0).robot
+    with pytest.raises(error, match=words):
+        rnc.NonholonomicSystem(robot, [coupling])
+
+
+def test_joints_of_several_freedoms_cannot_be_coupled():
+    with pytest.raises(rnc.ModelError, match="only joints with one can be coupled"):
+        rnc.JointCoupling("root_joint", "steer").bind(bicycle().robot)
+
+
+# ---------------------------------------------------------------------- positions
+
+
+def test_assembling_moves_nothing_that_the_constraints_leave_free():
+    """To first order: the correction has no momentum along the motion that is left."""
+    reduced = bicycle()
+    generator = np.random.default_rng(0)
+    for q, _ in random_states(reduced, 5):
+        off = pin.integrate(reduced.robot.model, q, 1e-5 * generator.normal(size=reduced.n))
+        back = reduced.assembled(off)
+        assert np.abs(reduced.position_residual(back)).max() < 1e-13
+        correction = pin.difference(reduced.robot.model, off, back)
+        momentum = reduced.terms(back, np.zeros(3)).R.T @ reduced.lagrangian_terms(back, np.zeros(3)).H @ correction
+        assert np.linalg.norm(correction) > 1e-7
+        assert np.abs(momentum).max() < 1e-3 * np.linalg.norm(correction)
+
+
+def test_assembling_can_hold_joints():
+    reduced = four_bar()
+    q = reduced.assembled(np.array([0.8, 0.3, 1.5]), hold=["crank"])
+    assert q[0] == 0.8
+    assert min(abs(turn(q[2] - closed_form(0.8, branch)[0])) for branch in (-1, 1)) < ROUNDING
+    np.testing.assert_array_equal(reduced.assembled(q), q)
+
+
+def test_a_base_in_the_plane_has_no_height_to_correct():
+    assert tiago().assembly.size == 0
+    assert tiago().constraints.holonomic == (False,) * 3
+    assert leaning_wheel().constraints.holonomic == (False, False, True)
+
+
+@pytest.mark.parametrize("project", [True, False])
+def test_energy_and_positions_are_kept_over_seconds(project):
+    """A disk that rolls and leans, and a linkage that turns over: six seconds and three."""
+    for reduced, q0, v2_0, duration, dt, unprojected in (
+        (leaning_wheel(), [0, 0, 0, 0.15, 0.0, 0.0, 0.9887], [0.0, 9.0, 0.5], 6.0, 0.004, 1e-9),
+        (four_bar(), [0.5, 1.0, 2.0], [12.0], 3.0, 0.001, 1e-9),
+    ):
+        q0 = np.array(q0, dtype=float)
+        if reduced.robot.nq == 7:
+            q0[3:] /= np.linalg.norm(q0[3:])
+        q0 = reduced.assembled(q0)
+        if project:
+            run = rnc.simulate(reduced, Idle(reduced.p), q0, duration, dt, v2_0=np.array(v2_0))
+            assert run.position_residual.max() < 1e-12
+            assert np.ptp(run.q, axis=0).max() > 1.0
+            height = np.ptp(
+                [pin.computePotentialEnergy(reduced.robot.model, reduced.robot.model.createData(), q) for q in run.q]
+            )
+            assert height > 0.5, "it has to move up and down for its energy to say anything"
+            np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-6)
+            assert rnc.summarize(run)["position_residual_max"] < 1e-12
+        else:  # what it would be
+            integrator, q, v2 = LieRungeKutta4(reduced.robot), q0, np.array(v2_0)
+            for _ in range(round(duration / dt)):
+                q, v2 = integrator.step(lambda p, y: reduced.flow(p, y, np.zeros(reduced.p))[:2], q, v2, dt)  # noqa: B023
+            assert np.abs(reduced.position_residual(q)).max() > unprojected
+
+
+def test_initial_configurations_that_violate_a_row_are_refused_and_rounding_is_not():
+    reduced = leaning_wheel()
+    q0 = reduced.robot.configuration({"root_joint": [0, 0, 0.31, 0, 0, 0, 1]})
+    with pytest.raises(rnc.InputError, match=r"violates vertical\(disk\) by 0.01 .*assembled\(q0\)"):
+        rnc.simulate(reduced, Idle(3), q0, 0.01)
+    q0[2] = 0.30001
+    run = rnc.simulate(reduced, Idle(3), q0, 0.01)
+    assert run.position_residual.max() < 1e-13
+    assert run.q[0, 2] == pytest.approx(0.3, abs=1e-14)
+
+
+def test_user_rows_with_a_residual_keep_their_position():
+    """A bead on a parabola, written by hand: z = x^2 / 2, energy kept and residual gone."""
+    model = pin.Model()
+    model.name = "bead"
+    joint = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "bead")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
+    wire = rnc.Pfaffian(
+        lambda q: np.array([[-q[0], 0.0, 1.0], [0.0, 1.0, 0.0]]),
+        lambda q, v: np.array([[-v[0], 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        residual=lambda q: np.array([q[2] - 0.5 * q[0] ** 2, q[1]]),
+    )
+    along = np.eye(3)[:1]
+    x = rnc.Output(lambda q: q[:1], lambda q: along, lambda q, v: 0 * along, ["x"])
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [wire], np.eye(3)[:, :1]).reduce([x])
+    run = rnc.simulate(reduced, Idle(1), np.array([1.0, 0.0, 0.5]), 5.0, 0.005)
+    assert run.position_residual.max() < 1e-13
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-8)
+    # Lagrange: (1 + x^2) xddot + x xdot^2 + g x = 0.
+    for q, v2 in zip(run.q[::100], run.v2[::100, 0], strict=True):
+        expected = -(q[0] * v2**2 + 9.81 * q[0]) / (1 + q[0] ** 2)
+        assert reduced.forward_dynamics(q, [v2], [0.0])[0] == pytest.approx(expected, rel=1e-10, abs=1e-10)
