@@ -25,7 +25,8 @@ def test_free_motion_is_that_of_aba(reduced):
     """The whole robot, nothing reduced, under the same joint torques: same path, same velocity, same momentum."""
     model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
     data = model.createData()
-    start, v2 = random_states(reduced, 1, seed=3, condition=100)[0]
+    # Clear of singular configurations, through which only the unreduced motion goes on.
+    start, v2 = random_states(reduced, 1, seed=3, condition=100 if reduced.m == 6 else 20)[0]
     T, duration = 0.05 * np.cos(np.arange(reduced.p)), 0.5
     B = reduced.lagrangian_terms(start, v2).B
     assert reduced.actuation.constant is not None

@@ -67,6 +67,84 @@ def test_what_the_file_says_is_what_is_built(tmp_path):
     assert (experiment.simulation.duration, experiment.simulation.dt) == (1.0, 0.002)
 
 
+LINKAGE = """<robot name="linkage">
+  <link name="world"/><link name="crank"/><link name="coupler"/><link name="rocker"/><link name="fan"/>
+  <link name="marble"/>
+  {joints}
+</robot>"""
+
+
+def linkage_urdf():
+    """A four-bar linkage whose crank turns a fan, and a marble with joints of its own."""
+
+    def joint(name, parent, x, kind="continuous", axis="0 1 0"):
+        limit = '<limit lower="-100" upper="100" effort="9" velocity="9"/>' if kind == "prismatic" else ""
+        return (
+            f'<joint name="{name}_joint" type="{kind}"><parent link="{parent}"/><child link="{name}"/>'
+            f'<origin xyz="{x} 0 0"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+
+    def tip(name, x):
+        return (
+            f'<link name="{name}_tip"/><joint name="{name}_end" type="fixed"><parent link="{name}"/>'
+            f'<child link="{name}_tip"/><origin xyz="{x} 0 0"/></joint>'
+        )
+
+    parts = [joint("crank", "world", 0), joint("coupler", "crank", 0.3), joint("rocker", "world", 0.9)]
+    parts += [joint("fan", "world", 0.5), joint("marble", "slide", 0, axis="0 1 0"), tip("coupler", 0.8)]
+    parts += ['<link name="slide"/>', joint("slide", "lift", 0, "prismatic", "1 0 0")]
+    parts += ['<link name="lift"/>', joint("lift", "world", 2.0, "prismatic", "0 0 1"), tip("rocker", 0.6)]
+    inertia = (
+        '<inertial><origin xyz="0.1 0 0"/><mass value="1"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    text = LINKAGE.replace("{joints}", "".join(parts))
+    for name in ("crank", "coupler", "rocker", "fan", "marble", "slide", "lift"):
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{inertia}</link>')
+    return text
+
+
+def test_loops_couplings_and_balls_can_be_asked_for(tmp_path):
+    (tmp_path / "linkage.urdf").write_text(linkage_urdf())
+    changes = {
+        "robot": {"urdf": "linkage.urdf"},
+        "constraints": [
+            {"loop_closure": {"frame_a": "coupler_tip", "frame_b": "rocker_tip", "kind": "point"}},
+            {"joint_coupling": {"joint": "fan_joint", "driver": "crank_joint", "ratio": -2, "offset": 0.25}},
+            {"rolling_ball": {"frame": "marble", "radius": 0.05}},
+        ],
+        "actuators": ["crank_joint", "marble_joint"],
+        "outputs": {"reducing": [{"joint": "crank_joint"}, {"joint": "marble_joint"}], "vertical": []},
+        "task": {},
+        "initial": {"q": {"crank_joint": 0.8, "coupler_joint": 0.3}},
+        "controller": {"type": "reducing_outputs", "preset": "paper"},
+        "reference": {},
+        "plots": {},
+        "view": {},
+    }
+    with pytest.raises(rnc.ConfigurationError, match=r"initial.q: .* is left"):
+        plan_of(changes, tmp_path)  # both cannot stay where they are
+    changes["initial"] = {"q": {"crank_joint": 0.8}}
+    experiment = plan_of(changes, tmp_path).experiment
+    reduced = experiment.reduced
+    kept = {name.split("(")[0] for name in reduced.constraints.names}
+    assert kept == {"closure_x", "closure_z", "coupling", "rolling_x", "vertical"}
+    crank, fan = (reduced.robot.model.joints[reduced.robot.joint_id(f"{name}_joint")] for name in ("crank", "fan"))
+    angles = [np.arctan2(experiment.q0[j.idx_q + 1], experiment.q0[j.idx_q]) for j in (crank, fan)]
+    np.testing.assert_allclose(angles, [0.8, 0.25 - 1.6], atol=1e-12)
+    assert np.abs(reduced.position_residual(experiment.q0)).max() < 1e-12
+
+
+def test_momentum_can_have_a_value(tmp_path):
+    reduced = plan_of({"constraints.0": {"momentum": {"joint": "platform", "value": 2.5}}}, tmp_path).experiment.reduced
+    assert reduced.affine
+    v = reduced.velocity(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), np.zeros(3))
+    np.testing.assert_allclose(
+        reduced.constraint_residual(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), v), 0, atol=1e-12
+    )
+    assert np.abs(v).max() > 0.01
+
+
 def test_outputs_without_a_task_are_all_primary(tmp_path):
     changes = {"task": {}, "controller.type": "reducing_outputs", "reference": {}}
     experiment = plan_of(changes, tmp_path).experiment
@@ -177,6 +255,26 @@ BROKEN = {
     "constraint that is a number": ({"constraints.0": {"momentum": 3}}, ["constraints[0].momentum", "found 3"]),
     "constraints that are a word": ({"constraints": "momentum"}, ["constraints: expected", "list"]),
     "constraint twice": ({"constraints": 2 * [{"momentum": "platform"}]}, ["momentum(platform)", "twice"]),
+    "momentum without a joint": (
+        {"constraints.0": {"momentum": {"value": 3}}},
+        ["constraints[0].momentum.joint: is missing"],
+    ),
+    "momentum of two values": (
+        {"constraints.0": {"momentum": {"joint": "platform", "value": [1, 2]}}},
+        ["momentum of joint 'platform' takes 1 finite number, found"],
+    ),
+    "loop of unknown kind": (
+        {"constraints.0": {"loop_closure": {"frame_a": "tip", "frame_b": "base", "kind": "pint"}}},
+        ["constraints[0].loop_closure.kind: expected 'frame' or 'point', found 'pint'"],
+    ),
+    "coupling to itself": (
+        {"constraints.0": {"joint_coupling": {"joint": "joint_1", "driver": "joint_1"}}},
+        ["joint 'joint_1' cannot be coupled to itself"],
+    ),
+    "ball of no radius": (
+        {"constraints.0": {"rolling_ball": {"frame": "tip"}}},
+        ["constraints[0].rolling_ball.radius: is missing"],
+    ),
     "wheel of no radius": (
         {"constraints.0": {"rolling_wheel": {"frame": "tip"}}},
         ["constraints[0].rolling_wheel.radius: is missing"],

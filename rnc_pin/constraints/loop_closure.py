@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from rnc_pin.kinematics import OWN_AXES, Kinematics
 from rnc_pin.robot import Robot
 from rnc_pin.rows import Rows
 
-AnchorModel = pin.FrameAnchorConstraintModel | pin.PointAnchorConstraintModel
+AnchorModel = Any  # pin.FrameAnchorConstraintModel or pin.PointAnchorConstraintModel
 
 _KINDS = ("frame", "point")
 _PARTS = ("x", "y", "z", "roll", "pitch", "yaw")

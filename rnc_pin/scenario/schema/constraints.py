@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Tag
+from pydantic import Tag, model_validator
 
 from rnc_pin.constraints import (
     JointCoupling,
@@ -20,17 +20,24 @@ from rnc_pin.scenario.schema.base import BY_KIND, Axis, Numbers, Positive, Stric
 
 class _MomentumArguments(Strict):
     joint: str
-    value: float | Numbers
+    value: float | Numbers = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bare_name(cls, raw: Any) -> Any:
+        if isinstance(raw, str):
+            return {"joint": raw}
+        if not isinstance(raw, dict):
+            raise ValueError(f"expected a joint's name or a mapping with joint and value, found {raw!r}")
+        return raw
 
 
 class Momentum(Strict):
     """Momentum of an unactuated base joint: its name where it is zero, or ``{joint, value}``."""
 
-    momentum: str | _MomentumArguments
+    momentum: _MomentumArguments
 
     def build(self) -> ConstraintKind:
-        if isinstance(self.momentum, str):
-            return MomentumConservation(self.momentum)
         return MomentumConservation(self.momentum.joint, self.momentum.value)
 
 
