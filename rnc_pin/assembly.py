@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
-from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.robot import Robot
 from rnc_pin.rows import Rows
@@ -71,9 +71,14 @@ class Assembly:
             hold: joints that stay where they are.
 
         Raises:
+            InputError: q is not one configuration of finite numbers.
             ModelError: no such joint.
             ConstraintError: none was found; says which row is left, and by how much.
         """
+        if q.shape != (self.robot.nq,) or not np.isfinite(q).all():
+            raise InputError(
+                f"expected one configuration of {self.robot.nq} finite numbers, found shape {q.shape}: {q}"
+            )
         if not self._places:
             return q
         free = np.ones(self.robot.nv, dtype=bool)

@@ -292,7 +292,6 @@ class ReducedModel:
         v = self._velocity(q, E_inverse, v2)
         E_dot, _, _, _, J1, J1_dot = self._rates(q, v)
         R_dot = -E_inverse @ (E_dot @ R)
-        x1, x2 = self.outputs(q, integrals)
         A_star = J1 @ R
         v1 = apply(A_star, v2)
         offset = offset_dot = None
@@ -301,6 +300,7 @@ class ReducedModel:
             offset = apply(J1, b)
             offset_dot = apply(J1_dot, b) + apply(J1, self._offset_rate(q, v, E_inverse, E_dot, b))
             v1 = v1 + offset
+        x1, x2 = self.outputs(q, integrals)
         return Measurement(
             q=q,
             v=v,

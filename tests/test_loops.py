@@ -299,6 +299,22 @@ def test_assembling_moves_nothing_that_the_constraints_leave_free():
         assert np.abs(momentum).max() < 1e-3 * np.linalg.norm(correction)
 
 
+def test_assembling_takes_one_configuration():
+    for q in (np.zeros((2, 3)), np.full(3, np.nan)):
+        with pytest.raises(rnc.InputError, match=r"expected one configuration of 3 finite numbers|not finite"):
+            four_bar().assembled(q)
+
+
+def test_analysis_stays_on_the_rows():
+    """A linkage moves along one curve; a bicycle reaches all but two heights of its nine coordinates."""
+    assert rnc.analyze(four_bar(), ["crank"], samples=8).growth_vector == (1,)
+    report = rnc.analyze(bicycle(), samples=8)
+    assert report.growth_vector[0] == 3
+    assert report.growth_vector[-1] == 7
+    assert not report.completely_nonholonomic
+    assert report.lemma1_holds
+
+
 def test_assembling_can_hold_joints():
     reduced = four_bar()
     q = reduced.assembled(np.array([0.8, 0.3, 1.5]), hold=["crank"])

@@ -81,11 +81,9 @@ class _CouplingRow(Rows):
         if not self.holonomic[0]:
             return np.zeros(1)
         gap = _position(self._joint, state.q) - self._ratio * _position(self._driver, state.q) - self._offset
-        return (
-            np.array([np.remainder(gap + 0.5 * self._period, self._period) - 0.5 * self._period])
-            if self._period
-            else np.array([gap])
-        )
+        if self._period:
+            gap -= self._period * np.round(gap / self._period)
+        return np.array([gap])
 
 
 def _single(name: str, robot: Robot) -> pin.JointModel:

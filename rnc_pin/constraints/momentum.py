@@ -25,7 +25,8 @@ _TURNING = {"JointModelPlanar": [0, 1, 5], "JointModelFreeFlyer": [0, 1, 2, 3, 4
 class MomentumConservation:
     """The momentum of an unactuated, cyclic joint stays what it is; zero where the system starts at rest.
 
-    A revolute platform gives one row, a planar base three, a free-flying base six. Not one of them is holonomic.
+    A revolute platform gives one row, a planar base three, a free-flying base six. None says that it is holonomic:
+    angular momentum is not in general, and where linear momentum fixes the center of mass depends on the start.
 
     Zero momentum is the momentum conjugate to the joint's velocity. A momentum that is not zero stays constant in
     the world, not in the axes of a body that turns: for a planar, free-flying or spherical joint it is the linear

@@ -13,6 +13,8 @@ from rnc_pin.rows import Rows
 class NoSideSlip:
     """The origin of a frame does not move along the frame's own axis: a skate, an axle without slip.
 
+    Nonholonomic on a body that can turn.
+
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
