@@ -1,9 +1,11 @@
 """Make the pictures of the documentation again: run scenarios, copy their plots, photograph their animations.
 
-Needs Chromium and Playwright (``pip install '.[test]'``). Run ``python docs/make_pictures.py``.
+Needs Chromium and Playwright (``pip install '.[test]'``). Run ``python docs/make_pictures.py``, for all of
+them, or name scenarios after it.
 """
 
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 
@@ -20,6 +22,7 @@ PICTURES = {
     "space-robot-uncertain": (["figure_6a.png", "figure_6b.png"], 9.0),
     "mobile-manipulator": (["hand.png", "distance.png"], 4.0),
     "mobile-manipulator-two-phase": (["figure_7a.png", "figure_7b.png"], 12.0),
+    "wheels-uncertain": (["wheels_path.png", "wheels_estimates.png", "wheels_prediction.png"], 8.0),
     "fire-truck": (["figure_8a.png", "figure_8b.png"], 11.0),
 }
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -29,7 +32,8 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM)
-        for name, (plots, moment) in PICTURES.items():
+        for name in sys.argv[1:] or PICTURES:
+            plots, moment = PICTURES[name]
             prepared = plan(name)
             folder = OutputFolder(Path(scratch) / name)
             write(prepared, execute(prepared), folder)

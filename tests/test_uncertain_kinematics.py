@@ -13,7 +13,7 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.control.momentum_estimator import adapt
+from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from systems import free_flying_panda, random_states, space_robot
 from tolerances import ROUNDING
@@ -32,7 +32,9 @@ def uncertain(initial=(1.6, 0.4, 1.5), **changes):
         reduced,
         controller,
         q0,
-        UncertainRedundancyController(reduced, controller, "platform", LINKS, initial, **changes),
+        UncertainRedundancyController(
+            reduced, controller, MomentumRegressor(reduced.robot, "platform", LINKS), initial, **changes
+        ),
     )
 
 
@@ -148,9 +150,15 @@ def test_learning_makes_predictions_and_the_platform_better():
 
 def test_nonsense_is_refused():
     reduced, controller, _, _ = uncertain()
-    for initial, words in (((1.0, 1.0), "2 initial estimates for 3"), ((1.0, 1.0, 99.0), "within positive bounds")):
+    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
+    for initial, bounds, words in (
+        ((1.0, 1.0), (0.1, 9.0), "2 initial estimates for 3"),
+        ((1.0, 1.0, 99.0), (0.1, 9.0), "mass of joint_3, 99, has to be within its bounds 0.1 and 9"),
+        ((1.0, 1.0, 1.0), (0.0, 9.0), "positive and in order"),
+        ((1.0, 1.0, 1.0), (0.1, [9.0, 8.0]), "2 values for 3 unknown"),
+    ):
         with pytest.raises(rnc.ConfigurationError, match=words):
-            UncertainRedundancyController(reduced, controller, "platform", LINKS, initial)
+            UncertainRedundancyController(reduced, controller, regressor, initial, bounds)
     with pytest.raises(rnc.ModelError, match="did you mean 'joint_"):
         MomentumRegressor(reduced.robot, "platform", [UnknownMass("joint_9")])
     with pytest.raises(rnc.ConfigurationError, match="no body of known mass turns with joint 'platform'"):

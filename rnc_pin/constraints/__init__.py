@@ -6,7 +6,7 @@ from rnc_pin.constraints.momentum import MomentumConservation
 from rnc_pin.constraints.no_side_slip import NoSideSlip
 from rnc_pin.constraints.pfaffian import Pfaffian
 from rnc_pin.constraints.rolling_ball import RollingBall
-from rnc_pin.constraints.rolling_wheel import RollingWheel
+from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
 
 __all__ = [
     "JointCoupling",
@@ -15,5 +15,6 @@ __all__ = [
     "NoSideSlip",
     "Pfaffian",
     "RollingBall",
+    "RollingRows",
     "RollingWheel",
 ]

@@ -43,23 +43,30 @@ class RollingWheel:
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius}")
-        return _RollingRows(self, robot)
+        return RollingRows(self, robot)
 
 
-class _RollingRows(Rows):
+class RollingRows(Rows):
+    """The rows of a wheel bound to a robot.
+
+    Attributes:
+        wheel: name of the frame; ``frame``: its index.
+        radius: [m]. The rows are affine in it, so an estimator sets it on a copy of its own.
+    """
+
     holonomic = (False, False, True)
     on_ground = True
 
     def __init__(self, kind: RollingWheel, robot: Robot) -> None:
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling", "lateral", "vertical"))
         self.units = ("m/s",) * 3
-        self._frame = robot.frame_id(kind.frame)
-        self._radius = kind.radius
+        self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
+        self.radius = kind.radius
         self._axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
-    def _contact(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def contact(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Axle, directions (3, 3) of the rows, centre to contact, and the sine of the axle's tilt."""
-        axle = state.placement(self._frame).rotation @ self._axle
+        axle = state.placement(self.frame).rotation @ self._axle
         x, y, z = axle
         sine = float(np.hypot(x, y))
         if sine < _FLAT:
@@ -67,17 +74,17 @@ class _RollingRows(Rows):
                 "a wheel lies flat on the ground", q=state.q.copy(), condition=1 / max(sine, 1e-300), rows=self.names
             )
         directions = np.array([[y / sine, -x / sine, 0.0], [x / sine, y / sine, 0.0], [0.0, 0.0, 1.0]])
-        arm = self._radius / sine * np.array([z * x, z * y, z * z - 1.0])
+        arm = self.radius / sine * np.array([z * x, z * y, z * z - 1.0])
         return axle, directions, arm, sine
 
     def jacobian(self, state: Kinematics) -> np.ndarray:
-        _, directions, arm, _ = self._contact(state)
-        jacobian = state.jacobian(self._frame)
+        _, directions, arm, _ = self.contact(state)
+        jacobian = state.jacobian(self.frame)
         return directions @ (jacobian[:3] - pin.skew(arm) @ jacobian[3:])
 
     def _contact_rates(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        axle, directions, arm, sine = self._contact(state)
-        velocity = state.velocity(self._frame)
+        axle, directions, arm, sine = self.contact(state)
+        velocity = state.velocity(self.frame)
         spin = velocity.angular
         axle_dot = pin.skew(spin) @ axle
         x, y, z = axle
@@ -86,22 +93,22 @@ class _RollingRows(Rows):
         heading_dot = np.array([dy, -dx, 0.0]) / sine - directions[0] * sine_dot / sine
         across_dot = np.array([dx, dy, 0.0]) / sine - directions[1] * sine_dot / sine
         directions_dot = np.array([heading_dot, across_dot, np.zeros(3)])
-        arm_dot = self._radius / sine * np.array([dz * x + z * dx, dz * y + z * dy, 2 * z * dz]) - arm * (
+        arm_dot = self.radius / sine * np.array([dz * x + z * dx, dz * y + z * dy, 2 * z * dz]) - arm * (
             sine_dot / sine
         )
         return directions, directions_dot, arm, arm_dot, velocity.linear + pin.skew(spin) @ arm
 
     def jacobian_dot(self, state: Kinematics) -> np.ndarray:
         directions, directions_dot, arm, arm_dot, _ = self._contact_rates(state)
-        jacobian, jacobian_dot = state.jacobian(self._frame), state.jacobian_dot(self._frame)
+        jacobian, jacobian_dot = state.jacobian(self.frame), state.jacobian_dot(self.frame)
         contact = jacobian[:3] - pin.skew(arm) @ jacobian[3:]
         contact_dot = jacobian_dot[:3] - pin.skew(arm) @ jacobian_dot[3:] - pin.skew(arm_dot) @ jacobian[3:]
         return directions_dot @ contact + directions @ contact_dot
 
     def drift(self, state: Kinematics) -> np.ndarray:
         directions, directions_dot, arm, arm_dot, slip = self._contact_rates(state)
-        acceleration = state.acceleration(self._frame)
-        spin = state.velocity(self._frame).angular
+        acceleration = state.acceleration(self.frame)
+        spin = state.velocity(self.frame).angular
         contact = acceleration.linear + pin.skew(acceleration.angular) @ arm + pin.skew(spin) @ arm_dot
         return directions_dot @ slip + directions @ contact
 

@@ -2,9 +2,10 @@
 
 from rnc_pin.control.chained_stabilizer import ChainedStabilizer, UnicycleStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
+from rnc_pin.control.estimation import EstimatedModel, Regressor
 from rnc_pin.control.gains import PositionGains, VelocityGains
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController
-from rnc_pin.control.momentum_estimator import MomentumRegressor, UnknownMass
+from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
 from rnc_pin.control.reducing import ReducingOutputController
@@ -14,6 +15,7 @@ from rnc_pin.control.split import SplitController
 from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
+from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
 
 __all__ = [
     "ChainedStabilizer",
@@ -21,6 +23,7 @@ __all__ = [
     "ComputedTorque",
     "Controller",
     "DrivenPath",
+    "EstimatedModel",
     "JacobianTransposeController",
     "KinematicController",
     "MomentumRegressor",
@@ -30,6 +33,7 @@ __all__ = [
     "Posture",
     "ReducingOutputController",
     "RedundancyController",
+    "Regressor",
     "SlitheringReference",
     "SplitController",
     "SteeringController",
@@ -37,7 +41,10 @@ __all__ = [
     "UncertainRedundancyController",
     "UnicycleStabilizer",
     "UnknownMass",
+    "UnknownRadius",
+    "UnknownTrack",
     "VelocityGains",
     "VelocityTarget",
     "VelocityTracker",
+    "WheelRegressor",
 ]

@@ -97,7 +97,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
-        notes={"controller": _described(controller), **_estimated(setting)},
+        notes={"controller": _described(controller), **setting.notes},
     )
 
 
@@ -169,11 +169,6 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
-
-
-def _estimated(setting: Setting) -> dict[str, Any]:
-    masses = setting.settings.unknown
-    return {} if masses is None else {"estimates": [f"mass of {joint}" for joint in masses.initial]}
 
 
 def _described(controller: object) -> dict[str, Any]:

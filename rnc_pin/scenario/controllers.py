@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from rnc_pin.control import (
     SteeringController,
     UncertainRedundancyController,
     UnicycleStabilizer,
-    UnknownMass,
     VelocityGains,
     VelocityTracker,
 )
@@ -55,6 +55,8 @@ class Setting:
     """Instead of ``references["vertical"]``: what follows from the path that is driven."""
     watched: tuple[np.ndarray, Reference] | None = None
     warnings: list[str] = field(default_factory=list)
+    notes: dict[str, Any] = field(default_factory=dict)
+    """What the record of the run should say."""
 
     @property
     def horizon(self) -> float:
@@ -89,16 +91,21 @@ def _redundancy(setting: Setting) -> Controller:
 
 def _uncertain_redundancy(setting: Setting) -> Controller:
     """(16) and (20) over (10) or computed torque."""
-    settings, masses = setting.settings, setting.settings.unknown
-    if masses is None:
-        raise ConfigurationError("controller.unknown: is missing; name the base and the bodies of unknown mass")
+    settings, unknown = setting.settings, setting.settings.unknown
+    if unknown is None:
+        raise ConfigurationError("controller.unknown: is missing; name bodies of unknown mass, or radii and tracks")
     kinematic = _class_1(setting)
     alpha = _ALPHA[settings.preset] if settings.alpha is None else settings.alpha
-    unknown = [UnknownMass(joint, masses.unit) for joint in masses.initial]
-    low, high = masses.bounds
-    estimating = UncertainRedundancyController(
-        setting.reduced, kinematic, masses.base, unknown, list(masses.initial.values()), (low, high), alpha
-    )
+    low, high = unknown.bounds
+    try:
+        regressor = unknown.build(setting.reduced)
+        estimating = UncertainRedundancyController(
+            setting.reduced, kinematic, regressor, unknown.estimates, (low, high), alpha
+        )
+    except ConfigurationError as error:
+        raise ConfigurationError(f"controller.unknown: {error}") from None
+    setting.notes["estimates"] = dict(zip(regressor.names, regressor.units, strict=True))
+    setting.notes["predicted"] = dict(zip(regressor.predicted, regressor.predicted_units, strict=True))
     # Gains are scaled along the way that exact kinematics would take: the way that is meant.
     return _tracked(setting, estimating, setting.task, kinematic)
 

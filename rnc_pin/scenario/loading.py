@@ -151,7 +151,7 @@ def _explain(error: Mapping[str, Any]) -> str:
     return f"{where}: {message}, found {_describe(error['input'])}"
 
 
-_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name"}
+_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
 
 
 def _path(location: Sequence[str | int]) -> str:

@@ -92,8 +92,10 @@ def plot_learning(
         comparisons: other runs by label, dashed.
     """
     values = getattr(trajectory, quantity)
-    names = trajectory.meta.get("estimates") if quantity == "estimates" else trajectory.meta["names"]["x1"]
-    names = list(names or [f"{quantity} {column}" for column in range(values.shape[1])])[: values.shape[1]]
+    what = "estimate" if quantity == "estimates" else "measured less predicted rate"
+    known = trajectory.meta.get("estimates" if quantity == "estimates" else "predicted") or {}
+    names = list(known) or [f"{quantity} {column}" for column in range(values.shape[1])]
+    units = " / ".join(dict.fromkeys(known.values()))
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(6.4, 3.6))
         axes = figure.subplots()
@@ -106,7 +108,7 @@ def plot_learning(
                     axes.plot(other.time, series[:, column], color="0.3", ls=style, lw=1.2, zorder=1.5)
         handles += _dashed(comparisons or {}, 1.2)
         axes.set_xlabel("time [s]")
-        axes.set_ylabel("estimate [unit]" if quantity == "estimates" else "measured less predicted rate [1/s]")
+        axes.set_ylabel(f"{what} [{units}]" if units else what)
         axes.margins(x=0.01)
         _finish(figure, axes, handles, title, path)
     return Path(path)

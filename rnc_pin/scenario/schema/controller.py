@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from rnc_pin.control import MomentumRegressor, Regressor, UnknownMass, UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict
 
 
@@ -19,6 +21,55 @@ class UnknownMasses(Strict):
     unit: Positive = 1.0
     """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
     bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
+
+    def build(self, reduced: ReducedModel) -> Regressor:
+        return MomentumRegressor(reduced.robot, self.base, [UnknownMass(joint, self.unit) for joint in self.initial])
+
+    @property
+    def estimates(self) -> list[float]:
+        return list(self.initial.values())
+
+
+class _Length(Strict):
+    wheels: Annotated[list[str], Field(min_length=1)]
+    initial: Positive
+    """First estimate [m]."""
+
+
+class UnknownWheels(Strict):
+    """Wheels whose radii or tracks are estimated."""
+
+    radii: list[_Length] = []
+    """Each a radius that its wheels share."""
+    tracks: list[_Length] = []
+    """Each the distance of its two wheels along their axle."""
+    bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.01, 5.0]
+    """Of all of them [m]."""
+
+    @model_validator(mode="after")
+    def _something_unknown(self) -> UnknownWheels:
+        if not self.radii and not self.tracks:
+            raise ValueError("name at least one radius or track")
+        return self
+
+    def build(self, reduced: ReducedModel) -> Regressor:
+        radii = [UnknownRadius(each.wheels) for each in self.radii]
+        return WheelRegressor(reduced, [*radii, *(UnknownTrack(each.wheels) for each in self.tracks)])
+
+    @property
+    def estimates(self) -> list[float]:
+        return [each.initial for each in (*self.radii, *self.tracks)]
+
+
+def _what_is_unknown(raw: Any) -> str:
+    keys = raw if isinstance(raw, dict) else ()
+    return "unknown_wheels" if "radii" in keys or "tracks" in keys else "unknown_masses"
+
+
+Unknown = Annotated[
+    Annotated[UnknownMasses, Tag("unknown_masses")] | Annotated[UnknownWheels, Tag("unknown_wheels")],
+    Discriminator(_what_is_unknown),
+]
 
 
 class PlatformGoal(Strict):
@@ -40,13 +91,13 @@ class ControllerSettings(Strict):
     ]
     """``redundancy``: (12) over a velocity tracker. ``reducing_outputs``: references for all reducing outputs, the
     vertical ones go where they will. ``jacobian_transpose``: (8)-(9) on the ``active`` actuators, the others off.
-    ``uncertain_redundancy``: (16) with masses estimated by (20). ``steering``: class 2s.
-    ``two_phase``: class 3, (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
+    ``uncertain_redundancy``: (16) with what is ``unknown``, masses or wheels, estimated by (20).
+    ``steering``: class 2s. ``two_phase``: class 3, (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
     """Under the first two types: (10), or the model-based baseline."""
     preset: Literal["paper", "scaled"] = "scaled"
     active: list[str] | None = None
-    unknown: UnknownMasses | None = None
+    unknown: Unknown | None = None
     platform: PlatformGoal | None = None
     alpha: Annotated[float, Field(ge=0)] | None = None
     k: float | Numbers | None = None

@@ -9,7 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import MomentumConservation
+from rnc_pin.control.estimation import EstimatedModel
 from rnc_pin.errors import ConfigurationError, ModelError
+from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
 
 
@@ -44,9 +46,12 @@ class MomentumRegressor:
     def __init__(self, robot: Robot, base: str, unknown: Sequence[UnknownMass]) -> None:
         if not unknown:
             raise ConfigurationError("name at least one body of unknown mass")
-        MomentumConservation(base).bind(robot)  # refuses a joint that is not cyclic
-        self.names = tuple(each.joint for each in unknown)
+        momentum = MomentumConservation(base).bind(robot)  # refuses a joint that is not cyclic
+        self.names = tuple(f"mass of {each.joint}" for each in unknown)
+        self.units = tuple("kg" if each.unit == 1.0 else f"{each.unit:g} kg" for each in unknown)
         self.rows = robot.velocity_indices(base)
+        self.predicted = robot.velocity_names[self.rows]
+        self.predicted_units = tuple("rad/s" if unit == "N m s" else "m/s" for unit in momentum.units)
         self.joints = [robot.joint_id(each.joint) for each in unknown]
         self._known = robot.model.copy()
         self._unit = []
@@ -67,6 +72,22 @@ class MomentumRegressor:
         """Inertia of an unknown body for a value of its parameter."""
         return pin.Inertia.FromDynamicParameters(value * self._unit[index])
 
+    def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y."""
+        W0, W = self.predict(q, v)
+        return v[self.rows] - W0, W
+
+    def estimated(self, reduced: ReducedModel) -> EstimatedModel:
+        """A model whose unknown bodies have the estimated masses."""
+        model = reduced.robot.model.copy()
+
+        def believe(p: np.ndarray) -> None:
+            for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
+                model.inertias[joint] = self.inertia(index, float(value))
+
+        believe(np.ones(len(self.names)))
+        return EstimatedModel(reduced, model, reduced.constraints, believe)
+
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
         model, rows = self._known, self.rows
@@ -85,16 +106,3 @@ class MomentumRegressor:
         both = np.column_stack([A @ others, Y])
         solved = -np.linalg.solve(A[:, rows], both)
         return solved[:, 0], solved[:, 1:]
-
-
-def adapt(
-    p: np.ndarray, W: np.ndarray, error: np.ndarray, gain: float, elapsed: float, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """One sample of ``pdot = alpha W^T E`` (20), kept within bounds.
-
-    The step is bounded like that of the trackers: it never corrects more than the error that it sees, so that
-    ``|p - phat|`` does not grow (Lemma 4). Clipping to a box that holds p does not make it grow either.
-    """
-    step = gain * elapsed
-    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * error)
-    return np.clip(p + correction, low, high)

@@ -1,0 +1,78 @@
+"""What estimators of uncertain kinematics have in common: a linear regression, and a model that believes its result.
+
+Paper (14)-(21), for any constraint that is affine in what is not known about it: ``A_known(q) v + Y(q, v) p = 0``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.rows import RowStack
+
+
+class Regressor(Protocol):
+    """Constraints that are affine in unknown parameters p, without their true values.
+
+    Attributes:
+        names: of the parameters (s,).
+        predicted: what each entry of the prediction error belongs to (e,).
+        units: of the parameters (s,); of the prediction error (e,) in ``predicted_units``.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    predicted: tuple[str, ...]
+    predicted_units: tuple[str, ...]
+
+    def regress(self, q: Array, v: Array) -> tuple[Float[Array, " e"], Float[Array, "e s"]]:
+        """Y and Y at a measured q (nq,) and v (nv,): ``y = Y p`` at the true p, whatever they are."""
+
+    def estimated(self, reduced: ReducedModel) -> EstimatedModel:
+        """A model with the outputs of ``reduced``, and estimates in the place of what is not known."""
+
+
+class EstimatedModel:
+    """The same outputs under constraints with estimated parameters.
+
+    Bound rows know joints and frames by index alone, so those that no parameter enters are shared.
+
+    Args:
+        reduced: whose outputs and constraints they are.
+        model: a copy of its model, to be changed.
+        constraints: its rows, or copies of them to be changed.
+        believe: writes parameters (s,) into the copies.
+    """
+
+    def __init__(
+        self, reduced: ReducedModel, model: pin.Model, constraints: RowStack, believe: Callable[[Array], None]
+    ) -> None:
+        self._believe = believe
+        self._reduced = ReducedModel(
+            Robot(model), constraints, reduced.actuation, reduced.reducing, reduced.vertical, reduced.singularity_limit
+        )
+
+    def at(self, p: Float[Array, " s"]) -> ReducedModel:
+        """The model for these parameters; the next call changes it."""
+        self._believe(p)
+        return self._reduced
+
+
+def adapt(
+    p: np.ndarray, W: np.ndarray, error: np.ndarray, gain: float, elapsed: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """One sample of ``pdot = alpha W^T E`` (20), kept within bounds.
+
+    The step is bounded like that of the trackers: it never corrects more than the error that it sees, so that
+    ``|p - phat|`` does not grow (Lemma 4). Clipping to a box that holds p does not make it grow either.
+    """
+    step = gain * elapsed
+    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * error)
+    return np.clip(p + correction, low, high)

@@ -1,0 +1,246 @@
+"""Unknown wheel radii and tracks in rolling constraints. Paper (14)-(21), for wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.constraints import RollingRows
+from rnc_pin.control.estimation import EstimatedModel
+from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.rows import RowStack
+
+_SAMPLES = 6
+_SILENT = 1e-9  # entries of Y below which a parameter does not enter a row
+
+
+@dataclass(frozen=True)
+class UnknownRadius:
+    """Wheels that share a radius which is not known.
+
+    Args:
+        wheels: frames of ``RollingWheel`` constraints.
+    """
+
+    wheels: Sequence[str]
+
+
+@dataclass(frozen=True)
+class UnknownTrack:
+    """Two wheels of one axle whose distance is not known; the middle and the direction of the axle are.
+
+    Args:
+        wheels: frames of two ``RollingWheel`` constraints on wheels that turn on one body.
+    """
+
+    wheels: Sequence[str]
+
+
+class _Wheel(NamedTuple):
+    rows: RollingRows
+    """A copy; of radius 1 where the radius is unknown."""
+    kept: list[int]
+    """Which of the rolling, lateral and vertical rows count."""
+    radius: int | None
+    """Column of the radius, if it is unknown."""
+    track: int | None
+    """Column of the track, if it is unknown."""
+    axle: _Axle | None
+
+
+class _Axle(NamedTuple):
+    joint: int
+    """That the wheel turns on."""
+    carrier: int
+    """Joint of the body that carries it."""
+    middle: np.ndarray
+    """Of the axle, in the carrier's axes (3,) [m]."""
+    side: np.ndarray
+    """Half the unit vector to this wheel from the other, in the carrier's axes (3,)."""
+    centre: np.ndarray
+    """From the joint's origin to the wheel's centre, in the carrier's axes (3,) [m]."""
+
+
+class WheelRegressor:
+    """``A_known(q) v + Y(q, v) p = 0``: rolling rows are affine in radii and tracks.
+
+    With unit vector u from the centre to the contact of a wheel of radius 1, directions D of the three rows and
+    the centre at ``c = middle +- track/2 e`` of the body that carries the wheel,
+
+        D (v_middle +- track/2 omega_body x e + radius omega_wheel x u) = 0,
+
+    for wheels upright or leaning. The residual needs a measured velocity of the body besides the wheels' rates
+    (``Measurement.v``): from wheels alone nothing can be said of their size. Rows that no parameter enters are left
+    out. One state at a time.
+
+    Args:
+        reduced: a system with ``RollingWheel`` constraints; true radii and tracks in it are never read.
+        unknown: what is not known, all in metres.
+
+    Raises:
+        ConfigurationError: a wheel that no constraint is about, named twice, or a pair that has no track.
+    """
+
+    def __init__(self, reduced: ReducedModel, unknown: Sequence[UnknownRadius | UnknownTrack]) -> None:
+        if not unknown:
+            raise ConfigurationError("name at least one unknown radius or track")
+        self.names = tuple(f"{_kind(each)} of {', '.join(each.wheels)}" for each in unknown)
+        self.units = ("m",) * len(self.names)
+        robot = reduced.robot
+        found = {
+            block.wheel: (block, selection or list(range(len(block.names))))
+            for block, _, selection in reduced.constraints.places
+            if isinstance(block, RollingRows)
+        }
+        radii: dict[str, int] = {}
+        tracks: dict[str, tuple[int, _Axle]] = {}
+        for column, each in enumerate(unknown):
+            self._check(each, found, radii if isinstance(each, UnknownRadius) else tracks)
+            if isinstance(each, UnknownRadius):
+                radii |= dict.fromkeys(each.wheels, column)
+            else:
+                tracks |= {wheel: (column, axle) for wheel, axle in _axles(robot, *each.wheels).items()}
+        self._state = Kinematics(robot)
+        self._unknown = [
+            _Wheel(copy(rows), kept, radii.get(wheel), *tracks.get(wheel, (None, None)))
+            for wheel, (rows, kept) in found.items()
+            if wheel in radii or wheel in tracks
+        ]
+        for entry in self._unknown:
+            if entry.radius is not None:
+                entry.rows.radius = 1.0
+        self._wheels = self._unknown
+        self._wheels = self._that_tell(robot)
+        self.predicted = tuple(wheel.rows.names[row] for wheel in self._wheels for row in wheel.kept)
+        self.predicted_units = ("m/s",) * len(self.predicted)
+
+    def _check(self, each: UnknownRadius | UnknownTrack, found: Collection[str], taken: Collection[str]) -> None:
+        what = _kind(each)
+        if isinstance(each.wheels, str) or not each.wheels or (what == "track" and len(each.wheels) != 2):
+            expected = "two wheels" if what == "track" else "a list of wheels"
+            raise ConfigurationError(f"unknown {what}: expected {expected}, found {each.wheels!r}")
+        for wheel in each.wheels:
+            if wheel not in found:
+                raise ConfigurationError(f"unknown {what}: no rolling wheel '{wheel}'{nearest(str(wheel), found)}")
+            if wheel in taken or list(each.wheels).count(wheel) > 1:
+                raise ConfigurationError(f"unknown {what}: wheel '{wheel}' is named twice")
+
+    def _that_tell(self, robot: Robot) -> list[_Wheel]:
+        """The wheels with those rows that a parameter enters; refuses parameters that enter no row."""
+        generator = np.random.default_rng(0)
+        samples: list[np.ndarray] = []
+        for _ in range(_SAMPLES):
+            with suppress(SingularityError):  # a wheel that lies flat
+                samples.append(self.regress(robot.random_configuration(generator), generator.normal(size=robot.nv))[1])
+        told = np.abs(samples).max(axis=0) > _SILENT
+        for name, heard in zip(self.names, told.any(axis=0), strict=True):
+            if not heard:
+                raise ConfigurationError(f"no independent constraint row depends on the {name}")
+        rows = iter(told.any(axis=1))
+        chosen = [wheel._replace(kept=[row for row in wheel.kept if next(rows)]) for wheel in self._wheels]
+        return [wheel for wheel in chosen if wheel.kept]
+
+    def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``y = -A_known v`` (e,) [m/s] and Y (e, s) at the measured q (nq,) and v (nv,).
+
+        Raises:
+            SingularityError: a wheel lies flat.
+        """
+        state = self._state
+        state.set_velocity(q, v)
+        size = sum(len(wheel.kept) for wheel in self._wheels)
+        y, Y, start = np.empty(size), np.zeros((size, len(self.names))), 0
+        for rows, kept, radius, track, axle in self._wheels:
+            place = slice(start, start + len(kept))
+            start = place.stop
+            _, directions, arm, _ = rows.contact(state)
+            directions = directions[kept]
+            wheel = state.velocity(rows.frame)
+            rolling = directions @ (pin.skew(wheel.angular) @ arm)
+            if axle is None:
+                known = directions @ wheel.linear
+            else:
+                body, placement = state.data.v[axle.carrier], state.data.oMi[axle.carrier]
+                turning = pin.skew(body.angular)
+                into_rows = directions @ placement.rotation
+                known = into_rows @ (body.linear + turning @ axle.middle)
+                Y[place, track] = into_rows @ (turning @ axle.side)
+            if radius is None:
+                known = known + rolling
+            else:
+                Y[place, radius] = rolling
+            y[place] = -known
+        return y, Y
+
+    def estimated(self, reduced: ReducedModel) -> EstimatedModel:
+        """A model whose wheels have the estimated radii and stand the estimated tracks apart."""
+        model = reduced.robot.model.copy()
+        blocks, kept = [], []
+        for block, _, selection in reduced.constraints.places:
+            blocks.append(copy(block) if isinstance(block, RollingRows) else block)
+            kept.append(selection or list(range(len(block.names))))
+        copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
+        wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.track, wheel.axle) for wheel in self._unknown]
+
+        def believe(p: np.ndarray) -> None:
+            for rows, radius, track, axle in wheels:
+                if radius is not None:
+                    rows.radius = float(p[radius])
+                if track is not None and axle is not None:
+                    place = model.jointPlacements[axle.joint]
+                    origin = axle.middle + p[track] * axle.side - axle.centre
+                    model.jointPlacements[axle.joint] = pin.SE3(place.rotation, origin)
+
+        believe(np.ones(len(self.names)))
+        return EstimatedModel(reduced, model, RowStack(blocks, kept), believe)
+
+
+def _kind(each: UnknownRadius | UnknownTrack) -> str:
+    return "radius" if isinstance(each, UnknownRadius) else "track"
+
+
+def _axles(robot: Robot, first: str, second: str) -> dict[str, _Axle]:
+    """Where two wheels stand on the body that carries them: the middle and the direction, not the distance."""
+    model = robot.model
+    frames = [model.frames[robot.frame_id(wheel)] for wheel in (first, second)]
+    joints = [frame.parentJoint for frame in frames]
+    carriers = [model.parents[joint] for joint in joints]
+    pair = f"unknown track: wheels '{first}' and '{second}'"
+    if joints[0] == joints[1] or carriers[0] != carriers[1]:
+        raise ConfigurationError(f"{pair} do not turn on joints of their own on one body: they have no fixed track")
+    centres, offsets = [], []
+    for wheel, frame, joint in zip((first, second), frames, joints, strict=True):
+        offset = model.jointPlacements[joint].rotation @ frame.placement.translation
+        if not _turns_about(robot, joint, frame.placement.translation):
+            raise ConfigurationError(f"{pair} have no fixed track: frame '{wheel}' is not on the axis of its joint")
+        centres.append(model.jointPlacements[joint].translation + offset)
+        offsets.append(offset)
+    apart = centres[0] - centres[1]
+    length = float(np.linalg.norm(apart))
+    if length < 1e-9:
+        raise ConfigurationError(f"{pair} are in one place: the direction of their axle is not known")
+    middle, half = (centres[0] + centres[1]) / 2, apart / length / 2
+    return {
+        wheel: _Axle(joint, carriers[0], middle, sign * half, offset)
+        for wheel, joint, sign, offset in zip((first, second), joints, (1.0, -1.0), offsets, strict=True)
+    }
+
+
+def _turns_about(robot: Robot, joint: int, point: np.ndarray) -> bool:
+    """Whether a point of a body, in the axes of its joint, stays in place when the joint turns."""
+    model = robot.model
+    if model.joints[joint].nv != 1:
+        return False
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.joints[joint].idx_v]
+    return bool(np.linalg.norm(column[:3] + np.cross(column[3:], point)) < 1e-9)

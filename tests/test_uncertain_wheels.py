@@ -1,0 +1,280 @@
+"""Unknown wheel radii and tracks, (14)-(21) for rolling rows: exact, Lemma 4, blind to the truth, worth having."""
+
+from functools import cache
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import (
+    RedundancyController,
+    UncertainRedundancyController,
+    UnknownRadius,
+    UnknownTrack,
+    VelocityGains,
+    VelocityTracker,
+    WheelRegressor,
+)
+from rnc_pin.planning import Harmonic, Hold
+from rnc_pin.urdf_files import find_urdf
+from systems import leaning_wheel, random_states
+from tolerances import ROUNDING
+
+DRIVE = ("left_wheel", "right_wheel")
+TIAGO = ("wheel_left_link", "wheel_right_link")
+
+
+def reduce(robot, wheels, radii, point):
+    """Wheel angles steer a point ahead of the axle."""
+    joints = [name.removesuffix("_link").removesuffix("_joint") + "_joint" for name in wheels]
+    rolling = [rnc.RollingWheel(wheel, radius) for wheel, radius in zip(wheels, radii, strict=True)]
+    system = rnc.NonholonomicSystem(robot, rolling, joints)
+    return system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.FramePosition(point, "xy")])
+
+
+def drive(radii=(0.1, 0.1), track=0.4, folder=None):
+    """The differential drive, with other wheels where its URDF is rewritten into a folder."""
+    path = find_urdf("differential_drive.urdf")
+    if folder is not None:
+        tree = ElementTree.parse(path)
+        for joint, side in (("left_wheel_joint", 0.5), ("right_wheel_joint", -0.5)):
+            tree.find(f"joint[@name='{joint}']/origin").set("xyz", f"0 {side * track} 0")
+        path = folder / "other.urdf"
+        tree.write(path)
+    return reduce(rnc.Robot.from_urdf(path, base="planar"), DRIVE, radii, "nose")
+
+
+@cache
+def tiago():
+    whole = rnc.Robot.from_example("tiago_no_hand", base="planar")
+    still = {name: 0.1 for name in whole.joint_names if name != "root_joint" and "wheel" not in name}
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=still)
+    return reduce(robot, TIAGO, (0.0985, 0.0985), "base_imu_link")
+
+
+def own_and_track(wheels):
+    return [UnknownRadius(wheels[:1]), UnknownRadius(wheels[1:]), UnknownTrack(wheels)]
+
+
+def shared_and_track(wheels):
+    return [UnknownRadius(wheels), UnknownTrack(wheels)]
+
+
+CASES = {
+    "drive, radii of their own": (drive, DRIVE, own_and_track, [0.1, 0.1, 0.4]),
+    "drive, one radius": (drive, DRIVE, shared_and_track, [0.1, 0.4]),
+    "TIAGo, radii of their own": (tiago, TIAGO, own_and_track, [0.0985, 0.0985, 0.4044]),
+    "TIAGo, one radius": (tiago, TIAGO, shared_and_track, [0.0985, 0.4044]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_regressor_is_exact_at_the_true_wheels(case):
+    make, wheels, unknown, truth = CASES[case]
+    reduced = make()
+    regressor = WheelRegressor(reduced, unknown(wheels))
+    assert regressor.predicted == tuple(f"rolling({wheel})" for wheel in wheels)  # the others say nothing here
+    for q, v2 in random_states(reduced, 5):
+        y, Y = regressor.regress(q, reduced.terms(q, v2).v)
+        np.testing.assert_allclose(Y @ truth, y, atol=ROUNDING)
+        assert np.abs(y).max() > 1e-3
+
+
+def test_closed_form_of_a_differential_drive():
+    """v_x = r (wl + wr) / 2 and yaw rate = r (wr - wl) / track, from the regression alone."""
+    reduced = drive()
+    regressor = WheelRegressor(reduced, own_and_track(DRIVE))
+    q = reduced.robot.configuration({"root_joint": [0.3, -0.2, 0.7]})
+    left, right, speed, yaw = 3.0, 5.0, 0.41, 0.52
+    v = np.zeros(5)
+    v[0], v[2] = speed, yaw
+    v[reduced.robot.velocity_indices("left_wheel_joint")] = left
+    v[reduced.robot.velocity_indices("right_wheel_joint")] = right
+    y, Y = regressor.regress(q, v)
+    np.testing.assert_allclose(np.abs(Y), [[left, 0, yaw / 2], [0, right, yaw / 2]], atol=ROUNDING)
+    p = np.linalg.lstsq(*(WheelRegressor(reduced, shared_and_track(DRIVE)).regress(q, v)[i] for i in (1, 0)))[0]
+    np.testing.assert_allclose(p, [2 * speed / (left + right), 2 * speed / (left + right) * (right - left) / yaw])
+    np.testing.assert_allclose(np.abs(y), speed, atol=ROUNDING)
+
+
+def test_regressor_is_linear_in_the_wheels_of_another_robot(tmp_path):
+    """Independent: another URDF and other radii, and a velocity that this other robot can have."""
+    truth = np.array([0.13, 0.08, 0.55])
+    other = drive(truth[:2], truth[2], tmp_path)
+    regressor = WheelRegressor(drive(), own_and_track(DRIVE))
+    for q, v2 in random_states(other, 5):
+        y, Y = regressor.regress(q, other.terms(q, v2).v)
+        np.testing.assert_allclose(Y @ truth, y, atol=ROUNDING)
+
+
+def test_the_estimated_model_is_the_other_robot(tmp_path):
+    """A copy with shifted joints and rows of other radii against a URDF that was written so."""
+    truth = np.array([0.13, 0.08, 0.55])
+    other, reduced = drive(truth[:2], truth[2], tmp_path), drive()
+    model = WheelRegressor(reduced, own_and_track(DRIVE)).estimated(reduced).at(truth)
+    for q, v2 in random_states(other, 5):
+        for believed, true in zip(model.measure(q, v2), other.measure(q, v2), strict=True):
+            np.testing.assert_allclose(believed, true, atol=ROUNDING)
+
+
+def test_a_leaning_wheel_has_a_radius_in_all_its_rows():
+    reduced = leaning_wheel()
+    regressor = WheelRegressor(reduced, [UnknownRadius(["disk"])])
+    assert len(regressor.predicted) == 3
+    for q, v2 in random_states(reduced, 5):
+        y, Y = regressor.regress(q, reduced.terms(q, v2).v)
+        np.testing.assert_allclose(0.3 * Y[:, 0], y, atol=ROUNDING)
+
+
+def cambered():
+    """A free body on two wheels that lean outwards: track and radii enter every row."""
+    model = pin.Model()
+    model.name = "cambered"
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        placement = pin.SE3(pin.rpy.rpyToMatrix(side * 0.2, 0.1, 0.0), np.array([0.1, side * 0.3, 0.05]))
+        joint = model.addJoint(base, pin.JointModelRUBY(), placement, f"{name}_joint")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
+        model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def test_regressor_against_finite_differences_of_the_rows_on_a_body_that_pitches():
+    """Independent: rows of robots whose joints stand elsewhere, with no regard to what moves are possible."""
+    robot = cambered()
+    kinds = [rnc.RollingWheel("left", 0.2), rnc.RollingWheel("right", 0.25)]
+    system = rnc.NonholonomicSystem(robot, kinds, [])
+    names = [name for name in robot.velocity_names if name not in ("root_joint[0]", "root_joint[1]", "root_joint[2]")]
+    chosen = [robot.velocity_names.index(name) for name in names]
+    some = np.random.default_rng(3).normal(size=(system.r, len(chosen))) @ np.eye(robot.nv)[chosen]
+    outputs = rnc.Output(None, lambda q: some, lambda q, v: 0 * some, [f"w{i}" for i in range(system.r)])
+    reduced = system.reduce([outputs])
+    regressor = WheelRegressor(reduced, own_and_track(("left", "right")))
+    estimated = regressor.estimated(reduced)
+    generator = np.random.default_rng(4)
+    rows = [reduced.constraints.names.index(name) for name in regressor.predicted]
+    assert len(rows) == 6
+    for _ in range(5):
+        q, v = robot.random_configuration(generator, spread=0.4), generator.normal(size=robot.nv)
+        p = generator.uniform(0.1, 1.0, 3)
+        y, Y = regressor.regress(q, v)
+        np.testing.assert_allclose(Y @ p - y, estimated.at(p).constraint_residual(q, v)[rows], atol=ROUNDING)
+    truth = np.array([0.2, 0.25, np.linalg.norm(_centre(robot, "left") - _centre(robot, "right"))])
+    for q, v2 in random_states(reduced, 3, condition=1e4):
+        y, Y = regressor.regress(q, reduced.terms(q, v2).v)
+        np.testing.assert_allclose(Y @ truth, y, atol=1e-9)
+
+
+def _centre(robot, frame):
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.configuration())
+    return data.oMf[robot.frame_id(frame)].translation
+
+
+@pytest.mark.parametrize("unknown", [own_and_track, shared_and_track])
+def test_true_wheels_are_never_read(unknown, tmp_path):
+    """Two systems that differ in radii and track alone: one measurement gives one answer."""
+    targets = []
+    measurements = [drive().measure(q, v2) for q, v2 in random_states(drive(), 4)]
+    for reduced in (drive(), drive((0.17, 0.06), 0.9, tmp_path)):
+        task = rnc.Task.of(reduced, [], reduced.reducing.names)
+        controller = RedundancyController(task, Hold(np.zeros(0)), Harmonic(np.zeros(2), [0.3, 0.2], 0.1))
+        regressor = WheelRegressor(reduced, unknown(DRIVE))
+        guess = [0.15, 0.3] if unknown is shared_and_track else [0.15, 0.12, 0.3]
+        estimating = UncertainRedundancyController(reduced, controller, regressor, guess, (0.02, 2.0), 20.0)
+        state = estimating.initial_state(measurements[0])
+        for k, measured in enumerate(measurements):
+            target, state = estimating.step(0.01 * k, measured, state)
+            targets.append(np.concatenate([target.v2, target.v2_dot, target.estimates, target.prediction_error]))
+    np.testing.assert_allclose(targets[:4], targets[4:], rtol=ROUNDING, atol=ROUNDING)
+
+
+def test_at_the_true_wheels_it_is_the_class_1_controller():
+    reduced = tiago()
+    task = rnc.Task.of(reduced, [], reduced.reducing.names)
+    controller = RedundancyController(task, Hold(np.zeros(0)), Harmonic(np.zeros(2), [0.3, 0.2], 0.1))
+    regressor = WheelRegressor(reduced, shared_and_track(TIAGO))
+    estimating = UncertainRedundancyController(reduced, controller, regressor, [0.0985, 0.4044], (0.02, 2.0))
+    for q, v2 in random_states(reduced, 3):
+        measured = reduced.measure(q, v2)
+        exact, _ = controller.step(1.0, measured, None)
+        target, _ = estimating.step(1.0, measured, estimating.initial_state(measured))
+        np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
+        np.testing.assert_allclose(target.v2_dot, exact.v2_dot, atol=1e-8 * (1 + np.abs(exact.v2_dot).max()))
+
+
+@pytest.mark.parametrize(
+    ("make", "wheels", "truth", "guess"),
+    [(drive, DRIVE, [0.1, 0.4], [0.15, 0.24]), (tiago, TIAGO, [0.0985, 0.4044], [0.0640, 0.5662])],
+    ids=["drive", "tiago"],
+)
+def test_learning_makes_predictions_and_tracking_better(make, wheels, truth, guess):
+    """First estimates are 35 to 50 % off; without adaptation the wheels are believed to be what they are not."""
+    error, missed = {}, {}
+    reduced = make()
+    q0 = reduced.robot.configuration()
+    x1, _ = reduced.outputs(q0)
+    task = rnc.Task.of(reduced, [], reduced.reducing.names)
+    path = Harmonic(x1, [0.5, 0.4], [0.08, 0.16], ramp=3.0)
+    controller = RedundancyController(task, Hold(np.zeros(0)), path, 2.0)
+    _, region = rnc.kinematic_rollout(reduced, controller, q0, 12.0, 0.1)
+    for alpha in (0.0, 20.0):
+        regressor = WheelRegressor(reduced, shared_and_track(wheels))
+        estimating = UncertainRedundancyController(reduced, controller, regressor, guess, (0.02, 2.0), alpha)
+        run = rnc.simulate(
+            reduced, VelocityTracker(estimating, VelocityGains.scaled(reduced, region, 0.004)), q0, 20.0, 0.004
+        )
+        late = run.time > 10.0
+        error[alpha] = np.sqrt(np.mean(run.prediction_error[late] ** 2))
+        missed[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
+        if alpha:
+            wrong = np.linalg.norm(run.estimates - truth, axis=1)
+            assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
+            np.testing.assert_allclose(run.estimates[-1], truth, rtol=0.02)
+    assert error[20.0] < 0.1 * error[0.0]
+    assert missed[20.0] < 0.5 * missed[0.0]
+
+
+def test_nonsense_is_refused():
+    reduced = drive()
+    left, right = DRIVE
+    cases = [
+        ([], "at least one unknown"),
+        ([UnknownRadius(["wheel_left"])], "unknown radius: no rolling wheel 'wheel_left'; did you mean 'left_wheel'"),
+        ([UnknownRadius([left, left])], "unknown radius: wheel 'left_wheel' is named twice"),
+        ([UnknownRadius([left]), UnknownRadius(DRIVE)], "wheel 'left_wheel' is named twice"),
+        ([UnknownRadius("left_wheel")], "expected a list of wheels, found 'left_wheel'"),
+        ([UnknownTrack([left])], "unknown track: expected two wheels"),
+        ([UnknownTrack([left, left])], "named twice"),
+        ([UnknownTrack(DRIVE), UnknownTrack((right, left))], "named twice"),
+    ]
+    for unknown, words in cases:
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            WheelRegressor(reduced, unknown)
+
+
+def test_a_pair_without_a_track_is_refused():
+    """Wheels on one joint, on different bodies, or centred off their axis have no distance that stays."""
+    model = cambered().model.copy()
+    model.addFrame(pin.Frame("outer", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.OP_FRAME))
+    model.addFrame(pin.Frame("rim", 2, 0, pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0])), pin.FrameType.OP_FRAME))
+    steering = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "steering")
+    model.appendBodyToJoint(steering, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    joint = model.addJoint(steering, pin.JointModelRY(), pin.SE3.Identity(), "front_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("front", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    for first, second, words in (
+        ("left", "outer", "do not turn on joints of their own on one body"),
+        ("left", "front", "do not turn on joints of their own on one body"),
+        ("right", "rim", "frame 'rim' is not on the axis of its joint"),
+    ):
+        system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(first, 0.2), rnc.RollingWheel(second, 0.2, axis="y")])
+        some = np.random.default_rng(3).normal(size=(system.r, robot.nv))
+        outputs = rnc.Output(None, lambda q, J=some: J, lambda q, v, J=some: 0 * J, [f"w{i}" for i in range(system.r)])
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            WheelRegressor(system.reduce([outputs]), [UnknownTrack((first, second))])
