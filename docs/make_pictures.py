@@ -22,7 +22,7 @@ PICTURES = {
     "space-robot-uncertain": (["figure_6a.png", "figure_6b.png"], 9.0),
     "mobile-manipulator": (["hand.png", "distance.png"], 4.0),
     "mobile-manipulator-two-phase": (["figure_7a.png", "figure_7b.png"], 12.0),
-    "wheels-uncertain": (["wheels_path.png", "wheels_estimates.png", "wheels_prediction.png"], 8.0),
+    "wheels-uncertain": (["wheels_path.png", "wheels_estimates.png", "wheels_prediction.png"], 22.0),
     "fire-truck": (["figure_8a.png", "figure_8b.png"], 11.0),
 }
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

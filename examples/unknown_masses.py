@@ -4,6 +4,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.control import (
+    MomentumRegressor,
     RedundancyController,
     UncertainRedundancyController,
     UnknownMass,
@@ -28,9 +29,10 @@ platform = Harmonic([0.0], amplitude=[0.15], frequency=0.1, ramp=3.0)
 exact = RedundancyController(task, tip, platform, k21=2.0)
 _, region = rnc.kinematic_rollout(reduced, exact, q0, duration=10.0, dt=0.1)
 
-unknown = [UnknownMass(joint, unit=10.0) for joint in joints]  # in units of the platform's inertia: 1 is true
+# In units of the platform's inertia: 1 is true.
+unknown = MomentumRegressor(robot, "platform", [UnknownMass(joint, unit=10.0) for joint in joints])
 for alpha in (0.0, 20.0):
-    guessing = UncertainRedundancyController(reduced, exact, "platform", unknown, [1.6, 0.4, 1.5], alpha=alpha)
+    guessing = UncertainRedundancyController(reduced, exact, unknown, [1.6, 0.4, 1.5], alpha=alpha)
     tracker = VelocityTracker(guessing, VelocityGains.scaled(reduced, region, dt=0.002))
     run = rnc.simulate(reduced, tracker, q0, duration=16.0, dt=0.002)
     late = run.time > 8.0

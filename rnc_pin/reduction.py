@@ -322,13 +322,30 @@ class ReducedModel:
             along: positions in x2, (s,).
         """
         q = np.asarray(q, float)
-        directions = np.eye(self.r)[list(along)]
-        spread = np.broadcast_to(q[..., None, :], (*q.shape[:-1], len(directions), self._nq))
-        each = self.measure(np.ascontiguousarray(spread), np.broadcast_to(directions, (*spread.shape[:-1], self.r)))
+        each = self.measure(*self._alone(q, along))
         gradient = each.A_star_dot
         if self.affine:  # along the given motion b it changes as well
             gradient = gradient - self.measure(q, np.zeros((*q.shape[:-1], self.r))).A_star_dot[..., None, :, :]
         return np.moveaxis(gradient, -3, -1)
+
+    def log_determinant_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
+        """Derivatives of ``log |det E|``, that is ``tr(E^-1 Edot)``, along the motion of single reducing outputs.
+
+        Args:
+            q: configurations (..., nq).
+            along: positions in x2, (s,).
+        """
+        q, v2 = self._alone(q, along)
+        E_inverse, _, _ = self.stack(self._admit(q))
+        E_dot = self._rates(q, apply(E_inverse[self._basis], v2))[0]
+        return np.einsum("...ij,...ji->...", E_inverse, E_dot)
+
+    def _alone(self, q: ArrayInput, along: Sequence[int] | Array) -> tuple[Array, Array]:
+        """Every configuration once for each of some outputs (..., s, nq), moving alone at unit rate (..., s, r)."""
+        q = np.asarray(q, float)
+        directions = np.eye(self.r)[list(along)]
+        spread = np.broadcast_to(q[..., None, :], (*q.shape[:-1], len(directions), self._nq))
+        return np.ascontiguousarray(spread), np.broadcast_to(directions, (*spread.shape[:-1], self.r))
 
     def outputs(self, q: ArrayInput, integrals: Array | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r) of the vertical and reducing outputs."""

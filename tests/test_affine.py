@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from rnc_pin.control.momentum_estimator import UnknownMass
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.control import ComputedTorque, RedundancyController, SteeringController, UncertainRedundancyController
-from rnc_pin.control.momentum_estimator import UnknownMass
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda

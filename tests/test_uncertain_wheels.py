@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 import rnc_pin as rnc
 from rnc_pin.control import (
@@ -18,6 +19,8 @@ from rnc_pin.control import (
     WheelRegressor,
 )
 from rnc_pin.planning import Harmonic, Hold
+from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.run import plan
 from rnc_pin.urdf_files import find_urdf
 from systems import leaning_wheel, random_states
 from tolerances import ROUNDING
@@ -278,3 +281,42 @@ def test_a_pair_without_a_track_is_refused():
         outputs = rnc.Output(None, lambda q, J=some: J, lambda q, v, J=some: 0 * J, [f"w{i}" for i in range(system.r)])
         with pytest.raises(rnc.ConfigurationError, match=words):
             WheelRegressor(system.reduce([outputs]), [UnknownTrack((first, second))])
+
+
+def wheels_of(unknown, folder):
+    changes = {"controller.unknown": unknown, "comparisons": {}, "plots": {}, "simulation.duration": 1.0}
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario("wheels-uncertain")), changes)))
+    return plan(str(path)).experiment
+
+
+def test_a_scenario_names_what_is_unknown(tmp_path):
+    unknown = {
+        "radii": [{"wheels": ["left_wheel"], "initial": 0.12}, {"wheels": ["right_wheel"], "initial": 0.09}],
+        "tracks": [{"wheels": ["left_wheel", "right_wheel"], "initial": 0.3}],
+    }
+    experiment = wheels_of(unknown, tmp_path)
+    np.testing.assert_array_equal(experiment.controller.target.initial, [0.12, 0.09, 0.3])
+    assert experiment.notes["estimates"] == {
+        "radius of left_wheel": "m",
+        "radius of right_wheel": "m",
+        "track of left_wheel, right_wheel": "m",
+    }
+    assert experiment.notes["predicted"] == {"rolling(left_wheel)": "m/s", "rolling(right_wheel)": "m/s"}
+
+
+@pytest.mark.parametrize(
+    ("unknown", "words"),
+    [
+        ({}, "controller.unknown.base: is missing"),
+        ({"radii": []}, "controller.unknown: name at least one radius or track"),
+        ({"radii": [{"wheels": ["left_wheel"]}]}, r"controller.unknown.radii\[0\].initial: is missing"),
+        ({"radii": [{"wheels": ["left_weel"], "initial": 0.1}]}, "controller.unknown: .*did you mean 'left_wheel'"),
+        ({"tracks": [{"wheels": ["left_wheel"], "initial": 0.1}]}, "unknown track: expected two wheels"),
+        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}]}, "radius of left_wheel, 9, has to be within its bounds"),
+        ({"radii": [{"wheels": ["left_wheel"], "initial": 9}], "base": "x"}, "controller.unknown: 'base' is not known"),
+    ],
+)
+def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        wheels_of(unknown, tmp_path)

@@ -9,7 +9,8 @@ from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
 from rnc_pin.control.reducing import ReducingOutputController
-from rnc_pin.control.redundancy import Posture, RedundancyController
+from rnc_pin.control.redundancy import RedundancyController
+from rnc_pin.control.secondary import Combined, JointLimits, Posture, Secondary, SingularityDistance
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.control.split import SplitController
 from rnc_pin.control.steering import SteeringController
@@ -19,12 +20,14 @@ from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRe
 
 __all__ = [
     "ChainedStabilizer",
+    "Combined",
     "Command",
     "ComputedTorque",
     "Controller",
     "DrivenPath",
     "EstimatedModel",
     "JacobianTransposeController",
+    "JointLimits",
     "KinematicController",
     "MomentumRegressor",
     "PositionGains",
@@ -34,6 +37,8 @@ __all__ = [
     "ReducingOutputController",
     "RedundancyController",
     "Regressor",
+    "Secondary",
+    "SingularityDistance",
     "SlitheringReference",
     "SplitController",
     "SteeringController",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.linear_algebra import apply, condition_number
 from rnc_pin.measurement import Measurement
@@ -16,8 +15,15 @@ from rnc_pin.task import Task
 
 _LIMIT = 1e8
 
-Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
-"""Rates that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
+
+def check_freedom(task: Task) -> None:
+    """Refuse a secondary objective where A4 is square."""
+    if len(task.redundant) <= len(task.vertical):
+        raise ConfigurationError(
+            "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
+            f"{len(task.redundant)} ({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
+            f"({', '.join(task.vertical_names) or 'none'})"
+        )
 
 
 class RedundancyController:
@@ -36,11 +42,12 @@ class RedundancyController:
         k3: [1/s], of the vertical outputs; a number or one each.
         k21: [1/s], of the primary outputs; a number or one each.
         weights: what moving each redundant output costs, where there are more of them than vertical ones.
-        secondary: what the freedom that is left then is for; to keep redundant outputs slow by default.
+        secondary: what the freedom that is left then is for, from ``control.secondary``; to keep redundant outputs
+            slow by default.
 
     Raises:
-        ConfigurationError: the task has fewer redundant than vertical outputs, or a reference has another
-            size than its outputs.
+        ConfigurationError: the task has fewer redundant than vertical outputs, a reference has another size than
+            its outputs, or a secondary objective has no freedom left.
         SingularityError: while running, A4 cannot be inverted.
     """
 
@@ -67,6 +74,8 @@ class RedundancyController:
         self._cheap = 1.0 / np.asarray(np.ones(len(task.redundant)) if weights is None else weights, dtype=float)
         if self._cheap.shape != (len(task.redundant),) or not (self._cheap > 0).all():
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
+        if secondary is not None:
+            check_freedom(task)
         self.secondary = secondary
 
     def initial_state(self, measurement: Measurement) -> None:
@@ -138,23 +147,3 @@ class RedundancyController:
             else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
-
-
-class Posture:
-    """Secondary objective: redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
-
-    Args:
-        task: whose redundant outputs they are.
-        reference: of x22.
-        k: [1/s]; a number or one each. 0 for those that may go anywhere.
-    """
-
-    def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
-        check_size(reference, len(task.redundant), "redundant")
-        self._task, self.reference, self.k = task, reference, k
-
-    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        redundant = self._task.redundant
-        x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
-        seen = compare(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
-        return seen.velocity + self.k * seen.error, seen.acceleration + self.k * seen.error_rate

@@ -18,6 +18,7 @@ from rnc_pin.control import (
     PositionTracker,
     ReducingOutputController,
     RedundancyController,
+    Secondary,
     SlitheringReference,
     SplitController,
     SteeringController,
@@ -26,7 +27,8 @@ from rnc_pin.control import (
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema import ControllerSettings, SimulationSettings
@@ -97,13 +99,11 @@ def _uncertain_redundancy(setting: Setting) -> Controller:
     kinematic = _class_1(setting)
     alpha = _ALPHA[settings.preset] if settings.alpha is None else settings.alpha
     low, high = unknown.bounds
-    try:
+    with _named("controller.unknown"):
         regressor = unknown.build(setting.reduced)
         estimating = UncertainRedundancyController(
             setting.reduced, kinematic, regressor, unknown.estimates, (low, high), alpha
         )
-    except ConfigurationError as error:
-        raise ConfigurationError(f"controller.unknown: {error}") from None
     setting.notes["estimates"] = dict(zip(regressor.names, regressor.units, strict=True))
     setting.notes["predicted"] = dict(zip(regressor.predicted, regressor.predicted_units, strict=True))
     # Gains are scaled along the way that exact kinematics would take: the way that is meant.
@@ -153,9 +153,16 @@ def _two_phase(setting: Setting) -> Controller:
 
 
 def _class_1(setting: Setting) -> RedundancyController:
-    task, references = setting.task, setting.references
+    task, references, wanted = setting.task, setting.references, setting.settings.secondary
     if setting.slithering is not None:
         raise ConfigurationError("reference.path.trailer: needs the controller type 'steering'")
+    secondary: Secondary | None = None
+    if wanted is not None:
+        try:
+            check_freedom(task)
+            secondary = wanted.build(setting.reduced, task, references["redundant"])
+        except RncError as error:
+            raise ConfigurationError(f"controller.secondary: {error}") from None
     # The paper feeds x21d_dot open loop.
     k21 = 0.0 if setting.settings.preset == "paper" else _OUTER_GAIN
     return RedundancyController(
@@ -164,6 +171,7 @@ def _class_1(setting: Setting) -> RedundancyController:
         references["vertical"],
         k3=setting.gain("k3", _OUTER_GAIN, len(task.vertical)),
         k21=setting.gain("k21", k21, len(task.primary)),
+        secondary=secondary,
     )
 
 
@@ -233,7 +241,7 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
 }
 _VELOCITY_GAINS = {"k", "k21", "bandwidth"}
 _OWN = {  # settings that some types have and others do not
-    "redundancy": {*_VELOCITY_GAINS, "k3"},
+    "redundancy": {*_VELOCITY_GAINS, "k3", "secondary"},
     "reducing_outputs": _VELOCITY_GAINS,
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},

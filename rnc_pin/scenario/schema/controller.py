@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from rnc_pin.control import MomentumRegressor, Regressor, UnknownMass, UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.control import (
+    Combined,
+    JointLimits,
+    MomentumRegressor,
+    Posture,
+    Regressor,
+    Secondary,
+    SingularityDistance,
+    UnknownMass,
+    UnknownRadius,
+    UnknownTrack,
+    WheelRegressor,
+)
+from rnc_pin.planning import Reference
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict
+from rnc_pin.task import Task
 
 
 class UnknownMasses(Strict):
@@ -83,6 +98,56 @@ class PlatformGoal(Strict):
     """When the second phase starts [s]."""
 
 
+class PostureSettings(Strict):
+    """Redundant outputs near ``reference.redundant``: where they start, unless it says otherwise."""
+
+    k: float | Numbers = 1.0
+    """[1/s]; a number or one for each redundant output."""
+
+
+class JointLimitSettings(Strict):
+    """Joints away from their limits."""
+
+    k: float | Numbers = 0.1
+    """[m^2/s or rad^2/s]; a number or one for each redundant output."""
+    margin: Annotated[float, Field(gt=0, le=0.5)] = 0.1
+    """Where it begins, as a share of a joint's range at each end."""
+    joints: Annotated[list[str], Field(min_length=1)] | None = None
+    """All that have limits by default."""
+
+
+class SingularitySettings(Strict):
+    """Away from singular configurations."""
+
+    k: float | Numbers = 0.1
+    """[m^2/s or rad^2/s]; a number or one for each redundant output."""
+
+
+class SecondarySettings(Strict):
+    """What the freedom that is left is for, where more outputs are redundant than vertical; they add up."""
+
+    posture: PostureSettings | None = None
+    joint_limits: JointLimitSettings | None = None
+    singularity: SingularitySettings | None = None
+
+    @model_validator(mode="after")
+    def _something(self) -> SecondarySettings:
+        if self.posture is self.joint_limits is self.singularity is None:
+            raise ValueError("expected at least one of posture, joint_limits, singularity; {} takes their defaults")
+        return self
+
+    def build(self, reduced: ReducedModel, task: Task, reference: Reference) -> Secondary:
+        parts: list[Secondary] = []
+        if self.posture is not None:
+            parts.append(Posture(task, reference, np.array(self.posture.k)))
+        if self.joint_limits is not None:
+            limits = self.joint_limits
+            parts.append(JointLimits(reduced, task, np.array(limits.k), limits.margin, limits.joints))
+        if self.singularity is not None:
+            parts.append(SingularityDistance(reduced, task, np.array(self.singularity.k)))
+        return Combined(parts)
+
+
 class ControllerSettings(Strict):
     """Which controller, which preset of gains, and gains set by hand on top of it."""
 
@@ -92,12 +157,14 @@ class ControllerSettings(Strict):
     """``redundancy``: (12) over a velocity tracker. ``reducing_outputs``: references for all reducing outputs, the
     vertical ones go where they will. ``jacobian_transpose``: (8)-(9) on the ``active`` actuators, the others off.
     ``uncertain_redundancy``: (16) with what is ``unknown``, masses or wheels, estimated by (20).
-    ``steering``: class 2s. ``two_phase``: class 3, (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
+    ``steering``: class 2s. ``two_phase``: class 3, (8)-(9) for the primary outputs, then a point stabiliser for the
+    platform."""
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
     """Under the first two types: (10), or the model-based baseline."""
     preset: Literal["paper", "scaled"] = "scaled"
     active: list[str] | None = None
     unknown: Unknown | None = None
+    secondary: SecondarySettings | None = None
     platform: PlatformGoal | None = None
     alpha: Annotated[float, Field(ge=0)] | None = None
     k: float | Numbers | None = None

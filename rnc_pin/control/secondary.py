@@ -1,0 +1,209 @@
+"""What the freedom that is left is for, where more outputs are redundant than vertical.
+
+A secondary objective says which rates z the redundant outputs should have; ``RedundancyController`` follows it as far
+as the vertical outputs let it (A. Liegeois, IEEE Trans. SMC 7(12), 1977, does so for a fixed arm). The gradients here
+are steepest for equal weights of that controller; with weights w choose k proportional to 1/w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.control.comparison import compare
+from rnc_pin.control.protocol import check_size
+from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.linear_algebra import apply_transposed
+from rnc_pin.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.task import Task
+
+_NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float where a joint has none
+_STEP = 2e-5  # [rad or m]; of a central difference along the motion
+
+Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
+"""Rates z that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
+
+
+class Combined:
+    """The sum of several objectives; their gains say what each is worth.
+
+    Args:
+        parts: the objectives.
+    """
+
+    def __init__(self, parts: Sequence[Secondary]) -> None:
+        if not parts:
+            raise ConfigurationError("name at least one secondary objective")
+        self.parts = tuple(parts)
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        each = [part(t, measurement) for part in self.parts]
+        return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
+
+
+class Posture:
+    """Redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
+
+    Reads from the measurement: ``x2, v2``.
+
+    Args:
+        task: whose redundant outputs they are.
+        reference: of x22.
+        k: [1/s]; a number or one each. 0 for those that may go anywhere.
+    """
+
+    def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
+        check_size(reference, len(task.redundant), "redundant")
+        self._task, self.reference, self.k = task, reference, _one_each(k, task)
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        redundant = self._task.redundant
+        x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
+        seen = compare(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
+        return seen.velocity + self.k * seen.error, seen.acceleration + self.k * seen.error_rate
+
+
+class JointLimits:
+    """Joints away from their limits: downhill on a potential that rises towards each end of a joint's range.
+
+    In a zone of width delta at each end the potential of a joint is ``s^3 / 3``, s going from 0 where the zone begins
+    to 1 at the limit and on beyond it: finite everywhere, twice differentiable, and the same for a joint that turns and
+    one that slides. Joints need not be outputs. With ``v = R v2`` and R22 the redundant columns of R,
+
+        z = -k R22^T grad,        z_dot = -k (R22_dot^T grad + R22^T hess v),        both exact.
+
+    A redundant output that is a joint leaves its own limit at ``k / delta``, and its loop there has the rate
+    ``2 k / delta^2``, which times the sampling interval has to stay below about 0.2: give joints of short range a small
+    k, or leave them out of ``joints``.
+
+    Reads from the measurement: ``q, v``.
+
+    Args:
+        reduced: the system.
+        task: whose redundant outputs are free.
+        k: [m^2/s or rad^2/s]; a number or one for each redundant output.
+        margin: width of a zone as a share of the joint's range, up to a half.
+        joints: names; by default every joint that has limits.
+
+    Raises:
+        ModelError: unknown joint.
+        ConfigurationError: a joint without limits, nothing limited at all, or not one k for each output.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        task: Task,
+        k: float | np.ndarray = 0.1,
+        margin: float = 0.1,
+        joints: Sequence[str] | None = None,
+    ) -> None:
+        if not 0 < margin <= 0.5:
+            raise ConfigurationError(f"margin of joint limits has to be a share of the range, 0 to 0.5, found {margin}")
+        model, robot = reduced.robot.model, reduced.robot
+        self._q: list[int] = []
+        self._v: list[int] = []
+        for name in robot.joint_names if joints is None else joints:
+            joint = model.joints[robot.joint_id(name)]
+            places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no ends
+            limited = [i for i in places if _has_ends(model, joint.idx_q + i)]
+            if joints is not None and not limited:
+                raise ConfigurationError(f"joint '{name}' has no position limits")
+            self._q += [joint.idx_q + i for i in limited]
+            self._v += [joint.idx_v + i for i in limited]
+        if not self._q:
+            raise ConfigurationError(f"no joint of robot '{robot.name}' has position limits")
+        self._reduced, self._redundant, self.k = reduced, task.redundant, _one_each(k, task)
+        low, high = model.lowerPositionLimit[self._q], model.upperPositionLimit[self._q]
+        self._zone = margin * (high - low)
+        self._begin_low, self._begin_high = low + self._zone, high - self._zone
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        q, v = measurement.q[..., self._q], measurement.v[..., self._v]
+        over = np.maximum(q - self._begin_high, 0.0) / self._zone
+        under = np.maximum(self._begin_low - q, 0.0) / self._zone
+        gradient, hessian = (over**2 - under**2) / self._zone, 2.0 * (over + under) / self._zone**2
+        R, R_dot = self._basis_rate(measurement.q, measurement.v)
+        J, J_dot = (each[..., self._v, :][..., self._redundant] for each in (R, R_dot))
+        z_dot = apply_transposed(J_dot, gradient) + apply_transposed(J, hessian * v)
+        return -self.k * apply_transposed(J, gradient), -self.k * z_dot
+
+    def _basis_rate(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if q.ndim == 1:
+            return self._reduced.basis_rate(q, v)
+        pairs = zip(q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), strict=True)
+        each = zip(*(self._reduced.basis_rate(q_i, v_i) for q_i, v_i in pairs), strict=True)
+        R, R_dot = (np.stack(some).reshape(*v.shape, self._reduced.r) for some in each)
+        return R, R_dot
+
+
+class SingularityDistance:
+    """Away from singular configurations: uphill on ``w = log |det E| + log det(A4 A4^T) / 2``.
+
+    First derivatives along the motion of each redundant output i are exact,
+
+        dw/dx_i = tr(E^-1 E_i) + tr((A4 A4^T)^-1 A4_i A4^T),
+
+    with ``E_i`` and ``A4_i`` the derivatives of E and A4 along column i of R, and ``z = k dw/dx22``. The manipulability
+    of T. Yoshikawa, Int. J. Robotics Research 4(2), 1985, is ``sqrt(det(A4 A4^T))``. The rate of z needs second
+    derivatives, which Pinocchio does not have: it is a central difference along the measured motion.
+
+    Reads from the measurement: ``q, v``.
+
+    Args:
+        reduced: the system.
+        task: its vertical and redundant outputs.
+        k: [m^2/s or rad^2/s]; a number or one for each redundant output.
+
+    Raises:
+        SingularityError: while running, at a singular configuration, where w has no gradient.
+    """
+
+    def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:
+        self._reduced, self._task, self.k = reduced, task, _one_each(k, task)
+
+    def gradient(self, q: np.ndarray) -> np.ndarray:
+        """dw/dx22 (..., r2) at configurations (..., nq)."""
+        reduced, task = self._reduced, self._task
+        still = np.zeros((*q.shape[:-1], reduced.r))
+        A4 = reduced.measure(q, still).A_star[..., task.vertical, :][..., task.redundant]
+        along = reduced.kinematic_gradient(q, task.redundant)[..., task.vertical, :, :][..., task.redundant, :]
+        try:
+            weights = np.linalg.solve(A4 @ A4.mT, A4)
+        except np.linalg.LinAlgError:
+            raise SingularityError(
+                "redundant outputs cannot move the vertical ones (A4 is singular)",
+                q=q.reshape(-1, q.shape[-1])[0],
+                condition=np.inf,
+                rows=(*task.vertical_names, *task.redundant_names),
+            ) from None
+        return reduced.log_determinant_gradient(q, task.redundant) + np.einsum("...kr,...krs->...s", weights, along)
+
+    def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        q, v = measurement.q, measurement.v
+        h = _STEP / (1.0 + np.abs(v).max())
+        ahead, behind = (self.gradient(self._moved(q, sign * h * v)) for sign in (1.0, -1.0))
+        return self.k * self.gradient(q), self.k * (ahead - behind) / (2 * h)
+
+    def _moved(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+        model = self._reduced.robot.model
+        if q.ndim == 1:
+            return pin.integrate(model, q, step)
+        pairs = zip(q.reshape(-1, q.shape[-1]), step.reshape(-1, step.shape[-1]), strict=True)
+        return np.stack([pin.integrate(model, q_i, step_i) for q_i, step_i in pairs]).reshape(q.shape)
+
+
+def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:
+    gains, size = np.asarray(k, dtype=float), len(task.redundant)
+    if gains.shape not in ((), (size,)) or not (gains >= 0).all():
+        raise ConfigurationError(f"k of a secondary objective has to be a number or {size}, not negative, found {k}")
+    return gains
+
+
+def _has_ends(model: pin.Model, index: int) -> bool:
+    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
+    return -_NO_LIMIT < low < high < _NO_LIMIT

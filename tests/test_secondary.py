@@ -1,0 +1,297 @@
+"""Secondary objectives: exact rates, finite at the limits, and worth having while the vertical outputs are tracked."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.control import (
+    Combined,
+    ComputedTorque,
+    JointLimits,
+    Posture,
+    RedundancyController,
+    SingularityDistance,
+)
+from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.run import plan
+from systems import random_states, space_robot
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+LIMITS = {"joint_1": (-1.5, 1.5), "joint_2": (-1.5, -0.35)}
+
+
+@cache
+def manipulator():
+    """Speed of the platform and shoulder are redundant for one heading; the elbow is no output, and has limits."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    low, high = robot.model.lowerPositionLimit.copy(), robot.model.upperPositionLimit.copy()
+    for joint, (first, last) in LIMITS.items():
+        index = robot.model.joints[robot.joint_id(joint)].idx_q
+        low[index], high[index] = first, last
+    robot.model.lowerPositionLimit, robot.model.upperPositionLimit = low, high
+    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
+    reduced = system.reduce(outputs, [rnc.FrameYaw("base")])
+    return reduced, rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
+
+
+@cache
+def tiago():
+    """Eight joints, the torso's prismatic one among them, are redundant for the position of the wrist."""
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock={"head_1_joint": 0.0, "head_2_joint": 0.0})
+    wheels = ["wheel_left", "wheel_right"]
+    arm = [name for name in robot.joint_names if name != "root_joint" and "wheel" not in name]
+    rolling = [rnc.RollingWheel(f"{wheel}_link", 0.0985) for wheel in wheels]
+    system = rnc.NonholonomicSystem(robot, rolling, [*(f"{wheel}_joint" for wheel in wheels), *arm])
+    outputs = [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *(rnc.JointPosition(name) for name in arm)]
+    reduced = system.reduce(outputs, [rnc.FramePosition("arm_7_link")])
+    return reduced, rnc.Task.of(reduced, ["base_link_speed_x", "base_link_yaw"], arm)
+
+
+def every(reduced, task):
+    return {
+        "limits": JointLimits(reduced, task, k=0.4, margin=0.4),
+        "singularity": SingularityDistance(reduced, task, 0.3),
+    }
+
+
+SYSTEMS = {"manipulator": manipulator, "tiago": tiago}
+CONDITION = {"manipulator": 20.0, "tiago": 50.0}
+
+
+def slopes(reduced, function, q, directions, h=1e-5):
+    """Central differences along tangent vectors."""
+    model = reduced.robot.model
+    ends = ([function(pin.integrate(model, q, sign * h * d)) for d in directions] for sign in (1.0, -1.0))
+    return np.subtract(*ends) / (2 * h)
+
+
+@pytest.mark.parametrize("name", ["limits", "singularity"])
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_rate_is_that_of_the_objective_along_the_motion(system, name):
+    reduced, task = SYSTEMS[system]()
+    objective, h, moved = every(reduced, task)[name], 1e-4, 0.0
+    for q, v2 in random_states(reduced, 4, seed=6, condition=CONDITION[system]):
+        measured = reduced.measure(q, v2)
+        near = [pin.integrate(reduced.robot.model, q, k * h * measured.v) for k in (-2, -1, 1, 2)]
+        z = [objective(0.0, reduced.measure(p, v2))[0] for p in near]
+        difference = (z[0] - 8 * z[1] + 8 * z[2] - z[3]) / (12 * h)
+        exact = objective(0.0, measured)[1]
+        np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
+        moved = max(moved, np.abs(exact).max())
+    assert moved > 0.1
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_distance_from_singularity_climbs_the_determinants(system):
+    """Independent: differences of log det along the columns of R, with the stack from the rows themselves."""
+    reduced, task = SYSTEMS[system]()
+    objective = SingularityDistance(reduced, task)
+
+    def height(q):
+        E_inverse, _, _ = reduced.stack(q)
+        A4 = reduced.terms(q, np.zeros(reduced.r)).A_star[task.vertical][:, task.redundant]
+        return -np.linalg.slogdet(E_inverse)[1] + 0.5 * np.linalg.slogdet(A4 @ A4.T)[1]
+
+    for q, _ in random_states(reduced, 3, seed=7, condition=CONDITION[system]):
+        R, _ = reduced.basis_rate(q, np.zeros(reduced.n))
+        uphill = slopes(reduced, height, q, R[:, task.redundant].T)
+        np.testing.assert_allclose(objective.gradient(q), uphill, atol=FINITE_DIFFERENCE * (1 + np.abs(uphill).max()))
+
+
+def test_joint_limits_go_downhill_on_their_potential():
+    reduced, task = manipulator()
+    objective = JointLimits(reduced, task, k=1.5, margin=0.4)
+    joints = [reduced.robot.model.joints[reduced.robot.joint_id(joint)].idx_q for joint in LIMITS]
+
+    def potential(q):
+        total = 0.0
+        for index, (low, high) in zip(joints, LIMITS.values(), strict=True):
+            zone = 0.4 * (high - low)
+            for depth in (q[index] - (high - zone), low + zone - q[index]):
+                total += max(depth / zone, 0.0) ** 3 / 3
+        return total
+
+    steepest = 0.0
+    for q, v2 in random_states(reduced, 6, seed=8, condition=20.0):
+        R, _ = reduced.basis_rate(q, np.zeros(reduced.n))
+        uphill = slopes(reduced, potential, q, R[:, task.redundant].T)
+        z = objective(0.0, reduced.measure(q, v2))[0]
+        np.testing.assert_allclose(z, -1.5 * uphill, atol=FINITE_DIFFERENCE * (1 + np.abs(uphill).max()))
+        steepest = max(steepest, np.abs(uphill).max())
+    assert steepest > 0.01
+
+
+def test_joint_limits_are_finite_at_and_beyond_the_limit_and_still_inside():
+    reduced, task = tiago()
+    torso = list(task.redundant_names).index("torso_lift_joint")
+    low, high = 0.0, 0.35
+    objective = JointLimits(reduced, task, k=0.01, margin=0.2, joints=["torso_lift_joint"])
+    for lift, expected in ((0.175, 0.0), (high, -0.01 / 0.07), (low, 0.01 / 0.07), (high + 0.07, -0.04 / 0.07)):
+        q = reduced.robot.configuration({"torso_lift_joint": lift})
+        z, z_dot = objective(0.0, reduced.measure(q, np.ones(reduced.r)))
+        np.testing.assert_allclose(z[torso], expected, atol=ROUNDING)  # the joint is an output: nothing else moves it
+        np.testing.assert_allclose(np.delete(z, torso), 0.0, atol=ROUNDING)
+        assert np.isfinite(z_dot).all()
+
+
+def test_batches_are_one_call():
+    reduced, task = manipulator()
+    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 4, seed=9, condition=20.0), strict=True))
+    parts = every(reduced, task)
+    objective = Combined([*parts.values(), Posture(task, Hold(np.zeros(2)))])
+    together = objective(0.0, reduced.measure(q, v2))
+    for i in range(4):
+        one = reduced.measure(q[i], v2[i])
+        for whole, alone in zip(together, objective(0.0, one), strict=True):
+            np.testing.assert_allclose(whole[i], alone, atol=1e-6 * (1 + np.abs(alone).max()))
+        added = sum(part(0.0, one)[0] for part in objective.parts)
+        np.testing.assert_allclose(together[0][i], added, atol=ROUNDING * (1 + np.abs(added).max()))
+
+
+def reach(objective):
+    """The tip goes 0.8 m ahead while the platform turns a little."""
+    reduced, task = manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.outputs(q0)
+    tip, heading = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0), MinimumJerk(x1, x1 - 0.1, 4.0)
+    return reduced, RedundancyController(task, tip, heading, 2.0, 2.0, secondary=objective), q0
+
+
+def test_joint_limits_keep_a_joint_inside_while_the_rest_is_tracked():
+    """The elbow, which is no output, would run into its limit; with the objective the run completes."""
+    reduced, task = manipulator()
+    model = reduced.robot.model
+    elbow = model.joints[reduced.robot.joint_id("joint_2")].idx_q
+    runs = {}
+    for objective in (None, JointLimits(reduced, task, k=0.3, margin=0.2)):
+        _, kinematic, q0 = reach(objective)
+        torque = ComputedTorque(reduced, kinematic, 20.0)
+        try:
+            runs[objective is not None] = rnc.simulate(reduced, torque, q0, 6.0, 0.004, position_limits=True)
+        except rnc.LimitError as error:
+            runs[objective is not None] = error.trajectory
+    assert runs[False].outcome == "limit"
+    assert runs[True].outcome == "completed"
+    assert runs[True].q[:, elbow].max() < LIMITS["joint_2"][1] - 0.01
+    errors = rnc.summarize(runs[True])["max_error"]
+    assert set(errors) == {"tip_x", "tip_y", "base_yaw"}
+    assert max(errors.values()) < 2e-3
+
+
+def test_distance_from_singularity_keeps_the_singular_value_up_while_the_rest_is_tracked():
+    reduced, task = manipulator()
+    smallest, missed = {}, {}
+    for objective in (None, SingularityDistance(reduced, task, 0.2)):
+        _, kinematic, q0 = reach(objective)
+        times, path = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.02)
+        smallest[objective is not None] = reduced.smallest_singular_value(path).min()
+        x1, x2 = reduced.outputs(path)
+        wanted = [np.concatenate([kinematic.vertical.at(t).position, kinematic.primary.at(t).position]) for t in times]
+        missed[objective is not None] = np.abs(np.column_stack([x1, x2[:, :2]]) - wanted).max()
+    assert smallest[True] > 1.5 * smallest[False]
+    assert missed[True] < 1e-2
+    np.testing.assert_allclose(missed[True], missed[False], rtol=0.05)
+
+
+def test_a_wrist_stays_while_joints_leave_their_limits():
+    """TIAGo: torso (sliding) and arm (turning) begin beside their limits, the wrist and the base hold still."""
+    reduced, task = tiago()
+    model = reduced.robot.model
+    near = ["torso_lift_joint", "arm_6_joint"]
+    arm = {"arm_1_joint": 1.2, "arm_2_joint": 0.2, "arm_3_joint": -1.4, "arm_4_joint": 1.2, "arm_5_joint": 0.4}
+    q0 = reduced.robot.configuration({**arm, "torso_lift_joint": 0.345, "arm_6_joint": 1.38})
+    x1, x2 = reduced.outputs(q0)
+    limits = JointLimits(reduced, task, 0.1, 0.25)
+    hold = RedundancyController(task, Hold(x2[:2]), Hold(x1), 2.0, 2.0, secondary=limits)
+    _, path = rnc.kinematic_rollout(reduced, hold, q0, 6.0, 0.05)
+    places = [model.joints[reduced.robot.joint_id(name)].idx_q for name in near]
+    low, high = model.lowerPositionLimit[places], model.upperPositionLimit[places]
+    room = np.minimum(path[:, places] - low, high - path[:, places]) / (high - low)
+    assert room[0].max() < 0.02
+    assert room[-1].min() > 0.12
+    np.testing.assert_allclose(reduced.outputs(path)[0] - np.broadcast_to(x1, (len(path), 3)), 0.0, atol=1e-6)
+
+
+def test_nonsense_is_refused():
+    reduced, task = manipulator()
+    for call, words in (
+        (lambda: JointLimits(reduced, task, margin=0.7), "margin of joint limits has to be a share"),
+        (lambda: JointLimits(reduced, task, joints=["root_joint"]), "joint 'root_joint' has no position limits"),
+        (lambda: JointLimits(reduced, task, joints=["joint_3"]), "no joint 'joint_3'.*; did you mean 'joint_"),
+        (lambda: JointLimits(reduced, task, k=[1.0, 2.0, 3.0]), "has to be a number or 2"),
+        (lambda: SingularityDistance(reduced, task, k=-1.0), "not negative"),
+        (lambda: Combined([]), "at least one secondary"),
+        (lambda: Posture(task, Hold(np.zeros(3))), "the redundant reference has 3 values for 2"),
+    ):
+        with pytest.raises(rnc.RncError, match=words):
+            call()
+    square = space_robot()
+    task = rnc.Task.of(square, ["tip_x", "tip_y"], ["joint_1"])
+    objective = Posture(task, Hold(np.zeros(1)))
+    with pytest.raises(rnc.ConfigurationError, match=r"no freedom left: .* found 1 \(joint_1\) and 1 \(platform\)"):
+        RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)), secondary=objective)
+
+
+WIDE = {
+    "task": {"primary": ["tip_x", "tip_y"], "redundant": ["base_speed_x", "base_yaw"]},
+    "reference.primary": {"minimum_jerk": {"by": [0.4, 0.1], "duration": 2}},
+    "comparisons": {},
+    "simulation.duration": 1.0,
+}
+
+
+def scenario_of(changes, folder):
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario("mobile-manipulator")), {**WIDE, **changes})))
+    return plan(str(path)).experiment
+
+
+def test_a_scenario_adds_its_objectives_up(tmp_path):
+    wanted = {"posture": {"k": [0.0, 3.0]}, "joint_limits": {"joints": ["joint_2"]}, "singularity": {"k": 0.05}}
+    experiment = scenario_of(
+        {"controller.secondary": wanted, "reference.redundant": {"hold": {"value": [0, 0.3]}}}, tmp_path
+    )
+    reduced = experiment.reduced
+    task = rnc.Task.of(reduced, **WIDE["task"])
+    parts = [
+        Posture(task, Hold(np.array([0.0, 0.3])), np.array([0.0, 3.0])),
+        JointLimits(reduced, task, joints=["joint_2"]),
+        SingularityDistance(reduced, task, 0.05),
+    ]
+    measured = reduced.measure(experiment.q0, np.full(reduced.r, 0.1))
+    built = experiment.controller.target.secondary
+    for got, expected in zip(built(0.5, measured), Combined(parts)(0.5, measured), strict=True):
+        np.testing.assert_allclose(got, expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"task": {"primary": ["tip_x", "tip_y", "base_yaw"], "redundant": ["base_speed_x"]}, "reference": {}},
+            r"controller.secondary: .* no freedom left: .* found 1 \(base_speed_x\) and 1 \(distance_base_tip\)",
+        ),
+        ({"controller.secondary": {}}, "controller.secondary: expected at least one of posture"),
+        (
+            {"controller.secondary": {"postur": {}}},
+            "controller.secondary: 'postur' is not known; did you mean 'posture'",
+        ),
+        (
+            {"controller.secondary": {"joint_limits": {"joints": ["joint_3"]}}},
+            "controller.secondary: no joint 'joint_3'",
+        ),
+        ({"controller.secondary": {"joint_limits": {"margin": 0.8}}}, "controller.secondary.joint_limits.margin"),
+        ({"controller.secondary": {"singularity": {"k": [1, 2, 3]}}}, "controller.secondary: k .* number or 2"),
+        ({"controller.type": "reducing_outputs"}, "controller.secondary: does not belong to type"),
+    ],
+)
+def test_a_scenario_that_asks_for_too_much_is_refused(changes, words, tmp_path):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        scenario_of({"controller.secondary": {"posture": {}}, **changes}, tmp_path)
