@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.kinematics import Kinematics
+from rnc_pin.linear_algebra import complex_step
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputRows
 
@@ -77,3 +78,21 @@ class _YawRow(OutputRows):
         form, rate = self._form_rate(state)
         spin = state.velocity(self._frame).angular
         return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        heading, motion = state.placement(self._frame).rotation[:, 0], state.frame_gradients(self._frame)
+        spin, acceleration = state.velocity(self._frame).angular, state.acceleration(self._frame).angular
+        heading_q = -pin.skew(heading) @ state.jacobian(self._frame)[3:]
+        return complex_step(
+            _yaw_drift, (heading, heading_q), (spin, motion.spin), (acceleration, motion.angular_acceleration)
+        )
+
+
+def _yaw_drift(heading: np.ndarray, spin: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Second derivative of ``atan2(y, x)`` of a heading that turns with ``spin``."""
+    first = np.cross(spin, heading)
+    second = np.cross(acceleration, heading) + np.cross(spin, first)
+    x, y, _ = heading
+    square, twice = x * x + y * y, 2 * (x * first[0] + y * first[1])
+    area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
+    return np.array([area_rate / square - area * twice / square**2])
