@@ -6,6 +6,7 @@ from rnc_pin.outputs.frame_orientation import FrameOrientation
 from rnc_pin.outputs.frame_position import FramePosition
 from rnc_pin.outputs.frame_speed import FrameSpeed
 from rnc_pin.outputs.frame_spin import FrameSpin
+from rnc_pin.outputs.frame_tilt import FrameTilt
 from rnc_pin.outputs.frame_yaw import FrameYaw
 from rnc_pin.outputs.joint_position import JointPosition
 
@@ -15,6 +16,7 @@ __all__ = [
     "FramePosition",
     "FrameSpeed",
     "FrameSpin",
+    "FrameTilt",
     "FrameYaw",
     "JointPosition",
     "Output",

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
+from rnc_pin.frame_velocity import axis_index
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.linear_algebra import complex_step
 from rnc_pin.robot import Robot
@@ -18,15 +19,17 @@ _VERTICAL = 1e-6
 
 @dataclass(frozen=True)
 class FrameYaw:
-    """Angle in the world's x-y plane of a frame's own x axis [rad], in (-pi, pi].
+    """Angle in the world's x-y plane of a frame's own axis [rad], in (-pi, pi].
 
-    Exact in three dimensions too, wherever the x axis is not vertical.
+    Exact in three dimensions too, wherever the axis is not vertical.
 
     Args:
         frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z": the axle of a wheel that turns with its frame.
     """
 
     frame: str
+    axis: str = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
         return _YawRow(self, robot)
@@ -34,18 +37,18 @@ class FrameYaw:
 
 class _YawRow(OutputRows):
     def __init__(self, kind: FrameYaw, robot: Robot) -> None:
-        self.names = (f"{kind.frame}_yaw",)
+        self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
         self.units = ("rad/s",)
         self.angular = (True,)
-        self._frame = robot.frame_id(kind.frame)
+        self._frame, self._axis = robot.frame_id(kind.frame), axis_index(kind.axis)
 
     def value(self, state: Kinematics) -> np.ndarray:
-        x, y, _ = state.placement(self._frame).rotation[:, 0]
+        x, y, _ = state.placement(self._frame).rotation[:, self._axis]
         return np.array([np.arctan2(y, x)])
 
     def _form(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, float]:
         """The heading, the covector c with ``yaw' = c . spin``, and the squared horizontal length."""
-        heading = state.placement(self._frame).rotation[:, 0]
+        heading = state.placement(self._frame).rotation[:, self._axis]
         x, y, z = heading
         square = float(x * x + y * y)
         if square < _VERTICAL**2:
@@ -80,7 +83,7 @@ class _YawRow(OutputRows):
         return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
 
     def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        heading, motion = state.placement(self._frame).rotation[:, 0], state.frame_gradients(self._frame)
+        heading, motion = state.placement(self._frame).rotation[:, self._axis], state.frame_gradients(self._frame)
         spin, acceleration = state.velocity(self._frame).angular, state.acceleration(self._frame).angular
         heading_q = -pin.skew(heading) @ state.jacobian(self._frame)[3:]
         return complex_step(
