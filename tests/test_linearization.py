@@ -45,7 +45,10 @@ def test_derivatives_are_those_of_the_dynamics(name, moving):
         close(
             found.v2_dot_T,
             np.stack(
-                [reduced.forward_dynamics(q, v2, T + e) - reduced.forward_dynamics(q, v2, T) for e in np.eye(reduced.p)],
+                [
+                    reduced.forward_dynamics(q, v2, T + e) - reduced.forward_dynamics(q, v2, T)
+                    for e in np.eye(reduced.p)
+                ],
                 axis=-1,
             ),
         )
@@ -128,7 +131,11 @@ def test_rows_of_a_user_say_how_good_their_differences_are():
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda r, q: rnc.linearize(r, q, T=[1.0, 1.0]), rnc.ConstraintError, "not an equilibrium and not a steady motion"),
+        (
+            lambda r, q: rnc.linearize(r, q, T=[1.0, 1.0]),
+            rnc.ConstraintError,
+            "not an equilibrium and not a steady motion",
+        ),
         (lambda r, q: rnc.linearize(r, _tipped(r)), rnc.ConstraintError, "rate of 'pitch'"),
         (lambda r, q: rnc.linearize(r, q, coordinates=[]), rnc.ConstraintError, "on 'pitch' among others"),
         (lambda r, q: rnc.linearize(r, q, rates=["pitch"]), rnc.ConstraintError, "on 'base_speed_x' among others"),

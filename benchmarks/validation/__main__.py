@@ -34,7 +34,14 @@ def cells(row: Row) -> tuple[str, str, str, str, str, str]:
     where = np.unravel_index(int(np.argmax(np.abs(ours - published))), published.shape)
     index = f" ({', '.join(str(k) for k in where)})" if where else ""
     if row.scale is not None:
-        return row.source, row.quantity, shown(published, where), f"{float(ours):.1e}", f"{row.difference:.1e}", f"{row.tolerance:.0e}"
+        return (
+            row.source,
+            row.quantity,
+            shown(published, where),
+            f"{float(ours):.1e}",
+            f"{row.difference:.1e}",
+            f"{row.tolerance:.0e}",
+        )
     return (
         row.source,
         row.quantity + index,

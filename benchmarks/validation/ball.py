@@ -54,7 +54,9 @@ def rows() -> list[Row]:
         result.append(Row(SOURCE, f"ball on a {word}: centre over 20 s [m]", closed, run.x1, MOTION))
         if slope == 0:
             world = np.array([_turn(q) @ v2 for q, v2 in zip(run.q, run.v2, strict=True)])
-            result.append(Row(SOURCE, "ball on a level: spin over 20 s", np.broadcast_to(spin, world.shape), world, MOTION))
+            result.append(
+                Row(SOURCE, "ball on a level: spin over 20 s", np.broadcast_to(spin, world.shape), world, MOTION)
+            )
         # On the slope energy moves between height and speed, so the drift is measured by what moves.
         exchanged = max(abs(run.energy[0]), GRAVITY * np.sin(slope) * run.x1[-1, 0])
         drift = np.abs(run.energy - run.energy[0]).max() / exchanged

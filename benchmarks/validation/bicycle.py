@@ -78,7 +78,9 @@ def capsize_speed() -> float:
 def small_motion(speed: float, duration: float, size: float = 1e-5) -> tuple[np.ndarray, np.ndarray]:
     """State (4,) that a small lean rate leads to: of the nonlinear bicycle, and by the published matrices."""
     reduced, q = bicycle(), upright()
-    run = rnc.free_motion(reduced, q, np.array([size, 0.0, speed / REAR]), duration, dt=duration, rtol=1e-13, atol=1e-15)
+    run = rnc.free_motion(
+        reduced, q, np.array([size, 0.0, speed / REAR]), duration, dt=duration, rtol=1e-13, atol=1e-15
+    )
     nonlinear = np.array([run.x1[-1, 0], run.q[-1, 9], run.v2[-1, 0], run.v2[-1, 1]])
     published = REFERENCE["linear"]
     M, C1, K0, K2 = (np.array(published[name]) for name in ("M", "C1", "K0", "K2"))
@@ -107,9 +109,18 @@ def rows() -> list[Row]:
     for speed, word in ((3.5, "weaves"), (5.0, "settles")):
         nonlinear, published = small_motion(speed, 2.0)
         # The nonlinear motion differs from the linear one by the square of the lean, 1e-5.
-        result.append(Row(SOURCE, f"nonlinear bicycle at {speed} m/s after 2 s ({word})", published, nonlinear, EIGENVALUE))
+        result.append(
+            Row(SOURCE, f"nonlinear bicycle at {speed} m/s after 2 s ({word})", published, nonlinear, EIGENVALUE)
+        )
     run = rnc.free_motion(bicycle(), upright(), np.array([0.3, 0.0, 5.0 / REAR]), 60.0, dt=0.5)
     result.append(
-        Row("conservation", "bicycle: energy over 60 s, relative", 0.0, np.abs(run.energy / run.energy[0] - 1).max(), INVARIANT, 1.0)
+        Row(
+            "conservation",
+            "bicycle: energy over 60 s, relative",
+            0.0,
+            np.abs(run.energy / run.energy[0] - 1).max(),
+            INVARIANT,
+            1.0,
+        )
     )
     return result

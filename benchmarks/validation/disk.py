@@ -93,7 +93,9 @@ def rows() -> list[Row]:
         reduced = rolling(name)
         run = rnc.free_motion(reduced, placed(reduced, 0.2), np.array([0.5, 1.0, 8.0]), 60.0, dt=0.05)
         drift = np.abs(run.energy / run.energy[0] - 1).max()
-        result.append(Row("conservation", f"{word}: energy over 60 s while it wobbles, relative", 0.0, drift, INVARIANT, 1.0))
+        result.append(
+            Row("conservation", f"{word}: energy over 60 s while it wobbles, relative", 0.0, drift, INVARIANT, 1.0)
+        )
     return result + vertical_disk()
 
 

@@ -98,7 +98,13 @@ def rows() -> list[Row]:
     q0 = reduced.robot.configuration({"shoulder": start[0], "elbow": start[1]})
     run = rnc.free_motion(reduced, q0, rates, 2 * np.pi, dt=np.pi / 50, inputs=torques)
     result += [
-        Row("holonomy (quadrature)", "arm: turn of the base over a closed loop [rad]", turned, run.x1[-1, 2] - run.x1[0, 2], MOTION),
+        Row(
+            "holonomy (quadrature)",
+            "arm: turn of the base over a closed loop [rad]",
+            turned,
+            run.x1[-1, 2] - run.x1[0, 2],
+            MOTION,
+        ),
         Row(
             "conservation",
             "arm: energy less work over the loop, relative",

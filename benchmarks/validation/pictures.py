@@ -44,7 +44,14 @@ def eigenvalues(path: Path) -> None:
         axes.plot([float(speed)] * 4, real, "o", ms=4.5, mfc="none", mec="black", mew=0.8, label=label)
         shown = imaginary > 1e-9
         axes.plot([float(speed)] * shown.sum(), imaginary[shown], "o", ms=4.5, mfc="none", mec="black", mew=0.8)
-    axes.text((weave + capsize) / 2, -9.4, f"stable\n{weave:.4f} to\n{capsize:.4f} m/s", ha="center", va="bottom", fontsize=8.5)
+    axes.text(
+        (weave + capsize) / 2,
+        -9.4,
+        f"stable\n{weave:.4f} to\n{capsize:.4f} m/s",
+        ha="center",
+        va="bottom",
+        fontsize=8.5,
+    )
     axes.text(8.2, 0.45, "capsize", color=BLUE, fontsize=9)
     axes.text(1.2, -6.5, "caster", color=BLUE, fontsize=9)
     axes.set(xlim=(0, 10), ylim=(-10, 10), xlabel="forward speed [m/s]", ylabel="eigenvalue [1/s]")
@@ -59,7 +66,11 @@ def motion(path: Path) -> None:
     figure = Figure(figsize=(6.4, 4.2))
     panels = figure.subplots(2, 1, sharex=True)
     for axes, speed, duration, word in zip(
-        panels, (4.0, 5.0), (5.0, 5.0), ("below the weave speed: it weaves wider and wider", "self-stable: it settles"), strict=True
+        panels,
+        (4.0, 5.0),
+        (5.0, 5.0),
+        ("below the weave speed: it weaves wider and wider", "self-stable: it settles"),
+        strict=True,
     ):
         run = rnc.free_motion(reduced, upright(), np.array([0.2, 0.0, speed / REAR]), duration, dt=0.01)
         axes.axhline(0, color="0.4", lw=0.8)

@@ -46,7 +46,20 @@ def rows() -> list[Row]:
     moved = np.column_stack([free.x1, free.x2[:, 1]])[every]
     return [
         Row(SOURCE, "sleigh: speed and spin through the turn", closed, run.v2, MOTION),
-        Row(SOURCE, "sleigh: whole change of heading, pi c / a [rad]", np.pi * C / A, run.x2[-1, 1] - run.x2[0, 1] + rest, MOTION),
+        Row(
+            SOURCE,
+            "sleigh: whole change of heading, pi c / a [rad]",
+            np.pi * C / A,
+            run.x2[-1, 1] - run.x2[0, 1] + rest,
+            MOTION,
+        ),
         Row(SOURCE, "sleigh: place and heading over 10 s", data["q"], moved, MOTION),
-        Row("conservation", "sleigh: energy, relative", 0.0, np.abs(run.energy / run.energy[0] - 1).max(), INVARIANT, 1.0),
+        Row(
+            "conservation",
+            "sleigh: energy, relative",
+            0.0,
+            np.abs(run.energy / run.energy[0] - 1).max(),
+            INVARIANT,
+            1.0,
+        ),
     ]

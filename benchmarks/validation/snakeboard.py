@@ -112,9 +112,17 @@ def rows() -> list[Row]:
         ours = np.column_stack([run.v2[:, 0], run.x1])
         moved = np.linalg.norm(expected[-1, 1:3])
         result += [
-            Row(SOURCE, f"snakeboard, {gait} gait: displacement after 15 s [m]", moved, np.linalg.norm(ours[-1, 1:3]), MOTION),
+            Row(
+                SOURCE,
+                f"snakeboard, {gait} gait: displacement after 15 s [m]",
+                moved,
+                np.linalg.norm(ours[-1, 1:3]),
+                MOTION,
+            ),
             Row(SOURCE, f"snakeboard, {gait} gait: speed, place and heading over 15 s", expected, ours, MOTION),
         ]
         lost = np.ptp(run.energy - run.work) / run.energy.max()
-        result.append(Row("conservation", f"snakeboard, {gait} gait: energy less work, relative", 0.0, lost, INVARIANT, 1.0))
+        result.append(
+            Row("conservation", f"snakeboard, {gait} gait: energy less work, relative", 0.0, lost, INVARIANT, 1.0)
+        )
     return result

@@ -13,7 +13,9 @@ _STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 Field = Callable[[np.ndarray], np.ndarray]
 
 
-def directional_derivative(model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray, step: float = STEP) -> np.ndarray:
+def directional_derivative(
+    model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray, step: float = STEP
+) -> np.ndarray:
     """Derivative of ``field(q)`` along a tangent vector x (nv,)."""
     length = np.linalg.norm(x)
     if length == 0:

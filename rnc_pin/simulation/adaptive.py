@@ -12,6 +12,9 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.robot import Robot
 from rnc_pin.simulation.chart import Chart
 
+_SHORT = 1e-9  # of the whole duration: a step that gets nowhere
+_PATIENCE = 50  # such steps in a row
+
 TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 Retraction = Callable[[np.ndarray], np.ndarray]
 
@@ -37,15 +40,13 @@ class AdaptiveIntegrator:
         self._chart = Chart(robot)
         self._rate, self._rtol, self._atol, self._project = rate, rtol, atol, project
 
-    def run(
-        self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray
-    ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
         """The state (t, q, y) at each of the increasing ``times``; the first is that of q0 and y0.
 
         Between the ends of steps the method's own seventh-order interpolation is used.
 
         Raises:
-            DivergenceError: the tolerance asks for steps shorter than the spacing of floating-point numbers.
+            DivergenceError: steps become too short to get anywhere, as where a motion runs into a singularity.
         """
         q, nv = np.array(q0, dtype=float), self._nv
 
@@ -57,11 +58,15 @@ class AdaptiveIntegrator:
         x0 = np.concatenate([np.zeros(nv), y0])
         yield float(times[0]), q, np.array(y0, dtype=float)
         solver = DOP853(chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol)
-        due = 1
+        due, short, shortest = 1, 0, _SHORT * float(times[-1] - times[0])
         while due < len(times):
-            message = solver.step()
-            if solver.status == "failed":
-                raise DivergenceError(f"no step is short enough at t = {solver.t:.4g} s: {message}")
+            solver.step()
+            short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
+            if solver.status == "failed" or short > _PATIENCE:
+                raise DivergenceError(
+                    f"no step is short enough at t = {solver.t:.6g} s: the motion runs into a singularity, or the "
+                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows"
+                )
             between = solver.dense_output() if times[due] < solver.t else None
             while due < len(times) and times[due] < solver.t:
                 x = between(times[due])

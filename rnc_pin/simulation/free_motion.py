@@ -68,9 +68,9 @@ def free_motion(
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return plant.rate(at(t, q, y[:r]))(q, y)
 
-    q = np.array(q0, dtype=float)
-    y = np.concatenate([np.asarray(v2_0, dtype=float), np.zeros(r + 1)])
-    reduced.forward_dynamics(q, y[:r], at(0.0, q, y[:r]))  # shapes and singularities speak before the solver does
+    q, v2 = np.array(q0, dtype=float), np.asarray(v2_0, dtype=float)
+    reduced.forward_dynamics(q, v2, at(0.0, q, v2))  # shapes and singularities speak before the solver does
+    y = np.concatenate([v2, np.zeros(r + 1)])
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times))
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol)
