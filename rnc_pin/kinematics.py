@@ -68,10 +68,10 @@ class Kinematics:
         return pin.getFrameAccelerationDerivatives(self.model, self.data, frame, OWN_AXES)[1]
 
     def frame_gradients(self, frame: int) -> FrameGradients:
-        """Derivatives with respect to q, v fixed, of what ``velocity`` and ``acceleration`` give. Needs ``set_gradients``.
+        """Derivatives with respect to q, v fixed, of what ``velocity`` and ``acceleration`` give.
 
-        Pinocchio differentiates components along the frame's own axes; turning those into world axes adds the
-        frame's own rotation.
+        Needs ``set_gradients``. Pinocchio differentiates components along the frame's own axes; turning
+        those into world axes adds the frame's own rotation.
         """
         turn = self.placement(frame).rotation
         twist = self.jacobian(frame, OWN_AXES)[3:]  # own rotation for unit motions of the coordinates

@@ -29,8 +29,8 @@ def test_derivatives_are_those_of_the_dynamics(name, moving):
         def close(actual, expected):
             np.testing.assert_allclose(actual, expected, rtol=0, atol=DIFFERENCES * max(1.0, np.abs(expected).max()))
 
-        close(found.v2_dot_q, gradient(model, lambda p: reduced.forward_dynamics(p, v2, T), q, STEP))
-        close(found.v_q, gradient(model, lambda p: reduced.flow(p, v2, T).v, q, STEP))
+        close(found.v2_dot_q, gradient(model, lambda p, v2=v2, T=T: reduced.forward_dynamics(p, v2, T), q, STEP))
+        close(found.v_q, gradient(model, lambda p, v2=v2, T=T: reduced.flow(p, v2, T).v, q, STEP))
         # Accelerations are quadratic in v2 and linear in T: plain central differences have no truncation error.
         close(
             found.v2_dot_v2,

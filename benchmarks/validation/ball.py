@@ -33,7 +33,7 @@ def contact_rows_dot(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def ball(slope: float) -> rnc.ReducedModel:
-    """The ball with its three spins as reducing outputs; the plane z = 0 is level for ``slope`` 0, else gravity leans."""
+    """The ball, its three spins as reducing outputs; the plane stays z = 0 and gravity leans by ``slope`` [rad]."""
     gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free", gravity=gravity)
     system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(contact_rows, contact_rows_dot, ["x", "y", "height"])])

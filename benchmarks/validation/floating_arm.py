@@ -1,5 +1,6 @@
-"""Free-floating arm: generalized Jacobian and inertia of Umetani and Yoshida, IEEE Trans. Robotics and Automation 5 (1989)
-303-314, and the turn of the base that a closed loop of the joints leaves behind.
+"""Free-floating arm: generalized Jacobian and inertia, and the turn of the base that a loop of the joints leaves.
+
+Umetani and Yoshida, IEEE Trans. Robotics and Automation 5 (1989) 303-314.
 
 The textbook side is written out by hand for the planar arm: complex numbers, sums over the bodies, no Pinocchio.
 """
@@ -31,7 +32,7 @@ def arm() -> rnc.ReducedModel:
 
 
 def textbook(yaw: float, shoulder: float, elbow: float) -> tuple[np.ndarray, np.ndarray]:
-    """Inertia matrix (5, 5) and hand Jacobian (2, 5) for rates (x, y, yaw) of the base and of the joints, in world axes."""
+    """Inertia matrix (5, 5) and hand Jacobian (2, 5) for rates of base (x, y, yaw) and joints, in world axes."""
     headings = np.exp(1j * np.cumsum([yaw, shoulder, elbow]))
     pivots = np.cumsum([0.0, MOUNT * headings[0], UPPER * headings[1]])  # of base, shoulder, elbow, from the base
     centres = [0.0, pivots[1] + CENTRES[0] * headings[1], pivots[2] + CENTRES[1] * headings[2]]

@@ -1,4 +1,4 @@
-"""Snakeboard: Ostrowski, Lewis, Burdick and Murray (1994), The mechanics of undulatory locomotion; Ostrowski and Burdick (1998).
+"""Snakeboard: Ostrowski, Lewis, Murray and Burdick, Nonholonomic mechanics and locomotion (IEEE ICRA 1994).
 
 Both axles are steered by opposite angles and the rotor swings. What is published is the model, its momentum equation
 and its gaits (drive 1:1, rotate 2:1); their numbers are plots. So the momentum equation is written out here, and SciPy

@@ -20,8 +20,8 @@ from rnc_pin.rows import Rows, RowStack
 class StateDerivatives:
     """Derivatives of ``v = R v2`` and ``v2_dot`` at a state, along the tangent space at q."""
 
-    v: Float[Array, "nv"]
-    v2_dot: Float[Array, "r"]
+    v: Float[Array, nv]
+    v2_dot: Float[Array, r]
     v_q: Float[Array, "nv nv"]
     v_v2: Float[Array, "nv r"]
     """R."""
@@ -35,10 +35,11 @@ class StateDerivatives:
 def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> StateDerivatives:
     """How velocity and acceleration of a reduced system depend on its state and inputs, constraints kept.
 
-    Differentiates ``E w + Edot v = [0; v2dot]``, ``E v = [0; v2]`` and ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``,
-    w the full acceleration. The inertial part is Pinocchio's derivative of the recursive Newton-Euler algorithm
-    (Carpentier and Mansard 2018). First derivatives of the rows are their exact rates along unit velocities; second
-    ones, needed only where the system moves, come from each kind of rows.
+    Differentiates ``E v = [0; v2]``, ``E w + Edot v = [0; v2dot]`` with w the full acceleration, and the balance
+    ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``, in which the multipliers count since R varies. The
+    inertial part is Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). First
+    derivatives of the rows are their exact rates along unit velocities; second ones, needed only where the system
+    moves, come from each kind of rows.
     Eighth-order differences stand in for two things only: second derivatives of rows without a closed form (momenta,
     rows and outputs that a user writes), and the derivative of a user's ``B(q)``; ``difference_error`` says how good.
 
@@ -92,13 +93,17 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
 def _rates_along_axes(rows: RowStack, actuation: Actuation, state: Kinematics, q: Array) -> tuple[Array, Array, float]:
     """Derivatives of E, (nv, nv, nv), and of B, (nv, nv, p), the first index that of the direction; error of B's."""
     n = state.model.nv
-    E_q, B_q = np.empty((n, rows.size, n)), []
-    for direction, E_j in zip(np.eye(n), E_q, strict=True):
+    E_q, B_q = np.empty((n, rows.size, n)), np.empty((n, n, actuation.size))
+    known = True
+    for direction, E_j, B_j in zip(np.eye(n), E_q, B_q, strict=True):
         state.set_rates(q, direction)
         rows.jacobian_dot(state, E_j)
-        B_q.append(actuation.matrix_rate(state))
-    if B_q[0] is not None:
-        return E_q, np.stack(B_q), 0.0
+        rate = actuation.matrix_rate(state)
+        known = rate is not None
+        if rate is not None:
+            B_j[...] = rate
+    if known:
+        return E_q, B_q, 0.0
 
     def matrix(p: Array) -> Array:
         state.set_position(p)

@@ -20,11 +20,11 @@ def directional_derivative(
     length = np.linalg.norm(x)
     if length == 0:
         return np.zeros_like(field(q))
-    direction, total = x / length, 0.0
+    direction, terms = x / length, []
     for k, weight in _STENCIL:
         ahead, behind = (field(pin.integrate(model, q, sign * k * step * direction)) for sign in (1, -1))
-        total = total + weight * (ahead - behind)
-    return total * (length / step)
+        terms.append(weight * (ahead - behind))
+    return np.asarray(np.sum(terms, axis=0) * (length / step))
 
 
 def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) -> np.ndarray:

@@ -16,7 +16,7 @@ from rnc_pin.analysis.growth import frame_bracket
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.reduction import ReducedModel
-from rnc_pin.rows import OutputKind, OutputStack, angle_difference
+from rnc_pin.rows import OutputKind, OutputStack
 
 _STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
 _CLOSED = 1e-8  # relative: how much of the motion may depend on what is left out
@@ -37,10 +37,10 @@ class Linearization:
     state_names: tuple[str, ...]
     """Coordinates, then reducing rates; those of coordinates end in ``_dot``."""
     input_names: tuple[str, ...]
-    q: Float[Array, "nq"]
+    q: Float[Array, nq]
     """Where it was linearised, with ``v2`` and ``T`` below."""
-    v2: Float[Array, "r"]
-    T: Float[Array, "p"]
+    v2: Float[Array, r]
+    T: Float[Array, p]
     difference_error: float
     """Estimated error of differences that had to be taken; 0.0 where every derivative is in closed form."""
     _read: _Coordinates = field(repr=False)
@@ -70,9 +70,9 @@ def linearize(
 
     In a steady motion q moves and ``v2`` does not: a bicycle that rolls straight ahead. The coordinates that move,
     and those on which nothing depends (place, heading, angles of wheels), are then left out by naming the others in
-    ``coordinates``; so are, in ``rates``, velocities that keep to themselves (the forward speed). That what is kept does
-    not depend on what is left out is checked, and so is that the motion is steady.
-    Perturbations keep the holonomic constraints that are known as such (the vertical rows of wheels).
+    ``coordinates``; so are, in ``rates``, velocities that keep to themselves (the forward speed). That what is kept
+    does not depend on what is left out is checked, and so is that the motion is steady. Perturbations keep the
+    holonomic constraints that are known as such (the vertical rows of wheels).
 
     Args:
         reduced: the model, with any number of actuators.
@@ -155,7 +155,10 @@ def _whole(reduced: ReducedModel, d: StateDerivatives) -> tuple[Array, Array]:
 def _restricted(
     reduced: ReducedModel, read: _Coordinates, kept: list[int], v: Array, q: Array, A: Array, B: Array
 ) -> tuple[Array, Array]:
-    """The system of chosen coordinates and rates alone, if it is one: ``C A = A_chosen C`` on admissible perturbations."""
+    """The system of chosen coordinates and rates alone, if there is one.
+
+    That is, ``C A = A_chosen C`` on all perturbations that keep the holonomic constraints, C what is chosen.
+    """
     J, J_dot = read.rows(q, v)
     moving = np.abs(J @ v) > _STEADY * (1.0 + np.abs(v).max())
     if moving.any():
@@ -243,5 +246,5 @@ class _Coordinates:
             for configuration, value in zip((q_0, q), values, strict=True):
                 state.set_position(configuration)
                 part.value(state, value)
-            found.append(angle_difference(values[1], values[0], part.angular))
+            found.append(part.coordinates.difference(values[1], values[0]))
         return np.concatenate(found) if found else np.empty(0)

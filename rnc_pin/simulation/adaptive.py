@@ -22,14 +22,15 @@ Retraction = Callable[[np.ndarray], np.ndarray]
 class AdaptiveIntegrator:
     """SciPy's eighth-order Dormand-Prince method with step-size control, in a chart that goes along.
 
-    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start; then the next chart is laid at
-    its end. So quaternions keep their length, no
-    chart is ever left, and what ``project`` does to a configuration goes into the next step.
+    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start; the next chart is laid at
+    its end. So quaternions keep their length, no chart is ever left, and what ``project`` does to a configuration
+    goes into the next step.
 
     Args:
         robot: whose configurations they are.
         rate: ``rate(t, q, y) -> (v, ydot)``; y is everything else that moves, in a linear space.
-        rtol, atol: relative and absolute tolerance of a step; positions have the absolute one only, since u starts at zero.
+        rtol, atol: relative and absolute tolerance of a step; positions have the absolute one only,
+            since u starts at zero.
         project: brings a configuration back onto holonomic constraints, after each step.
     """
 
@@ -67,7 +68,7 @@ class AdaptiveIntegrator:
                     f"no step is short enough at t = {solver.t:.6g} s: the motion runs into a singularity, or the "
                     f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows"
                 )
-            between = solver.dense_output() if times[due] < solver.t else None
+            between = solver.dense_output()
             while due < len(times) and times[due] < solver.t:
                 x = between(times[due])
                 yield float(times[due]), pin.integrate(self._model, q, x[:nv]), x[nv:]

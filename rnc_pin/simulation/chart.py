@@ -20,10 +20,10 @@ _FOURTH = ((1 - _TERMS) * _BERNOULLI)[1:]
 class Chart:
     """The exponential chart of a robot's configurations, joint by joint.
 
-    With v the velocity at ``q0 (+) u`` in the joint's own axes, ``udot = J(u)^-1 v``, J the right Jacobian of the exponential. For
-    SE(2), SO(3) and SE(3) alike, ``J^-1 = I + ad/2 + a ad^2 + b ad^4``, with a and b functions of the angle of u (Bullo and
-    Murray 1995). Pinocchio's ``dIntegrate`` is not used: in 4.1 it is off by 4e-7 for a free-flyer that moves
-    in a line and turns by 1e-4 rad.
+    With v the velocity at ``q0 (+) u`` in the joint's own axes, ``udot = J(u)^-1 v``, J the right Jacobian of the
+    exponential. For SE(2), SO(3) and SE(3) alike, ``J^-1 = I + ad/2 + a ad^2 + b ad^4``, with a and b functions of the
+    angle of u (Bullo and Murray 1995). Pinocchio's ``dIntegrate`` is not used: in 4.1 it is off by 4e-7 for a
+    free-flyer that moves along while it turns by 1e-4 rad.
 
     Args:
         robot: whose configurations they are.

@@ -16,8 +16,8 @@ Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 class LieRungeKutta4:
     """The classical method in the coordinates ``q = q0 (+) u`` of one step (Munthe-Kaas 1999).
 
-    The coordinates move by the exact right Jacobian of the exponential (``Chart``), so planar, spherical and free-flying
-    joints keep the order four, and quaternions their length.
+    The coordinates move by the exact right Jacobian of the exponential (``Chart``), so planar, spherical and
+    free-flying joints keep the order four, and quaternions their length.
 
     Args:
         robot: whose configurations they are.
