@@ -76,7 +76,8 @@ class Rows(ABC):
     def drift_gradient(self, state: Kinematics) -> np.ndarray | None:
         """Derivative of ``Jdot(q, v) v`` with respect to q, v fixed, (k, nv); None where there is no closed form.
 
-        Needs ``set_gradients``. Only a linearisation about a motion asks for it, and takes differences for None.
+        Needs ``set_gradients``. Only a linearisation about a motion asks for it, and takes differences for None and
+        for rows that are ``affine``.
         """
         return np.zeros((len(self.names), state.model.nv)) if self.constant else None
 

@@ -18,7 +18,7 @@ from rnc_pin.rows import Rows, RowStack
 
 @dataclass(frozen=True)
 class StateDerivatives:
-    """Derivatives of ``v = R v2`` and ``v2_dot`` at a state, along the tangent space at q."""
+    """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at a state, along the tangent space at q."""
 
     v: Float[Array, nv]
     v2_dot: Float[Array, r]
@@ -35,7 +35,7 @@ class StateDerivatives:
 def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> StateDerivatives:
     """How velocity and acceleration of a reduced system depend on its state and inputs, constraints kept.
 
-    Differentiates ``E v = [0; v2]``, ``E w + Edot v = [0; v2dot]`` with w the full acceleration, and the balance
+    Differentiates ``E v = [mu; v2]``, ``E w + Edot v = [mudot; v2dot]`` with w the full acceleration, and the balance
     ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``, in which the multipliers count since R varies. The
     inertial part is Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). First
     derivatives of the rows are their exact rates along unit velocities; second ones, needed only where the system
@@ -56,13 +56,14 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     q, v2, T = np.asarray(q, float), np.asarray(v2, float), np.asarray(T, float)
     E_inverse, M, B = (np.array(each) for each in reduced.stack(q))
     m, R = reduced.m, E_inverse[:, reduced.m :]
-    v = R @ v2
+    v = reduced.velocity(q, v2)
     state = Kinematics(reduced.robot)
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
     E_q, B_q, B_error = _rates_along_axes(rows, reduced.actuation, state, q)
-    Ev_q = np.einsum("jab,b->aj", E_q, v)
+    mu_q = _demand_gradient(reduced, state, q)
+    Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
     E_dot = np.einsum("jab,j->ab", E_q, v)
-    w = R @ v2_dot - E_inverse @ (E_dot @ v)
+    w = R @ v2_dot - E_inverse @ (E_dot @ v - mu_q @ v)
     drift_q, drift_error = _drift_gradient(rows, state, q, v)
     Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
     Ew_v = E_dot + Ev_q
@@ -113,14 +114,24 @@ def _rates_along_axes(rows: RowStack, actuation: Actuation, state: Kinematics, q
     return E_q, np.moveaxis(differences, -1, 0), error
 
 
+def _demand_gradient(reduced: ReducedModel, state: Kinematics, q: Array) -> Array:
+    """Derivative of ``[mu; 0]``, what ``E v`` has to be at zero v2, (nv, nv)."""
+    out = np.zeros((reduced.n, reduced.n))
+    if reduced.affine:
+        for direction, column in zip(np.eye(reduced.n), out.T, strict=True):
+            state.set_rates(q, direction)
+            reduced.constraints.rate_dot(state, column[: reduced.m])
+    return out
+
+
 def _drift_gradient(rows: RowStack, state: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
-    """Derivative of ``Edot v`` with respect to q, v fixed, (nv, nv); error of the part found by differences."""
+    """Derivative of ``Edot v - mudot`` with respect to q, v fixed, (nv, nv); error of the part found by differences."""
     out, error = np.zeros((rows.size, state.model.nv)), 0.0
     if not v.any():
         return out, error
     for block, place, selection in rows.places:
         state.set_gradients(q, v)
-        whole = block.drift_gradient(state)
+        whole = None if block.affine else block.drift_gradient(state)
         if whole is None:
             whole, found = _differences(block, state, q, v)
             error = max(error, found)
@@ -131,6 +142,6 @@ def _drift_gradient(rows: RowStack, state: Kinematics, q: Array, v: Array) -> tu
 def _differences(block: Rows, state: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     def drift(p: Array) -> Array:
         state.set_rates(p, v)
-        return block.jacobian_dot(state) @ v
+        return block.jacobian_dot(state) @ v - block.rate_dot(state)
 
     return gradient_with_error(state.model, drift, q)

@@ -72,7 +72,7 @@ def linearize(
     and those on which nothing depends (place, heading, angles of wheels), are then left out by naming the others in
     ``coordinates``; so are, in ``rates``, velocities that keep to themselves (the forward speed). That what is kept
     does not depend on what is left out is checked, and so is that the motion is steady. Perturbations keep the
-    holonomic constraints that are known as such (the vertical rows of wheels).
+    holonomic constraints that are known as such.
 
     Args:
         reduced: the model, with any number of actuators.
@@ -185,14 +185,8 @@ def _holonomic_null_space(reduced: ReducedModel, q: Array) -> Array:
     """Orthonormal basis (nv, k) of perturbations of q that keep the holonomic constraints."""
     state = Kinematics(reduced.robot)
     state.set_position(q)
-    rows = [
-        block.jacobian(state)[i]
-        for block, _, selection in reduced.constraints.places
-        if block.holonomic
-        for i in (range(len(block.names)) if selection is None else selection)
-        if block.holonomic[i]
-    ]
-    return scipy.linalg.null_space(np.array(rows)) if rows else np.eye(reduced.n)
+    rows = reduced.constraints.evaluate(state)[list(reduced.constraints.holonomic)]
+    return scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
 
 
 class _Coordinates:

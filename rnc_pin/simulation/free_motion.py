@@ -13,7 +13,7 @@ from rnc_pin.errors import DivergenceError, InputError, SimulationError, Singula
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
 from rnc_pin.simulation.plant import Plant
-from rnc_pin.simulation.simulate import OUTCOMES, Record
+from rnc_pin.simulation.simulate import OUTCOMES, Record, assembled_start
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -35,7 +35,8 @@ def free_motion(
 ) -> Trajectory:
     """Let a reduced system move by itself, under constant inputs, or under a continuous feedback.
 
-    An adaptive eighth-order method on the configuration manifold: for motions to be exact over minutes. A controller
+    An adaptive eighth-order method on the configuration manifold: for motions to be exact over minutes. What it lets
+    holonomic rows drift, of the order of the tolerance, is removed after every step. A controller
     that samples and holds belongs into ``simulate``, whose fixed step it fits.
 
     Args:
@@ -52,7 +53,8 @@ def free_motion(
 
     Raises:
         SingularityError, DivergenceError: with the run so far in ``error.trajectory``.
-        InputError: wrong shapes, or times or tolerances that are not positive.
+        InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
+            satisfy the holonomic rows.
     """
     if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):
         raise InputError(
@@ -68,12 +70,13 @@ def free_motion(
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return plant.rate(at(t, q, y[:r]))(q, y)
 
-    q, v2 = np.array(q0, dtype=float), np.asarray(v2_0, dtype=float)
+    q, v2 = assembled_start(reduced, np.array(q0, dtype=float)), np.asarray(v2_0, dtype=float)
     reduced.forward_dynamics(q, v2, at(0.0, q, v2))  # shapes and singularities speak before the solver does
     y = np.concatenate([v2, np.zeros(r + 1)])
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times))
-    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol)
+    project = reduced.assembly.project if reduced.assembly.size else None
+    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, project)
     outcome, information = Outcome.COMPLETED, dict(meta or {})
     t = 0.0
     try:

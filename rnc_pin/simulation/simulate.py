@@ -80,7 +80,7 @@ def simulate(
             f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
         )
     closed = reduced.assembly.size > 0
-    q = _assembled(reduced, np.array(q0, dtype=float))
+    q = assembled_start(reduced, np.array(q0, dtype=float))
     y = np.zeros(2 * reduced.r + 1)
     y[: reduced.r] = 0.0 if v2_0 is None else v2_0
     measurement = reduced.measure(q, y[: reduced.r], y[reduced.r : 2 * reduced.r])
@@ -124,7 +124,7 @@ def simulate(
     return record.finish(information, dt)
 
 
-def _assembled(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
+def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     """The initial configuration without its rounding, or a refusal."""
     if not reduced.assembly.size:
         return q0
