@@ -1,7 +1,7 @@
 """rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio."""
 
 from rnc_pin.actuators import FrameForce, FrameTorque
-from rnc_pin.analysis import Report, analyze
+from rnc_pin.analysis import Linearization, Report, analyze, linearize
 from rnc_pin.constraints import (
     JointCoupling,
     LoopClosure,
@@ -24,10 +24,20 @@ from rnc_pin.errors import (
     SingularityError,
 )
 from rnc_pin.measurement import Measurement
-from rnc_pin.outputs import Distance, FrameOrientation, FramePosition, FrameSpeed, FrameYaw, JointPosition, Output
+from rnc_pin.outputs import (
+    Distance,
+    FrameOrientation,
+    FramePosition,
+    FrameSpeed,
+    FrameSpin,
+    FrameTilt,
+    FrameYaw,
+    JointPosition,
+    Output,
+)
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
-from rnc_pin.simulation import Outcome, Trajectory, kinematic_rollout, preflight, simulate, summarize
+from rnc_pin.simulation import Outcome, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
 from rnc_pin.system import NonholonomicSystem
 from rnc_pin.task import Task
 
@@ -40,6 +50,8 @@ __all__ = [
     "FrameOrientation",
     "FramePosition",
     "FrameSpeed",
+    "FrameSpin",
+    "FrameTilt",
     "FrameTorque",
     "FrameYaw",
     "InfeasibleError",
@@ -47,6 +59,7 @@ __all__ = [
     "JointCoupling",
     "JointPosition",
     "LimitError",
+    "Linearization",
     "LoopClosure",
     "Measurement",
     "ModelError",
@@ -67,7 +80,9 @@ __all__ = [
     "Task",
     "Trajectory",
     "analyze",
+    "free_motion",
     "kinematic_rollout",
+    "linearize",
     "preflight",
     "simulate",
     "summarize",

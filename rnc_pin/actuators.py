@@ -128,3 +128,12 @@ class Actuation:
         for column, frame, row in self._frames:
             matrix[:, column] = state.jacobian(frame, OWN_AXES)[row]
         return matrix
+
+    def matrix_rate(self, state: Kinematics) -> np.ndarray | None:
+        """Rate of B along v, (nv, p); None for a user's function, whose rate nobody gave. Needs ``set_rates``."""
+        if self._function is not None:
+            return None
+        rate = np.zeros_like(self._constant)
+        for column, frame, row in self._frames:
+            rate[:, column] = state.jacobian_dot(frame, OWN_AXES)[row]
+        return rate

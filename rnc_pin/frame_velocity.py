@@ -33,3 +33,17 @@ class OwnAxisVelocity:
 
     def drift(self, state: Kinematics) -> np.ndarray:
         return state.own_acceleration(self._frame).linear[self._row]
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        return state.own_acceleration_gradient(self._frame)[self._row]
+
+
+class OwnAxisSpin(OwnAxisVelocity):
+    """Angular velocity of a frame about one of its own axes, as one row."""
+
+    def __init__(self, frame: int, axis: str) -> None:
+        super().__init__(frame, axis)
+        self._row = slice(self._axis + 3, self._axis + 4)
+
+    def drift(self, state: Kinematics) -> np.ndarray:
+        return state.own_acceleration(self._frame).angular[self._axis : self._axis + 1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
@@ -11,12 +13,22 @@ WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
 
 
+class FrameGradients(NamedTuple):
+    """Derivatives of a frame's motion, in world axes, along the tangent space at q, (3, nv) each."""
+
+    velocity: np.ndarray
+    spin: np.ndarray
+    acceleration: np.ndarray
+    angular_acceleration: np.ndarray
+
+
 class Kinematics:
     """The state at which rows are evaluated, and Pinocchio's workspace at that state.
 
     ``set_position`` gives frame placements and Jacobians and the inertia matrix ``M``; ``set_velocity``
     placements, velocities, accelerations at zero ``vdot`` and ``bias``, the nonlinear effects;
-    ``set_rates`` all of these, time variations of Jacobians and the Coriolis matrix ``C``.
+    ``set_rates`` all of these, time variations of Jacobians and the Coriolis matrix ``C``; ``set_gradients`` also the
+    derivatives of velocities and accelerations with respect to q.
     """
 
     __slots__ = ("C", "M", "_zero", "bias", "data", "model", "q", "v")
@@ -45,6 +57,37 @@ class Kinematics:
         self.set_velocity(q, v)
         pin.computeJointJacobiansTimeVariation(self.model, self.data, q, v)
         self.C = pin.computeCoriolisMatrix(self.model, self.data, q, v)
+
+    def set_gradients(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Prepare ``frame_gradients`` at (q, v) and zero ``vdot``."""
+        self.set_rates(q, v)
+        pin.computeForwardKinematicsDerivatives(self.model, self.data, q, v, self._zero)
+
+    def own_acceleration_gradient(self, frame: int) -> np.ndarray:
+        """Derivative of ``own_acceleration`` with respect to q, (6, nv). Needs ``set_gradients``."""
+        return pin.getFrameAccelerationDerivatives(self.model, self.data, frame, OWN_AXES)[1]
+
+    def frame_gradients(self, frame: int) -> FrameGradients:
+        """Derivatives with respect to q, v fixed, of what ``velocity`` and ``acceleration`` give.
+
+        Needs ``set_gradients``. Pinocchio differentiates components along the frame's own axes; turning
+        those into world axes adds the frame's own rotation.
+        """
+        turn = self.placement(frame).rotation
+        twist = self.jacobian(frame, OWN_AXES)[3:]  # own rotation for unit motions of the coordinates
+        v = pin.getFrameVelocity(self.model, self.data, frame, OWN_AXES)
+        a = pin.getFrameAcceleration(self.model, self.data, frame, OWN_AXES)
+        v_q, a_q = pin.getFrameAccelerationDerivatives(self.model, self.data, frame, OWN_AXES)[:2]
+        # The acceleration of the origin as a point is that of the frame plus spin x velocity.
+        point = a.linear + np.cross(v.angular, v.linear)
+        point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
+
+        def world(vector: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+            return turn @ (gradient - pin.skew(vector) @ twist)
+
+        return FrameGradients(
+            world(v.linear, v_q[:3]), world(v.angular, v_q[3:]), world(point, point_q), world(a.angular, a_q[3:])
+        )
 
     def placement(self, frame: int) -> pin.SE3:
         """Placement of a frame in the world."""

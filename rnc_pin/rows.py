@@ -73,6 +73,14 @@ class Rows(ABC):
         """
         return np.zeros(len(self.names))
 
+    def drift_gradient(self, state: Kinematics) -> np.ndarray | None:
+        """Derivative of ``Jdot(q, v) v`` with respect to q, v fixed, (k, nv); None where there is no closed form.
+
+        Needs ``set_gradients``. Only a linearisation about a motion asks for it, and takes differences for None and
+        for rows that are ``affine``.
+        """
+        return np.zeros((len(self.names), state.model.nv)) if self.constant else None
+
 
 class OutputRows(Rows):
     """Rows that are the rate of a coordinate, or of a quasi-coordinate that has no value of its own.

@@ -3,12 +3,14 @@
 from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
+from rnc_pin.analysis.linearization import Linearization, linearize
 from rnc_pin.analysis.redundancy import Redundancy, classify
 from rnc_pin.analysis.report import Report, analyze
 from rnc_pin.analysis.singularities import Singularity
 
 __all__ = [
     "Integrability",
+    "Linearization",
     "Redundancy",
     "Report",
     "Singularity",
@@ -17,4 +19,5 @@ __all__ = [
     "growth_vector",
     "integrability",
     "lemma_1_residuals",
+    "linearize",
 ]

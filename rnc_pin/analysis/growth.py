@@ -96,7 +96,7 @@ class _Brackets:
     def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
         self.reduced, self.q = reduced, q
         self.model = reduced.robot.model
-        self.algebra = _frame_bracket(self.model)
+        self.algebra = frame_bracket(self.model)
         R, _ = reduced.basis_rate(q, np.zeros((0, reduced.n)))
         self.scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators = R @ self.scaling
@@ -171,7 +171,7 @@ def _new_direction(basis: np.ndarray, vector: np.ndarray) -> np.ndarray | None:
     return rest / size if size > _TOLERANCE else None
 
 
-def _frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Bracket of two tangent vectors as left-invariant fields: that of SE(2), SO(3) and SE(3) joints."""
     parts: list[tuple[slice, str]] = []
     for joint in list(model.joints)[1:]:

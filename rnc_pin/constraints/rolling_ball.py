@@ -63,5 +63,9 @@ class _RollingBallRows(Rows):
         acceleration = state.acceleration(self._frame)
         return acceleration.linear + self._lever @ acceleration.angular
 
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        motion = state.frame_gradients(self._frame)
+        return motion.acceleration + self._lever @ motion.angular_acceleration
+
     def residual(self, state: Kinematics) -> np.ndarray:
         return np.array([0.0, 0.0, state.placement(self._frame).translation[2] - self._radius])

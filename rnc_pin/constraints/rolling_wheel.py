@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +11,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.frame_velocity import axis_index
 from rnc_pin.kinematics import OWN_AXES, Kinematics
+from rnc_pin.linear_algebra import complex_step
 from rnc_pin.robot import Robot
 from rnc_pin.rows import Rows
 
@@ -115,6 +117,48 @@ class RollingRows(Rows):
     def residual(self, state: Kinematics) -> np.ndarray:
         _, _, arm, _ = self._contact(state)
         return np.array([0.0, 0.0, state.placement(self._frame).translation[2] + arm[2]])
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        axle = state.placement(self._frame).rotation @ self._axle
+        motion, velocity, acceleration = (
+            state.frame_gradients(self._frame),
+            state.velocity(self._frame),
+            state.acceleration(self._frame),
+        )
+        return complex_step(
+            partial(_contact_drift, self._radius),
+            (axle, -pin.skew(axle) @ state.jacobian(self._frame)[3:]),
+            (velocity.linear, motion.velocity),
+            (velocity.angular, motion.spin),
+            (acceleration.linear, motion.acceleration),
+            (acceleration.angular, motion.angular_acceleration),
+        )
+
+
+def _contact_drift(
+    radius: float,
+    axle: np.ndarray,
+    velocity: np.ndarray,
+    spin: np.ndarray,
+    acceleration: np.ndarray,
+    angular_acceleration: np.ndarray,
+) -> np.ndarray:
+    """What ``drift`` gives, as one formula of the wheel's motion."""
+    up = np.array([0.0, 0.0, 1.0])
+    axle_rate = np.cross(spin, axle)
+    z, z_rate = axle[2], axle_rate[2]
+    sine = np.sqrt(1 - z * z)
+    sine_rate = -z * z_rate / sine
+    heading, across = np.cross(axle, up) / sine, (axle - z * up) / sine
+    heading_rate = (np.cross(axle_rate, up) - sine_rate * heading) / sine
+    across_rate = (axle_rate - z_rate * up - sine_rate * across) / sine
+    arm = radius * (z * across - sine * up)
+    arm_rate = radius * (z_rate * across + z * across_rate - sine_rate * up)
+    slip = velocity + np.cross(spin, arm)
+    slip_rate = acceleration + np.cross(angular_acceleration, arm) + np.cross(spin, arm_rate)
+    return np.array(
+        [heading.dot(slip_rate) + heading_rate.dot(slip), across.dot(slip_rate) + across_rate.dot(slip), slip_rate[2]]
+    )
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:

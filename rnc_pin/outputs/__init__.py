@@ -5,7 +5,19 @@ from rnc_pin.outputs.distance import Distance
 from rnc_pin.outputs.frame_orientation import FrameOrientation
 from rnc_pin.outputs.frame_position import FramePosition
 from rnc_pin.outputs.frame_speed import FrameSpeed
+from rnc_pin.outputs.frame_spin import FrameSpin
+from rnc_pin.outputs.frame_tilt import FrameTilt
 from rnc_pin.outputs.frame_yaw import FrameYaw
 from rnc_pin.outputs.joint_position import JointPosition
 
-__all__ = ["Distance", "FrameOrientation", "FramePosition", "FrameSpeed", "FrameYaw", "JointPosition", "Output"]
+__all__ = [
+    "Distance",
+    "FrameOrientation",
+    "FramePosition",
+    "FrameSpeed",
+    "FrameSpin",
+    "FrameTilt",
+    "FrameYaw",
+    "JointPosition",
+    "Output",
+]

@@ -8,6 +8,7 @@ import numpy as np
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.kinematics import Kinematics
+from rnc_pin.linear_algebra import complex_step
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputRows
 
@@ -74,3 +75,21 @@ class _DistanceRow(OutputRows):
         direction, direction_dot, velocity = self._relative_rates(state)
         relative = state.acceleration(self._b).linear - state.acceleration(self._a).linear
         return np.array([direction @ relative + direction_dot @ velocity])
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        a, b = state.frame_gradients(self._a), state.frame_gradients(self._b)
+        _, _, velocity = self._relative_rates(state)
+        acceleration = state.acceleration(self._b).linear - state.acceleration(self._a).linear
+        return complex_step(
+            _distance_drift,
+            (self._vector(state), (state.jacobian(self._b) - state.jacobian(self._a))[:3]),
+            (velocity, b.velocity - a.velocity),
+            (acceleration, b.acceleration - a.acceleration),
+        )
+
+
+def _distance_drift(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Second derivative of the length of a vector."""
+    length = np.sqrt(vector.dot(vector))
+    rate = vector.dot(velocity) / length
+    return np.array([(velocity.dot(velocity) + vector.dot(acceleration) - rate * rate) / length])

@@ -50,3 +50,6 @@ class _OrientationRows(OutputRows):
 
     def drift(self, state: Kinematics) -> np.ndarray:
         return np.asarray(state.acceleration(self._frame).angular)
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        return state.frame_gradients(self._frame).angular_acceleration

@@ -53,3 +53,6 @@ class _PositionRows(OutputRows):
 
     def drift(self, state: Kinematics) -> np.ndarray:
         return state.acceleration(self._frame).linear[self._axes]
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        return state.frame_gradients(self._frame).acceleration[self._axes]

@@ -8,7 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
+from rnc_pin.frame_velocity import axis_index
 from rnc_pin.kinematics import Kinematics
+from rnc_pin.linear_algebra import complex_step
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputRows
 
@@ -17,15 +19,17 @@ _VERTICAL = 1e-6
 
 @dataclass(frozen=True)
 class FrameYaw:
-    """Angle in the world's x-y plane of a frame's own x axis [rad], in (-pi, pi].
+    """Angle in the world's x-y plane of a frame's own axis [rad], in (-pi, pi].
 
-    Exact in three dimensions too, wherever the x axis is not vertical.
+    Exact in three dimensions too, wherever the axis is not vertical.
 
     Args:
         frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z": the axle of a wheel that turns with its frame.
     """
 
     frame: str
+    axis: str = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
         return _YawRow(self, robot)
@@ -33,18 +37,18 @@ class FrameYaw:
 
 class _YawRow(OutputRows):
     def __init__(self, kind: FrameYaw, robot: Robot) -> None:
-        self.names = (f"{kind.frame}_yaw",)
+        self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
         self.units = ("rad/s",)
         self.angular = (True,)
-        self._frame = robot.frame_id(kind.frame)
+        self._frame, self._axis = robot.frame_id(kind.frame), axis_index(kind.axis)
 
     def value(self, state: Kinematics) -> np.ndarray:
-        x, y, _ = state.placement(self._frame).rotation[:, 0]
+        x, y, _ = state.placement(self._frame).rotation[:, self._axis]
         return np.array([np.arctan2(y, x)])
 
     def _form(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, float]:
         """The heading, the covector c with ``yaw' = c . spin``, and the squared horizontal length."""
-        heading = state.placement(self._frame).rotation[:, 0]
+        heading = state.placement(self._frame).rotation[:, self._axis]
         x, y, z = heading
         square = float(x * x + y * y)
         if square < _VERTICAL**2:
@@ -77,3 +81,21 @@ class _YawRow(OutputRows):
         form, rate = self._form_rate(state)
         spin = state.velocity(self._frame).angular
         return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
+
+    def drift_gradient(self, state: Kinematics) -> np.ndarray:
+        heading, motion = state.placement(self._frame).rotation[:, self._axis], state.frame_gradients(self._frame)
+        spin, acceleration = state.velocity(self._frame).angular, state.acceleration(self._frame).angular
+        heading_q = -pin.skew(heading) @ state.jacobian(self._frame)[3:]
+        return complex_step(
+            _yaw_drift, (heading, heading_q), (spin, motion.spin), (acceleration, motion.angular_acceleration)
+        )
+
+
+def _yaw_drift(heading: np.ndarray, spin: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Second derivative of ``atan2(y, x)`` of a heading that turns with ``spin``."""
+    first = np.cross(spin, heading)
+    second = np.cross(acceleration, heading) + np.cross(spin, first)
+    x, y, _ = heading
+    square, twice = x * x + y * y, 2 * (x * first[0] + y * first[1])
+    area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
+    return np.array([area_rate / square - area * twice / square**2])

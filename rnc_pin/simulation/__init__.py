@@ -1,5 +1,6 @@
 """Running controllers against models."""
 
+from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.rollout import kinematic_rollout
 from rnc_pin.simulation.simulate import simulate
@@ -11,6 +12,7 @@ __all__ = [
     "Margins",
     "Outcome",
     "Trajectory",
+    "free_motion",
     "kinematic_rollout",
     "margins_along",
     "preflight",

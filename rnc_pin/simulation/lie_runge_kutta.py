@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robot import Robot
+from rnc_pin.simulation.chart import Chart
 
 Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -15,9 +16,8 @@ Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 class LieRungeKutta4:
     """The classical method in the coordinates ``q = q0 (+) u`` of one step (Munthe-Kaas 1999).
 
-    With ``v`` the velocity at ``q0 (+) u``, the coordinates move by ``udot = J(u)^-1 v``, J the exact right
-    Jacobian of the exponential, which Pinocchio has for every joint. So planar, spherical and free-flying
-    joints keep the order four, and quaternions their length.
+    The coordinates move by the exact right Jacobian of the exponential (``Chart``), so planar, spherical and
+    free-flying joints keep the order four, and quaternions their length.
 
     Args:
         robot: whose configurations they are.
@@ -25,7 +25,7 @@ class LieRungeKutta4:
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.model
-        self._curved = not robot.is_commutative
+        self._chart = Chart(robot)
 
     def step(self, rate: Rate, q: np.ndarray, y: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """State after a time h.
@@ -41,12 +41,7 @@ class LieRungeKutta4:
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             u = (fraction * h) * slope
             v, y_slope = rate(pin.integrate(self._model, q, u), y + (fraction * h) * y_slope)
-            slope = self._local(q, u, v)
+            slope = self._chart.rate(q, u, v)
             u_sum = u_sum + weight * slope
             y_sum = y_sum + weight * y_slope
         return pin.integrate(self._model, q, (h / 6) * u_sum), y + (h / 6) * y_sum
-
-    def _local(self, q: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        if not self._curved:
-            return v
-        return np.linalg.solve(pin.dIntegrate(self._model, q, u, pin.ArgumentPosition.ARG1), v)

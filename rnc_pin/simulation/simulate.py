@@ -21,7 +21,7 @@ _MOST_SAMPLES = 10_000_000
 _ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
 
 Observer = Callable[[float, np.ndarray], None]
-_OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
+OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
 
 
 def simulate(
@@ -80,14 +80,14 @@ def simulate(
             f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
         )
     closed = reduced.assembly.size > 0
-    q = _assembled(reduced, np.array(q0, dtype=float))
+    q = assembled_start(reduced, np.array(q0, dtype=float))
     y = np.zeros(2 * reduced.r + 1)
     y[: reduced.r] = 0.0 if v2_0 is None else v2_0
     measurement = reduced.measure(q, y[: reduced.r], y[reduced.r : 2 * reduced.r])
     state = controller.initial_state(measurement) if controller_state is None else controller_state
     plant = Plant(reduced, joint_damping, actuator_limits, position_limits)
     integrator = LieRungeKutta4(reduced.robot)
-    record = _Record(reduced, samples)
+    record = Record(reduced, samples)
     outcome, t = Outcome.COMPLETED, 0.0
     information = dict(meta or {})
     try:
@@ -116,7 +116,7 @@ def simulate(
     except (SimulationError, ConstraintError, InputError) as error:
         if isinstance(error, SingularityError) and error.time is None:
             error.time = t
-        outcome = next((value for kind, value in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
+        outcome = next((value for kind, value in OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
         information.update(outcome=outcome, message=str(error))
         error.trajectory = record.finish(information, dt)
         raise
@@ -124,7 +124,7 @@ def simulate(
     return record.finish(information, dt)
 
 
-def _assembled(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
+def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     """The initial configuration without its rounding, or a refusal."""
     if not reduced.assembly.size:
         return q0
@@ -145,7 +145,7 @@ def _inputs(reduced: ReducedModel, q: np.ndarray, command: Command) -> np.ndarra
     return np.asarray(command.T, dtype=float)
 
 
-class _Record:
+class Record:
     """Rows of a run, filled sample by sample; the rest follows in one batch at the end."""
 
     def __init__(self, reduced: ReducedModel, capacity: int) -> None:

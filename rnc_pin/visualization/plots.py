@@ -17,7 +17,7 @@ from rnc_pin.simulation import Trajectory, tracking_errors
 
 # Okabe and Ito, in an order in which neighbours differ in lightness too.
 COLORS = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"]
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.grid": True,
     "grid.color": "0.88",
@@ -50,7 +50,7 @@ def plot_outputs(
         title: above the plot.
         comparisons: other runs by label.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.6))
         axes = figure.subplots()
         units: list[str] = []
@@ -96,7 +96,7 @@ def plot_learning(
     known = trajectory.meta.get("estimates" if quantity == "estimates" else "predicted") or {}
     names = list(known) or [f"{quantity} {column}" for column in range(values.shape[1])]
     units = " / ".join(dict.fromkeys(known.values()))
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.6))
         axes = figure.subplots()
         handles = []
@@ -116,7 +116,7 @@ def plot_learning(
 
 def plot_overview(trajectory: Trajectory, path: str | Path, title: str | None = None) -> Path:
     """What any run is judged by: tracking errors, actuator inputs and the distance from singularity."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 6.4))
         errors_axes, inputs_axes, margin_axes = figure.subplots(3, 1, sharex=True)
         errors = tracking_errors(trajectory)

@@ -6,7 +6,16 @@ from typing import Annotated
 
 from pydantic import Field, Tag
 
-from rnc_pin.outputs import Distance, FrameOrientation, FramePosition, FrameSpeed, FrameYaw, JointPosition
+from rnc_pin.outputs import (
+    Distance,
+    FrameOrientation,
+    FramePosition,
+    FrameSpeed,
+    FrameSpin,
+    FrameTilt,
+    FrameYaw,
+    JointPosition,
+)
 from rnc_pin.rows import OutputKind
 from rnc_pin.scenario.schema.base import BY_KIND, Axis, Strict
 
@@ -80,13 +89,38 @@ class Speed(Strict):
         return FrameSpeed(self.frame_speed.frame, self.frame_speed.axis)
 
 
+class _AxisArguments(Strict):
+    frame: str
+    axis: Axis
+
+
+class Spin(Strict):
+    """A frame's angular velocity about its own axis."""
+
+    frame_spin: _AxisArguments
+
+    def build(self) -> OutputKind:
+        return FrameSpin(self.frame_spin.frame, self.frame_spin.axis)
+
+
+class Tilt(Strict):
+    """How far a frame's own axis points up."""
+
+    frame_tilt: _AxisArguments
+
+    def build(self) -> OutputKind:
+        return FrameTilt(self.frame_tilt.frame, self.frame_tilt.axis)
+
+
 OutputItem = Annotated[
     Annotated[Joint, Tag("joint")]
     | Annotated[Position, Tag("frame_position")]
     | Annotated[Orientation, Tag("frame_orientation")]
     | Annotated[Yaw, Tag("frame_yaw")]
     | Annotated[DistanceBetween, Tag("distance")]
-    | Annotated[Speed, Tag("frame_speed")],
+    | Annotated[Speed, Tag("frame_speed")]
+    | Annotated[Spin, Tag("frame_spin")]
+    | Annotated[Tilt, Tag("frame_tilt")],
     BY_KIND,
 ]
 

@@ -1,0 +1,12 @@
+"""Published and closed-form results beside what rnc_pin computes. Run ``python -m benchmarks.validation``."""
+
+from benchmarks.validation import ball, bicycle, disk, floating_arm, sleigh, snakeboard
+
+PROBLEMS = {
+    "bicycle": bicycle.rows,
+    "disk": disk.rows,
+    "sleigh": sleigh.rows,
+    "ball": ball.rows,
+    "floating_arm": floating_arm.rows,
+    "snakeboard": snakeboard.rows,
+}

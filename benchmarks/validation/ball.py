@@ -1,0 +1,83 @@
+"""Homogeneous ball that rolls: steady on a level, 5/7 g sin(a) down a slope, circles at 2/7 of a turntable's rate.
+
+Earnshaw (1844); Routh, The Advanced Part of a Treatise on the Dynamics of a System of Rigid Bodies (1884).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from benchmarks.validation.row import INVARIANT, MOTION, Row
+
+SOURCE = "Routh 1884"
+RADIUS, GRAVITY, TABLE = 0.2, 9.81, 1.5  # m, m/s^2, rad/s
+UP = np.array([0.0, 0.0, 1.0])
+SPIN, DURATION = np.array([3.0, -2.0, 5.0]), 20.0
+
+
+def contact_on_turntable() -> rnc.Pfaffian:
+    """The point of the ball at the contact moves as the table does under it: an affine constraint, by hand."""
+
+    def turn(q: np.ndarray) -> np.ndarray:
+        return pin.Quaternion(q[3:7]).toRotationMatrix()
+
+    def rows(q: np.ndarray) -> np.ndarray:
+        return np.hstack([turn(q), RADIUS * pin.skew(UP) @ turn(q)])
+
+    def rows_dot(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        rate = turn(q) @ pin.skew(v[3:])
+        return np.hstack([rate, RADIUS * pin.skew(UP) @ rate])
+
+    def table(q: np.ndarray) -> np.ndarray:
+        return TABLE * np.cross(UP, q[:3])
+
+    def table_dot(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return TABLE * np.cross(UP, turn(q) @ v[:3])
+
+    return rnc.Pfaffian(rows, rows_dot, ["x", "y", "height"], rate=table, rate_dot=table_dot)
+
+
+def ball(slope: float = 0.0, turntable: bool = False) -> rnc.ReducedModel:
+    """The ball, its three spins as reducing outputs; the plane stays z = 0 and gravity leans by ``slope`` [rad]."""
+    gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free", gravity=gravity)
+    contact = contact_on_turntable() if turntable else rnc.RollingBall("ball", RADIUS)
+    system = rnc.NonholonomicSystem(robot, [contact])
+    return system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"], [rnc.FramePosition("ball", "xyz")])
+
+
+def rolling(reduced: rnc.ReducedModel, place: tuple[float, float] = (0.0, 0.0)) -> rnc.Trajectory:
+    """Let go with a given spin."""
+    q0 = reduced.robot.configuration({"root_joint": (*place, RADIUS, 0, 0, 0, 1)})
+    return rnc.free_motion(reduced, q0, SPIN, DURATION, dt=0.1)
+
+
+def rows() -> list[Row]:
+    """Place and spin on the level, place on a slope and on a turntable, energy."""
+    run = rolling(ball())
+    start = RADIUS * np.cross(SPIN, UP)  # velocity of the centre: spin x (radius up)
+    straight = RADIUS * UP + run.time[:, None] * start
+    turns = [pin.Quaternion(q[3:7]).toRotationMatrix() for q in run.q]
+    spin = np.array([turn @ v2 for turn, v2 in zip(turns, run.v2, strict=True)])
+    slope = 0.3
+    down = rolling(ball(slope))
+    fall = 5 / 14 * GRAVITY * np.sin(slope) * run.time[:, None] ** 2 * np.array([1.0, 0.0, 0.0])
+    exchanged = GRAVITY * np.sin(slope) * down.x1[-1, 0]  # between height and speed
+    place = np.array([0.4, -0.3])
+    on_table = rolling(ball(turntable=True), tuple(place))
+    rate, velocity = 2 / 7 * TABLE, TABLE * np.array([-place[1], place[0]]) + start[:2]
+    angle = rate * run.time
+    across = np.array([-velocity[1], velocity[0]])
+    circle = place + (np.outer(np.sin(angle), velocity) + np.outer(1 - np.cos(angle), across)) / rate
+    return [
+        Row(SOURCE, "ball on a level: centre over 20 s [m]", straight, run.x1, MOTION),
+        Row(SOURCE, "ball on a level: spin over 20 s [rad/s]", np.broadcast_to(SPIN, spin.shape), spin, MOTION),
+        Row(SOURCE, "ball on a slope: centre over 20 s [m]", straight + fall, down.x1, MOTION),
+        Row("Earnshaw 1844", "ball on a turntable: centre over 20 s [m]", circle, on_table.x1[:, :2], MOTION),
+        Row(
+            "conservation", "ball on a level: energy, relative", 0.0, np.ptp(run.energy) / run.energy[0], INVARIANT, 1.0
+        ),
+        Row("conservation", "ball on a slope: energy, relative", 0.0, np.ptp(down.energy) / exchanged, INVARIANT, 1.0),
+    ]

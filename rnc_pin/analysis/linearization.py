@@ -1,0 +1,244 @@
+"""Linear state-space models about equilibria and steady motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
+from rnc_pin.analysis.growth import frame_bracket
+from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.rows import OutputKind, OutputStack
+
+_STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
+_CLOSED = 1e-8  # relative: how much of the motion may depend on what is left out
+_INDEPENDENT = 1e-10
+
+Coordinate = str | OutputKind
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """``x' = A x + B u`` for small deviations ``x = (coordinates, v2 - v2_0)`` and ``u = T - T_0``.
+
+    The arrays are what python-control's ``ss(A, B, C, D)`` and ``scipy.linalg.solve_continuous_are`` take.
+    """
+
+    A: Float[Array, "s s"]
+    B: Float[Array, "s p"]
+    state_names: tuple[str, ...]
+    """Coordinates, then reducing rates; those of coordinates end in ``_dot``."""
+    input_names: tuple[str, ...]
+    q: Float[Array, nq]
+    """Where it was linearised, with ``v2`` and ``T`` below."""
+    v2: Float[Array, r]
+    T: Float[Array, p]
+    difference_error: float
+    """Estimated error of differences that had to be taken; 0.0 where every derivative is in closed form."""
+    _read: _Coordinates = field(repr=False)
+    _kept: list[int] = field(repr=False)
+
+    @property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues of A (s,) [1/s], by real part and then by imaginary part."""
+        values = np.linalg.eigvals(self.A)
+        return values[np.lexsort((values.imag, values.real))]
+
+    def deviation(self, q: Array, v2: Array) -> Array:
+        """The state x (s,) of a configuration (nq,) and a reduced velocity (r,), for a feedback ``T = T_0 - K x``."""
+        rates = (np.asarray(v2, float) - self.v2)[self._kept]
+        return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
+
+
+def linearize(
+    reduced: ReducedModel,
+    q: Array,
+    v2: Array | None = None,
+    T: Array | None = None,
+    coordinates: Sequence[Coordinate] | None = None,
+    rates: Sequence[str] | None = None,
+) -> Linearization:
+    """Linearise a reduced system about an equilibrium or a steady motion.
+
+    In a steady motion q moves and ``v2`` does not: a bicycle that rolls straight ahead. The coordinates that move,
+    and those on which nothing depends (place, heading, angles of wheels), are then left out by naming the others in
+    ``coordinates``; so are, in ``rates``, velocities that keep to themselves (the forward speed). That what is kept
+    does not depend on what is left out is checked, and so is that the motion is steady. Perturbations keep the
+    holonomic constraints that are known as such.
+
+    Args:
+        reduced: the model, with any number of actuators.
+        q: configuration (nq,).
+        v2: reduced velocity (r,); at rest by default.
+        T: inputs that hold the motion (p,); by default the smallest that do.
+        coordinates: what the state says of the configuration: entries of ``v`` by name (``robot.velocity_names``: small
+            motions of that joint, ``"root_joint[3]"`` is the roll of a free base in its own axes) or outputs.
+            By default all entries of ``v``, perturbations measured in a frame that goes along with the motion.
+        rates: names of the reducing outputs whose rates are states; all of them by default.
+
+    Raises:
+        InputError: shapes do not fit.
+        ConstraintError: no equilibrium and no steady motion under these inputs; or the coordinates move, depend on
+            each other, or leave out something that matters.
+        ModelError: an unknown name.
+        SingularityError: the reducing outputs do not parametrise the motion at q.
+    """
+    q = np.asarray(q, float)
+    v2 = np.zeros(reduced.r) if v2 is None else np.asarray(v2, float)
+    T = _holding_inputs(reduced, q, v2) if T is None else np.asarray(T, float)
+    _check_steady(reduced, q, v2, T)
+    derivatives = state_derivatives(reduced, q, v2, T)
+    A, B = _whole(reduced, derivatives)
+    read = _Coordinates(reduced, coordinates)
+    kept = _kept_rates(reduced, rates)
+    if coordinates is not None or len(kept) < reduced.r:
+        A, B = _restricted(reduced, read, kept, derivatives.v, q, A, B)
+    outputs = reduced.reducing
+    rate_names = [outputs.names[i] + ("" if outputs.quasi[i] else "_dot") for i in kept]
+    return Linearization(
+        A=A,
+        B=B,
+        state_names=(*read.names, *rate_names),
+        input_names=reduced.actuation.names,
+        q=q,
+        v2=v2,
+        T=T,
+        difference_error=derivatives.difference_error,
+        _read=read,
+        _kept=kept,
+    )
+
+
+def _kept_rates(reduced: ReducedModel, rates: Sequence[str] | None) -> list[int]:
+    names = reduced.reducing.names
+    if rates is None:
+        return list(range(reduced.r))
+    for name in rates:
+        if name not in names:
+            raise ModelError(f"no reducing output '{name}'{nearest(str(name), names)}")
+    return [names.index(name) for name in rates]
+
+
+def _holding_inputs(reduced: ReducedModel, q: Array, v2: Array) -> Array:
+    F = reduced.inverse_dynamics(q, v2, np.zeros(reduced.r))
+    return np.linalg.pinv(reduced.input_matrix(q)) @ F
+
+
+def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:
+    v2_dot = reduced.forward_dynamics(q, v2, T)
+    size = 1.0 + float(np.linalg.norm(reduced.robot.model.gravity.linear)) + float(v2 @ v2)
+    if np.abs(v2_dot).max() > _STEADY * size:
+        worst = int(np.argmax(np.abs(v2_dot)))
+        raise ConstraintError(
+            f"not an equilibrium and not a steady motion: under T = {np.array2string(T, precision=4)} the rate of "
+            f"'{reduced.reducing.names[worst]}' changes by {v2_dot[worst]:.3g} a second"
+        )
+
+
+def _whole(reduced: ReducedModel, d: StateDerivatives) -> tuple[Array, Array]:
+    """A and B for perturbations ``(xi, v2 - v2_0)`` with ``q = q_0(t) (+) xi``."""
+    bracket = frame_bracket(reduced.robot.model)
+    # In axes that move with v, xi' = (velocity) - (velocity of the motion) - [v, xi].
+    carried = np.stack([bracket(d.v, each) for each in np.eye(reduced.n)], axis=-1)
+    A = np.block([[d.v_q - carried, d.v_v2], [d.v2_dot_q, d.v2_dot_v2]])
+    return A, np.vstack([np.zeros((reduced.n, reduced.p)), d.v2_dot_T])
+
+
+def _restricted(
+    reduced: ReducedModel, read: _Coordinates, kept: list[int], v: Array, q: Array, A: Array, B: Array
+) -> tuple[Array, Array]:
+    """The system of chosen coordinates and rates alone, if there is one.
+
+    That is, ``C A = A_chosen C`` on all perturbations that keep the holonomic constraints, C what is chosen.
+    """
+    J, J_dot = read.rows(q, v)
+    moving = np.abs(J @ v) > _STEADY * (1.0 + np.abs(v).max())
+    if moving.any():
+        name = read.names[int(np.argmax(np.abs(J @ v)))]
+        raise ConstraintError(f"coordinate '{name}' moves in this motion: leave it out of the coordinates")
+    r, size = reduced.r, len(J) + len(kept)
+    admissible = scipy.linalg.block_diag(_holonomic_null_space(reduced, q), np.eye(r))
+    C = scipy.linalg.block_diag(J, np.eye(r)[kept])
+    C_dot = scipy.linalg.block_diag(J_dot, np.zeros((len(kept), r)))
+    seen, moved = C @ admissible, (C @ A + C_dot) @ admissible
+    values = np.linalg.svd(seen, compute_uv=False)
+    if min(seen.shape) < size or values[-1] < _INDEPENDENT * values[0]:
+        raise ConstraintError(f"coordinates {', '.join(read.names)} are not independent under the constraints")
+    chosen = moved @ np.linalg.pinv(seen)
+    rest = (moved - chosen @ seen) @ admissible.T
+    if np.abs(rest).max() > _CLOSED * max(1.0, np.abs(A).max()):
+        missing = (*reduced.robot.velocity_names, *reduced.reducing.names)[int(np.argmax(np.abs(rest).max(axis=0)))]
+        known = ", ".join((*read.names, *(reduced.reducing.names[i] for i in kept)))
+        raise ConstraintError(f"the motion depends on more than {known}: on '{missing}' among others")
+    return chosen, C @ B
+
+
+def _holonomic_null_space(reduced: ReducedModel, q: Array) -> Array:
+    """Orthonormal basis (nv, k) of perturbations of q that keep the holonomic constraints."""
+    state = Kinematics(reduced.robot)
+    state.set_position(q)
+    rows = reduced.constraints.evaluate(state)[list(reduced.constraints.holonomic)]
+    return scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
+
+
+class _Coordinates:
+    """What a state says of the configuration."""
+
+    def __init__(self, reduced: ReducedModel, chosen: Sequence[Coordinate] | None) -> None:
+        self._robot = reduced.robot
+        names = reduced.robot.velocity_names
+        if isinstance(chosen, str):
+            raise InputError(f"coordinates have to be a list, found the text '{chosen}'")
+        self._parts: list[int | OutputStack] = []
+        self.names: tuple[str, ...] = ()
+        for each in names if chosen is None else chosen:
+            if isinstance(each, str):
+                if each not in names:
+                    raise ModelError(f"no coordinate '{each}' in robot '{self._robot.name}'{nearest(each, names)}")
+                self._parts.append(names.index(each))
+                self.names += (each,)
+            else:
+                stack = OutputStack([each.bind(reduced.robot)])
+                if stack.quasi.any():
+                    raise ConstraintError(f"'{stack.names[0]}' is a quasi-velocity: it has no value to be a coordinate")
+                self._parts.append(stack)
+                self.names += stack.names
+
+    def rows(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Jacobian and its rate, (k, nv) each."""
+        state, n = Kinematics(self._robot), self._robot.nv
+        state.set_rates(q, v)
+        J, J_dot = [np.zeros((0, n))], [np.zeros((0, n))]
+        for part in self._parts:
+            if isinstance(part, int):
+                J.append(np.eye(n)[part : part + 1])
+                J_dot.append(np.zeros((1, n)))
+            else:
+                rate = np.empty((part.size, n))
+                part.jacobian_dot(state, rate)
+                J.append(part.evaluate(state))
+                J_dot.append(rate)
+        return np.vstack(J), np.vstack(J_dot)
+
+    def deviation(self, q: Array, q_0: Array) -> Array:
+        """Coordinates of q less those of q_0, (k,)."""
+        tangent = pin.difference(self._robot.model, q_0, q)
+        state, found = Kinematics(self._robot), []
+        for part in self._parts:
+            if isinstance(part, int):
+                found.append(tangent[part : part + 1])
+                continue
+            values = np.empty((2, part.size))
+            for configuration, value in zip((q_0, q), values, strict=True):
+                state.set_position(configuration)
+                part.value(state, value)
+            found.append(part.coordinates.difference(values[1], values[0]))
+        return np.concatenate(found) if found else np.empty(0)

@@ -1,0 +1,84 @@
+"""Integration to a tolerance on the configuration manifold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import DOP853
+
+from rnc_pin.errors import DivergenceError
+from rnc_pin.robot import Robot
+from rnc_pin.simulation.chart import Chart
+
+_SHORT = 1e-9  # of the whole duration: a step that gets nowhere
+_PATIENCE = 50  # such steps in a row
+
+TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Retraction = Callable[[np.ndarray], np.ndarray]
+
+
+class AdaptiveIntegrator:
+    """SciPy's eighth-order Dormand-Prince method with step-size control, in a chart that goes along.
+
+    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start; the next chart is laid at
+    its end. So quaternions keep their length, no chart is ever left, and what ``project`` does to a configuration
+    goes into the next step.
+
+    Args:
+        robot: whose configurations they are.
+        rate: ``rate(t, q, y) -> (v, ydot)``; y is everything else that moves, in a linear space.
+        rtol, atol: relative and absolute tolerance of a step; positions have the absolute one only,
+            since u starts at zero.
+        project: brings a configuration back onto holonomic constraints, after each step.
+    """
+
+    def __init__(
+        self, robot: Robot, rate: TimedRate, rtol: float, atol: float, project: Retraction | None = None
+    ) -> None:
+        self._model, self._nv = robot.model, robot.nv
+        self._chart = Chart(robot)
+        self._rate, self._rtol, self._atol, self._project = rate, rtol, atol, project
+
+    def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+        """The state (t, q, y) at each of the increasing ``times``; the first is that of q0 and y0.
+
+        Between the ends of steps the method's own seventh-order interpolation is used.
+
+        Raises:
+            DivergenceError: steps become too short to get anywhere, as where a motion runs into a singularity.
+        """
+        q, nv = np.array(q0, dtype=float), self._nv
+
+        def chart_rate(t: float, x: np.ndarray) -> np.ndarray:
+            u = x[:nv]
+            v, y_dot = self._rate(t, pin.integrate(self._model, q, u), x[nv:])
+            return np.concatenate([self._chart.rate(q, u, v), y_dot])
+
+        x0 = np.concatenate([np.zeros(nv), y0])
+        yield float(times[0]), q, np.array(y0, dtype=float)
+        solver = DOP853(chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol)
+        due, short, shortest = 1, 0, _SHORT * float(times[-1] - times[0])
+        while due < len(times):
+            solver.step()
+            short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
+            if solver.status == "failed" or short > _PATIENCE:
+                raise DivergenceError(
+                    f"no step is short enough at t = {solver.t:.6g} s: the motion runs into a singularity, or the "
+                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows"
+                )
+            between = solver.dense_output()
+            while due < len(times) and times[due] < solver.t:
+                x = between(times[due])
+                yield float(times[due]), pin.integrate(self._model, q, x[:nv]), x[nv:]
+                due += 1
+            # The next chart; chart_rate sees the new q.
+            q = pin.integrate(self._model, q, solver.y[:nv])
+            if self._project is not None:
+                q = self._project(q)
+            solver.y = np.concatenate([np.zeros(nv), solver.y[nv:]])
+            if due < len(times) and times[due] == solver.t:
+                yield solver.t, q, solver.y[nv:]
+                due += 1
+            solver.f = chart_rate(solver.t, solver.y)
