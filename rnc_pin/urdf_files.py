@@ -35,6 +35,19 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     raise ModelError(f"no URDF file '{path}'{hint}")
 
 
+def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
+    """An MJCF file by path, relative to ``beside``.
+
+    Raises:
+        ModelError: no such file; names the nearest one there.
+    """
+    found = (beside or Path()) / Path(path).expanduser()
+    if found.is_file():
+        return found.resolve()
+    there = sorted(each.name for each in found.parent.glob("*.xml")) if found.parent.is_dir() else []
+    raise ModelError(f"no MJCF file '{path}'{nearest(found.name, there) if there else ''}")
+
+
 @cache
 def _example_data() -> Path:
     try:
