@@ -102,12 +102,13 @@ class Robot:
         """Load an MJCF (MuJoCo) file.
 
         Bodies, joints, inertias, geometry, damping, armature and gravity are read. Contacts, actuators and
-        sensors are not; equalities of joints are listed in ``mimics``, and a ``ModelWarning`` names other equalities and tendons.
+        sensors are not; equalities of joints are listed in ``mimics``, and a ``ModelWarning`` names other
+        equalities and tendons.
 
         Args:
             path: the file.
-            base: by default as the file says, whose first body may have a free joint or slides of its own; for
-                a file without a free joint also "fixed", "planar" or "free", as for a URDF.
+            base: by default as the file says, whose bodies may have a free joint, hinges and slides; "fixed",
+                "planar" or "free", as for a URDF, take the place of a free joint.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
 
@@ -166,11 +167,15 @@ class Robot:
         return _Names(self.model).joint(name)
 
     def frame_id(self, name: str) -> int:
-        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name."""
+        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name.
+
+        Of a link and a joint with one name it is the link's.
+        """
         if not isinstance(name, str) or not self.model.existFrame(name):
             valid = [frame.name for frame in self.model.frames]
             raise ModelError(f"no frame '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
-        return self.model.getFrameId(name)
+        same = [index for index, frame in enumerate(self.model.frames) if frame.name == name]
+        return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
 
     def velocity_indices(self, joint: str) -> slice:
         """Where a joint's velocity stands in ``v``."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -35,7 +37,7 @@ def read_mjcf(path: Path, base: str | None) -> Description:
 
     Args:
         path: of the file.
-        base: None for the root joints that the file has; else "fixed", "planar" or "free", for a file that has none.
+        base: None for the root joints that the file has; else "fixed", "planar" or "free" in place of its free joint.
 
     Raises:
         ModelError: cannot be read, is not MJCF, or needs what is not read here.
@@ -47,19 +49,22 @@ def read_mjcf(path: Path, base: str | None) -> Description:
     bodies = root.findall("worldbody/body")
     if not bodies:
         raise ModelError(f"{path}: <worldbody> has no <body>")
-    free = any(_is_free(element) for body in bodies for element in body)
-    if base is not None and free:
-        raise ModelError(f"{path}: has a free joint of its own: leave base out, or take the joint out of the file")
+    if base is not None:
+        for body in bodies:  # the base asked for takes the place of the file's
+            for element in [each for each in body if _is_free(each)]:
+                body.remove(element)
+    _make_absolute(root, path)
     make_root = ROOT_JOINTS[base or "fixed"]
-    try:
-        with captured_stderr(), warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
-            if make_root is None:
-                model = pin.buildModelFromMJCF(str(path))
-            else:
-                model = pin.buildModelFromMJCF(str(path), make_root(), "root_joint")
-    except Exception as error:  # Boost.Python raises whatever the C++ side threw
-        raise ModelError(f"{path}: {brief(error)}") from None
+    with _written(root) as file:
+        try:
+            with captured_stderr(), warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)
+                if make_root is None:
+                    model = pin.buildModelFromMJCF(file)
+                else:
+                    model = pin.buildModelFromMJCF(file, make_root(), "root_joint")
+        except Exception as error:  # Boost.Python raises whatever the C++ side threw
+            raise ModelError(f"{path}: {brief(error)}") from None
     if isinstance(model, tuple):
         model = model[0]
     option = root.find("option")
@@ -68,14 +73,32 @@ def read_mjcf(path: Path, base: str | None) -> Description:
         model.gravity.linear = read_numbers(gravity)
 
     def geometry(kind: str) -> pin.GeometryModel:
-        with geometry_errors(path):
-            full = pin.buildGeomFromMJCF(model, str(path), GEOMETRY[kind])
+        with geometry_errors(path), _written(root) as file:
+            full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
         for shape in list(full.geometryObjects):
             if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
                 full.removeGeometryObject(shape.name)
         return full
 
     return Description(model, geometry, _couplings(root, path))
+
+
+def _make_absolute(root: ElementTree.Element, path: Path) -> None:
+    """Let meshes be found from wherever the file is written to."""
+    compiler = root.find("compiler")
+    if compiler is None:
+        compiler = ElementTree.Element("compiler")
+        root.insert(0, compiler)
+    for key in ("meshdir", "texturedir"):
+        compiler.set(key, str(path.parent / (compiler.get(key) or compiler.get("assetdir") or "")))
+
+
+@contextmanager
+def _written(root: ElementTree.Element) -> Iterator[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "model.xml"
+        file.write_bytes(ElementTree.tostring(root))
+        yield str(file)
 
 
 def _is_free(element: ElementTree.Element) -> bool:
@@ -85,7 +108,7 @@ def _is_free(element: ElementTree.Element) -> bool:
 def _check(root: ElementTree.Element, path: Path) -> None:
     if root.find(".//include") is not None:
         name = root.find(".//include").get("file", "")  # type: ignore[union-attr]
-        raise ModelError(f"{path}: <include file=\"{name}\"> is not read: put what it includes into one file")
+        raise ModelError(f'{path}: <include file="{name}"> is not read: put what it includes into one file')
     seen: set[str] = set()
     for element in root.iter():
         if element.tag in ("joint", "freejoint") and element.get("name") and _is_part(root, element):
@@ -98,7 +121,9 @@ def _check(root: ElementTree.Element, path: Path) -> None:
                 numbers = read_numbers(text)
                 if numbers is None or numbers.size not in _SIZES[key]:
                     count = " or ".join(map(str, _SIZES[key])) if len(_SIZES[key]) < 3 else "some"
-                    where = f"<{element.tag} name=\"{element.get('name')}\">" if element.get("name") else f"<{element.tag}>"
+                    where = (
+                        f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
+                    )
                     raise ModelError(f"{path}: {where}: {key} takes {count} finite numbers, found '{text}'")
     for mesh in _missing_meshes(root, path):
         raise ModelError(f"{path}: no mesh '{mesh}'")

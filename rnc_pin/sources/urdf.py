@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
@@ -111,7 +110,9 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             continue
         source = mimic.get("joint", "")
         if source not in joints or source == name:
-            raise ModelError(f"{path}: joint '{name}' mimics '{source}'{nearest(source, [j for j in joints if j != name])}")
+            raise ModelError(
+                f"{path}: joint '{name}' mimics '{source}'{nearest(source, [j for j in joints if j != name])}"
+            )
         factors = []
         for key, default in (("multiplier", "1"), ("offset", "0")):
             numbers = read_numbers(mimic.get(key, default))

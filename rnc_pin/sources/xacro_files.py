@@ -1,13 +1,13 @@
 """Xacro, expanded without ROS by the reference implementation, its expressions checked before they are evaluated.
 
-Expressions ``${...}`` and ``$(eval ...)`` are Python, and the library hands them to ``eval``. It withholds the builtins and
-refuses names that begin with two underscores, but looks for those only in the outermost code object: with xacro 2.1.1
-``${(lambda: ().__class__.__base__.__subclasses__())()}`` reaches every class of the process and from there the shell, and so
-does ``python.vars(python.type(...))``. A robot's file must not be able to run a program. So every expression is parsed
-first and refused where it has anything besides arithmetic, comparisons, literals, comprehensions of lists, calls and
-attributes without an underscore in front; ``python.type`` and ``python.vars`` are taken away, and so are the string methods that look up
-attributes. What is left computes numbers and text. It can still read YAML files (``xacro.load_yaml``), read environment variables
-(``$(env ...)``) and take long.
+Expressions ``${...}`` and ``$(eval ...)`` are Python, and the library hands them to ``eval``. It withholds the builtins
+and refuses names that begin with two underscores, but looks for those only in the outermost code object: with xacro 2.1.1
+``${(lambda: ().__class__.__base__.__subclasses__())()}`` reaches every class of the process and from there the shell,
+and so does ``python.vars(python.type(...))``. A robot's file must not be able to run a program. So every expression is
+parsed first, and refused where it has anything besides arithmetic, comparisons, literals, comprehensions of lists, calls,
+and attributes without an underscore in front; ``python.type`` and ``python.vars`` are taken away, and so are the methods of
+text that look up attributes. What is left computes numbers and text. It can still read YAML files (``xacro.load_yaml``),
+read environment variables (``$(env ...)``), include any XML file, and take long.
 """
 
 from __future__ import annotations
@@ -28,7 +28,17 @@ from rnc_pin.sources.packages import Packages
 
 _ENDINGS = (".xacro",)
 _ALLOWED = (
-    *(ast.Expression, ast.Constant, ast.Name, ast.Load, ast.Store, ast.Attribute, ast.Subscript, ast.Slice, ast.Starred),
+    *(
+        ast.Expression,
+        ast.Constant,
+        ast.Name,
+        ast.Load,
+        ast.Store,
+        ast.Attribute,
+        ast.Subscript,
+        ast.Slice,
+        ast.Starred,
+    ),
     *(ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.keyword, ast.operator, ast.unaryop),
     *(ast.boolop, ast.cmpop, ast.List, ast.Tuple, ast.Dict, ast.Set, ast.ListComp, ast.comprehension),
 )

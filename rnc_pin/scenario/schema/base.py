@@ -26,7 +26,7 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 class Strict(BaseModel):
     """A mapping that knows all its keys, and says the nearest for one it does not know."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod
