@@ -181,11 +181,14 @@ def init(robot: str, out: Path | None, base: str | None, arguments: tuple[str, .
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     if path.is_dir():
         raise ConfigurationError(f"--out {path}: is a folder, expected a file")
-    if path.exists() and not force:
+    own = path.exists() and path.resolve() == Path(robot).resolve()
+    if path.exists() and not force and not own:
         raise ConfigurationError(f"--out {path}: exists; choose another name or add --force")
     if not path.absolute().parent.is_dir():
         raise ConfigurationError(f"--out {path}: there is no folder {path.absolute().parent}")
     text = draft(robot, path.parent, base, _parsed(arguments))
+    if own:
+        raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -332,9 +335,9 @@ def _told_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
-        def tell(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+        def tell(message: Any, category: Any, *rest: Any, **more: Any) -> None:
             if not issubclass(category, ModelWarning):
-                usual(message, category, *rest)
+                usual(message, category, *rest, **more)
             elif str(message) not in told:
                 told.add(str(message))
                 click.echo(f"rnc-pin: warning: {' '.join(str(message).split())}", err=True)

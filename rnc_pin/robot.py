@@ -89,7 +89,7 @@ class Robot:
         """
         path = urdf_files.find_urdf(path)
         _check_base(base)
-        return cls._from_description(read_urdf(path, base, package_dirs, xacro_arguments), lock, gravity)
+        return cls._from_description(path, read_urdf(path, base, package_dirs, xacro_arguments), lock, gravity)
 
     @classmethod
     def from_mjcf(
@@ -118,12 +118,18 @@ class Robot:
         path = urdf_files.find_mjcf(path)
         if base is not None:
             _check_base(base)
-        return cls._from_description(read_mjcf(path, base), lock, gravity)
+        return cls._from_description(path, read_mjcf(path, base), lock, gravity)
 
     @classmethod
     def _from_description(
-        cls, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
+        cls, path: Path, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
     ) -> Robot:
+        def checked(model: pin.Model) -> Robot:
+            try:
+                return cls(model)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
+
         model = read.model
         if gravity is not None:
             try:
@@ -135,7 +141,7 @@ class Robot:
             model.gravity.linear = acceleration
         # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
         if not lock:
-            robot = cls(model)
+            robot = checked(model)
             robot._load_geometry = read.geometry
         else:
             names = _Names(model)
@@ -143,7 +149,7 @@ class Robot:
             if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
                 raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
             reference = _configuration(model, names, lock)
-            robot = cls(pin.buildReducedModel(model, joints, reference))
+            robot = checked(pin.buildReducedModel(model, joints, reference))
             robot._load_geometry = lambda kind: pin.buildReducedModel(model, read.geometry(kind), joints, reference)[1]
         robot.mimics = read.mimics
         return robot
@@ -285,7 +291,7 @@ class Robot:
                 f"robot '{self.name}': no body has the rotational inertia behind {shown}: "
                 "the largest principal moment exceeds the sum of the others",
                 ModelWarning,
-                stacklevel=4,
+                stacklevel=2,
             )
         data = self.model.createData()
         generator = np.random.default_rng(0)

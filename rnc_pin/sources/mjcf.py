@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning
+from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
@@ -25,6 +25,7 @@ from rnc_pin.sources.description import (
     read_numbers,
 )
 
+_JOINTS = ("hinge", "slide", "ball", "free")
 _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
@@ -110,12 +111,16 @@ def _check(root: ElementTree.Element, path: Path) -> None:
         name = root.find(".//include").get("file", "")  # type: ignore[union-attr]
         raise ModelError(f'{path}: <include file="{name}"> is not read: put what it includes into one file')
     seen: set[str] = set()
+    parts = {element for body in root.findall("worldbody/body") for element in body.iter()}  # the rest are defaults
     for element in root.iter():
-        if element.tag in ("joint", "freejoint") and element.get("name") and _is_part(root, element):
+        if element.tag in ("joint", "freejoint") and element.get("name") and element in parts:
             name = str(element.get("name"))
             if name in seen:
                 raise ModelError(f"{path}: joint '{name}' is there twice")
             seen.add(name)
+        if element.tag == "joint" and element.get("type", "hinge") not in _JOINTS and element in parts:
+            kind = str(element.get("type"))
+            raise ModelError(f"{path}: joint '{element.get('name')}' of type '{kind}'{nearest(kind, _JOINTS)}")
         for key, text in element.attrib.items():
             if key in _SIZES and element.tag in ("body", "joint", "freejoint", "geom", "inertial", "site", "option"):
                 numbers = read_numbers(text)
@@ -127,10 +132,6 @@ def _check(root: ElementTree.Element, path: Path) -> None:
                     raise ModelError(f"{path}: {where}: {key} takes {count} finite numbers, found '{text}'")
     for mesh in _missing_meshes(root, path):
         raise ModelError(f"{path}: no mesh '{mesh}'")
-
-
-def _is_part(root: ElementTree.Element, element: ElementTree.Element) -> bool:
-    return any(element in body.iter(element.tag) for body in root.findall("worldbody/body"))
 
 
 def _missing_meshes(root: ElementTree.Element, path: Path) -> Iterator[Path]:

@@ -27,7 +27,7 @@ class Packages:
 
     def candidates(self, name: str) -> Iterator[Path]:
         """Folders that can be this package, the likeliest first."""
-        if not name or Path(name).name != name:
+        if name in ("", "..") or Path(name).name != name:
             return
         for folder in (*self._folders, *_environment("ROS_PACKAGE_PATH")):
             yield from _at(folder, name)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
@@ -84,21 +85,53 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
-    """Negative masses vanish from sight where a link is fixed to a heavier one."""
-    for link in root.findall("link"):
-        mass = link.find("inertial/mass")
-        numbers = read_numbers(mass.get("value", "")) if mass is not None else None
-        if numbers is not None and numbers.size == 1 and numbers[0] < 0 and _is_fixed(root, link.get("name")):
-            raise ModelError(f"{path}: mass of link '{link.get('name')}' is negative: {numbers[0]:g} kg")
-
-
-def _is_fixed(root: ElementTree.Element, link: str | None) -> bool:
-    """Whether a link has no moving joint of its own; a moving one's inertia is checked with its joint's name."""
+    """What urdfdom takes without a word: links it does not reach, and impossible inertias fixed to heavier links."""
+    links = [str(link.get("name")) for link in root.findall("link")]
+    parents: dict[str, str] = {}
+    kinds: dict[str, str | None] = {}
     for joint in root.findall("joint"):
-        child = joint.find("child")
-        if child is not None and child.get("link") == link:
-            return joint.get("type") == "fixed"
-    return True
+        parent, child = (_end(joint, end) for end in ("parent", "child"))
+        if parent not in links or child not in links:
+            return  # urdfdom says what it misses
+        if child in parents:
+            raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
+        parents[child], kinds[child] = parent, joint.get("type")
+        axis = joint.find("axis")
+        numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
+        if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
+            raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' has no length")
+    for link in links:
+        seen = [link]
+        while seen[-1] in parents and parents[seen[-1]] not in seen:
+            seen.append(parents[seen[-1]])
+        if seen[-1] in parents:
+            raise ModelError(
+                f"{path}: no root link: link '{seen[-1]}' is in a ring of links, each the parent of the next"
+            )
+    for element in root.findall("link"):
+        link = str(element.get("name"))
+        if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
+            _check_inertial(element, link, path)
+
+
+def _end(joint: ElementTree.Element, end: str) -> str:
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def _check_inertial(element: ElementTree.Element, link: str, path: Path) -> None:
+    mass, inertia = element.find("inertial/mass"), element.find("inertial/inertia")
+    numbers = None if mass is None else read_numbers(mass.get("value", ""))
+    if numbers is not None and numbers.size == 1 and numbers[0] < 0:
+        raise ModelError(f"{path}: mass of link '{link}' is negative: {numbers[0]:g} kg")
+    if inertia is None:
+        return
+    entries = read_numbers(" ".join(inertia.get(key, "0") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
+    if entries is not None and entries.size == 6:
+        xx, xy, xz, yy, yz, zz = entries
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if np.linalg.eigvalsh(tensor)[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
+            raise ModelError(f"{path}: rotational inertia of link '{link}' is not positive")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:

@@ -1,13 +1,14 @@
 """Xacro, expanded without ROS by the reference implementation, its expressions checked before they are evaluated.
 
-Expressions ``${...}`` and ``$(eval ...)`` are Python, and the library hands them to ``eval``. It withholds the builtins
-and refuses names that begin with two underscores, but looks for those only in the outermost code object: with xacro 2.1.1
-``${(lambda: ().__class__.__base__.__subclasses__())()}`` reaches every class of the process and from there the shell,
-and so does ``python.vars(python.type(...))``. A robot's file must not be able to run a program. So every expression is
-parsed first, and refused where it has anything besides arithmetic, comparisons, literals, comprehensions of lists, calls,
-and attributes without an underscore in front; ``python.type`` and ``python.vars`` are taken away, and so are the methods of
-text that look up attributes. What is left computes numbers and text. It can still read YAML files (``xacro.load_yaml``),
-read environment variables (``$(env ...)``), include any XML file, and take long.
+Expressions ``${...}`` and ``$(eval ...)`` are Python, and the library hands them to ``eval``. It withholds the
+builtins and refuses names that begin with two underscores, but looks for those only in the outermost code object:
+with xacro 2.1.1 ``${(lambda: ().__class__.__base__.__subclasses__())()}`` reaches every class of the process and from
+there the shell, and so does ``python.vars(python.type(...))``. A robot's file must not be able to run a program. So
+every expression is parsed first, and refused where it has anything besides arithmetic, comparisons, literals,
+comprehensions of lists, calls, and attributes without an underscore in front; ``python.type`` and ``python.vars`` are
+taken away, and so are the methods of text that look up attributes. What is left computes numbers and text. It can
+still read YAML files (``xacro.load_yaml``), read environment variables (``$(env ...)``), include any XML file, and
+take long.
 """
 
 from __future__ import annotations
@@ -115,8 +116,8 @@ def check_expression(text: str) -> None:
         allowed = isinstance(node, _ALLOWED)
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
             power = node.right.operand if isinstance(node.right, ast.UnaryOp) else node.right
-            allowed = isinstance(power, ast.Constant) and isinstance(power.value, int | float)
-            allowed = allowed and abs(power.value) <= _POWER
+            value = power.value if isinstance(power, ast.Constant) else None
+            allowed = isinstance(value, int | float) and abs(value) <= _POWER
         if isinstance(node, ast.LShift) or not allowed or name.startswith("__"):
             raise ModelError(f"refuses to evaluate '{text}': it could do more than compute a value")
         if isinstance(node, ast.Attribute) and (name.startswith("_") or name in _ATTRIBUTES):

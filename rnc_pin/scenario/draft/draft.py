@@ -21,12 +21,12 @@ from rnc_pin.scenario.builder import build_experiment, build_system
 from rnc_pin.scenario.draft.base import Entry, Mobility, on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.text import write_draft
 from rnc_pin.scenario.draft.wheels import body_frame, find_drawn_axles, find_wheels
-from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.loading import checked, validate
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.robot import RobotSource
 from rnc_pin.sources.description import parse_xml
 from rnc_pin.system import NonholonomicSystem
-from rnc_pin.urdf_files import example_urdfs, shipped_directory
+from rnc_pin.urdf_files import example_urdfs, is_file, shipped_directory
 
 _APART = 1e-3  # sine of the angle from the rows before it, below which an output adds no motion; wheels are small
 _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]
@@ -53,12 +53,12 @@ def draft(source: str, folder: Path, base: str | None = None, xacro_arguments: M
 
 def _source(source: str, folder: Path) -> dict[str, Any]:
     path = Path(source).expanduser()
-    if path.is_file():
+    if is_file(path):
         relative = os.path.relpath(path.resolve(), folder.resolve())
         if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
             return {"urdf": relative}
         return {"mjcf": relative}
-    if path.exists():
+    if path.is_dir():
         raise ModelError(f"'{source}' is a folder, expected a robot's file")
     shipped = [each.name for each in shipped_directory().glob("*.urdf")]
     if source in shipped:
@@ -99,7 +99,7 @@ class _Draft:
 
     def load(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
         raw = {**self.entry, **({} if base is None else {"base": base}), "lock": dict(lock or {})}
-        return RobotSource.model_validate(raw).build(self.folder)
+        return checked(RobotSource, raw, "robot").build(self.folder)
 
     def find_base(self) -> Mobility:
         robot = self.standing
@@ -220,20 +220,23 @@ class _Draft:
         """Where joints of one degree of freedom stand in v: a base stands on the ground."""
         return [self.robot.velocity_indices(name).start for name in self.start]
 
+    def robot_entry(self) -> dict[str, Any]:
+        """What the scenario says of the robot."""
+        mobility = self.mobility
+        return {
+            **self.entry,
+            **({} if mobility.base is None else {"base": mobility.base}),
+            **({"lock": mobility.lock} if mobility.lock else {}),
+            **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
+        }
+
     def scenario(self) -> tuple[dict[str, Any], dict[str, str]]:
         mobility = self.mobility
-        robot: dict[str, Any] = dict(self.entry)
-        if mobility.base is not None:
-            robot["base"] = mobility.base
-        if mobility.lock:
-            robot["lock"] = mobility.lock
-        if mobility.weightless:
-            robot["gravity"] = [0, 0, 0]
         system, actuators = self.actuated()
         outputs, names, steps = self.outputs(system)
         initial = {name: value for name, value in self.start.items() if value}
-        scenario = {
-            "robot": robot,
+        scenario: dict[str, Any] = {
+            "robot": self.robot_entry(),
             "constraints": mobility.constraints,
             "actuators": actuators,
             "outputs": {"reducing": outputs, "vertical": self.vertical(outputs)},
@@ -266,19 +269,12 @@ class _Draft:
         return system, actuators
 
     def system(self, actuators: list[tuple[Entry, str]]) -> NonholonomicSystem:
-        mobility = self.mobility
         raw = {
-            "robot": {
-                **self.entry,
-                **({} if mobility.base is None else {"base": mobility.base}),
-                "lock": mobility.lock,
-            },
-            "constraints": [entry for entry, _ in mobility.constraints],
+            "robot": self.robot_entry(),
+            "constraints": [entry for entry, _ in self.mobility.constraints],
             "actuators": [entry for entry, _ in actuators],
             "outputs": {"reducing": [{"joint": "unused"}]},
         }
-        if mobility.weightless:
-            raw["robot"]["gravity"] = [0, 0, 0]
         return build_system(validate(raw, "draft"), self.folder)
 
     def reduce(self, system: NonholonomicSystem, outputs: list[dict[str, Any]]) -> Any:

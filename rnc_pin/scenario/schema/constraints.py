@@ -58,6 +58,7 @@ class SideSlip(Strict):
 class _WheelArguments(Strict):
     frame: str
     radius: Positive
+    """[m]"""
     axis: Axis | None = None
 
 
