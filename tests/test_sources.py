@@ -142,6 +142,15 @@ def test_half_a_pair_locked_is_named_too(lock, tmp_path):
         rnc.NonholonomicSystem(robot, [], robot.joint_names)
 
 
+@pytest.mark.parametrize(
+    ("of", "words"), [("sholder", "did you mean 'shoulder'"), ("elbow", "expected one of: shoulder")]
+)
+def test_a_mimic_of_nobody_is_named_and_left_out(of, words, tmp_path):
+    path = write(tmp_path / "arm.urdf", urdf(f'<mimic joint="{of}"/>'))
+    with pytest.warns(rnc.ModelWarning, match=f"mimics a joint that is not there: 'elbow' of '{of}'; {words}"):
+        assert rnc.Robot.from_urdf(path).mimics == ()
+
+
 def test_pinocchios_own_mimic_joints_have_no_coriolis_matrix(tmp_path):
     """Why couplings are constraints here: with mimic joints C v is not the bias. Should this fail, look again."""
     path = write(tmp_path / "arm.urdf", urdf(MIMIC))

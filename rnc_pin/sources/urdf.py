@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
@@ -85,7 +85,7 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
-    """What urdfdom takes without a word: links it does not reach, and impossible inertias fixed to heavier links."""
+    """What urdfdom takes without a word: links it does not reach, and negative masses fixed to heavier links."""
     links = [str(link.get("name")) for link in root.findall("link")]
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
@@ -111,7 +111,7 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
-            _check_inertial(element, link, path)
+            _check_mass(element, link, path)
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
@@ -119,33 +119,26 @@ def _end(joint: ElementTree.Element, end: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _check_inertial(element: ElementTree.Element, link: str, path: Path) -> None:
-    mass, inertia = element.find("inertial/mass"), element.find("inertial/inertia")
+def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
+    mass = element.find("inertial/mass")
     numbers = None if mass is None else read_numbers(mass.get("value", ""))
     if numbers is not None and numbers.size == 1 and numbers[0] < 0:
         raise ModelError(f"{path}: mass of link '{link}' is negative: {numbers[0]:g} kg")
-    if inertia is None:
-        return
-    entries = read_numbers(" ".join(inertia.get(key, "0") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
-    if entries is not None and entries.size == 6:
-        xx, xy, xz, yy, yz, zz = entries
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if np.linalg.eigvalsh(tensor)[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
-            raise ModelError(f"{path}: rotational inertia of link '{link}' is not positive")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
     joints = [str(joint.get("name")) for joint in root.findall("joint")]
     mimics: list[Mimic] = []
+    strangers: list[str] = []
     for joint in root.findall("joint"):
         mimic, name = joint.find("mimic"), str(joint.get("name"))
         if mimic is None:
             continue
         source = mimic.get("joint", "")
         if source not in joints or source == name:
-            raise ModelError(
-                f"{path}: joint '{name}' mimics '{source}'{nearest(source, [j for j in joints if j != name])}"
-            )
+            # Pinocchio takes such files, and some that people use are so.
+            strangers.append(f"'{name}' of '{source}'{nearest(source, [each for each in joints if each != name])}")
+            continue
         factors = []
         for key, default in (("multiplier", "1"), ("offset", "0")):
             numbers = read_numbers(mimic.get(key, default))
@@ -153,4 +146,8 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
                 raise ModelError(f"{path}: {key} of joint '{name}' has to be a finite number, found '{mimic.get(key)}'")
             factors.append(float(numbers[0]))
         mimics.append(Mimic(name, source, *factors))
+    if strangers:
+        more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
+        text = f"{path}: mimics a joint that is not there: {strangers[0]}{more}"
+        warnings.warn(text, ModelWarning, stacklevel=4)
     return tuple(mimics)
