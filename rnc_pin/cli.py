@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import sys
 import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rnc_pin.console import ProgressBar, print_json, print_report, print_spread, print_summary
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 
 _DONE, _FAILED, _USAGE = 0, 1, 2
 
@@ -25,7 +28,8 @@ _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a 
 def main() -> None:
     """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
     try:
-        status = cli.main(standalone_mode=False)
+        with _told_warnings():
+            status = cli.main(standalone_mode=False)
     except click.exceptions.Abort:
         _complain("interrupted")
         sys.exit(_FAILED)
@@ -164,6 +168,43 @@ def inspect(system: str, options: tuple[str, ...], samples: int, seed: int, as_j
 
 
 @cli.command()
+@click.argument("robot")
+@click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
+@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Instead of a guess.")
+@click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@_debug
+def init(robot: str, out: Path | None, base: str | None, arguments: tuple[str, ...], force: bool) -> None:
+    """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
+    from rnc_pin.scenario.draft import draft
+
+    path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
+    if path.is_dir():
+        raise ConfigurationError(f"--out {path}: is a folder, expected a file")
+    own = path.exists() and path.resolve() == Path(robot).resolve()
+    if path.exists() and not force and not own:
+        raise ConfigurationError(f"--out {path}: exists; choose another name or add --force")
+    if not path.absolute().parent.is_dir():
+        raise ConfigurationError(f"--out {path}: there is no folder {path.absolute().parent}")
+    text = draft(robot, path.parent, base, _parsed(arguments))
+    if own:
+        raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
+    click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {path}; rnc-pin run {path}")
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    from rnc_pin.scenario.json_schema import schema_text
+
+    click.echo(schema_text(), nl=False)
+
+
+@cli.command()
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option("--show", is_flag=True, help="Play it in the browser.")
 @click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file.")
@@ -285,6 +326,25 @@ def _live_view(prepared: Any, speed: float, browser: bool) -> Any:
     click.echo(f"showing on {live.url}", err=True)
     live.wait_for_browser(10.0)
     return live
+
+
+@contextmanager
+def _told_warnings() -> Iterator[None]:
+    """Say what a robot's file left open, once and in one line."""
+    told: set[str] = set()
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def tell(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+            if not issubclass(category, ModelWarning):
+                usual(message, category, *rest, **more)
+            elif str(message) not in told:
+                told.add(str(message))
+                click.echo(f"rnc-pin: warning: {' '.join(str(message).split())}", err=True)
+
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = tell
+        yield
 
 
 def _complain(message: str) -> None:

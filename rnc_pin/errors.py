@@ -20,6 +20,10 @@ class RncError(Exception):
     trajectory: Any = None
 
 
+class ModelWarning(UserWarning):
+    """A robot's file says something that is left out of the model, or that no machine can be."""
+
+
 class ModelError(RncError):
     """A file, joint or frame is not there, or a model cannot be simulated."""
 

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
-from xml.etree import ElementTree
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin import urdf_files
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.sources import Description, Mimic, read_mjcf, read_urdf
+from rnc_pin.sources.description import ROOT_JOINTS
 
 Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
 
-_ROOT_JOINTS: dict[str, Callable[[], object] | None] = {
-    "fixed": None,
-    "planar": pin.JointModelPlanar,
-    "free": pin.JointModelFreeFlyer,
-}
-_GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+_TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 
 
 class Robot:
@@ -36,8 +29,12 @@ class Robot:
         visual_model: geometry to draw, if there is any.
         collision_model: collision geometry, if there is any.
 
+    Attributes:
+        mimics: joints that the file says to follow others, which they do not in the model: couple them with a
+            constraint.
+
     Raises:
-        ModelError: a mass or inertia is not physical, or a joint moves no mass.
+        ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
     """
 
     def __init__(
@@ -55,6 +52,7 @@ class Robot:
             "collision": collision_model,
         }
         self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
+        self.mimics: tuple[Mimic, ...] = ()
         self._check_inertia()
 
     # ------------------------------------------------------------------ construction
@@ -67,25 +65,72 @@ class Robot:
         package_dirs: Sequence[str | Path] = (),
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
+        xacro_arguments: Mapping[str, Any] | None = None,
     ) -> Robot:
-        """Load a URDF file.
+        """Load a URDF file, or a xacro file, which is expanded first.
+
+        Expressions in a xacro file only compute values: what could run a program is refused, see
+        ``rnc_pin.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
+        the model, because Pinocchio's Coriolis matrix does not know such joints; it is listed in ``mimics``.
 
         Args:
-            path: the file; the bare name of one shipped with rnc_pin is enough.
+            path: the file; the bare name of one shipped with rnc_pin is enough. A name that ends in
+                ``.xacro`` is expanded.
             base: how the root link meets the world: "fixed", "planar" (x, y, yaw) or "free". A planar
                 or free base is the joint ``root_joint``; its velocity is in the body's own axes.
-            package_dirs: folders in which ``package://`` paths are looked up.
+            package_dirs: folders of packages, or packages themselves, for ``package://`` paths and xacro's
+                ``$(find ...)``. After them come ROS_PACKAGE_PATH, AMENT_PREFIX_PATH, and the folders above the file.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
+            xacro_arguments: values for the arguments of a xacro file.
 
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
         path = urdf_files.find_urdf(path)
-        if not isinstance(base, str) or base not in _ROOT_JOINTS:
-            raise ModelError(f"base '{base}' is not known{nearest(str(base), _ROOT_JOINTS)}")
-        folders = [str(each) for each in package_dirs] or [str(path.parent)]
-        model = _parse_urdf(path, base)
+        _check_base(base)
+        return cls._from_description(path, read_urdf(path, base, package_dirs, xacro_arguments), lock, gravity)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        base: Base | None = None,
+        lock: Mapping[str, JointValue] | None = None,
+        gravity: Sequence[float] | None = None,
+    ) -> Robot:
+        """Load an MJCF (MuJoCo) file.
+
+        Bodies, joints, inertias, geometry, damping, armature and gravity are read. Contacts, actuators and
+        sensors are not; equalities of joints are listed in ``mimics``, and a ``ModelWarning`` names other
+        equalities and tendons.
+
+        Args:
+            path: the file.
+            base: by default as the file says, whose bodies may have a free joint, hinges and slides; "fixed",
+                "planar" or "free", as for a URDF, take the place of a free joint.
+            lock: joints to freeze and the values to freeze them at [rad or m].
+            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
+
+        Raises:
+            ModelError: the file is missing, is not MJCF, includes others, or describes an impossible robot.
+        """
+        path = urdf_files.find_mjcf(path)
+        if base is not None:
+            _check_base(base)
+        return cls._from_description(path, read_mjcf(path, base), lock, gravity)
+
+    @classmethod
+    def _from_description(
+        cls, path: Path, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
+    ) -> Robot:
+        def checked(model: pin.Model) -> Robot:
+            try:
+                return cls(model)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
+
+        model = read.model
         if gravity is not None:
             try:
                 acceleration = np.asarray(gravity, dtype=float)
@@ -94,23 +139,19 @@ class Robot:
             if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
                 raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
             model.gravity.linear = acceleration
-
         # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
-        def load(kind: str, full: pin.Model = model) -> pin.GeometryModel:
-            with _geometry_errors(path):
-                return pin.buildGeomFromUrdf(full, str(path), _GEOMETRY[kind], None, folders)
-
         if not lock:
-            robot = cls(model)
-            robot._load_geometry = load
-            return robot
-        names = _Names(model)
-        joints = [names.joint(name) for name in lock]
-        if base != "fixed" and "root_joint" in lock:
-            raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
-        reference = _configuration(model, names, lock)
-        robot = cls(pin.buildReducedModel(model, joints, reference))
-        robot._load_geometry = lambda kind: pin.buildReducedModel(model, load(kind), joints, reference)[1]
+            robot = checked(model)
+            robot._load_geometry = read.geometry
+        else:
+            names = _Names(model)
+            joints = [names.joint(name) for name in lock]
+            if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
+                raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
+            reference = _configuration(model, names, lock)
+            robot = checked(pin.buildReducedModel(model, joints, reference))
+            robot._load_geometry = lambda kind: pin.buildReducedModel(model, read.geometry(kind), joints, reference)[1]
+        robot.mimics = read.mimics
         return robot
 
     @classmethod
@@ -132,11 +173,15 @@ class Robot:
         return _Names(self.model).joint(name)
 
     def frame_id(self, name: str) -> int:
-        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name."""
+        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name.
+
+        Of a link and a joint with one name it is the link's.
+        """
         if not isinstance(name, str) or not self.model.existFrame(name):
             valid = [frame.name for frame in self.model.frames]
             raise ModelError(f"no frame '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
-        return self.model.getFrameId(name)
+        same = [index for index, frame in enumerate(self.model.frames) if frame.name == name]
+        return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
 
     def velocity_indices(self, joint: str) -> slice:
         """Where a joint's velocity stands in ``v``."""
@@ -223,16 +268,31 @@ class Robot:
         """Refuse what cannot be simulated: bad inertias, and joints that move no mass at all."""
         if self.nv == 0:
             raise ModelError(f"robot '{self.name}' has no moving joint")
+        for name in self.joint_names:
+            if self.joint_names.count(name) > 1:
+                raise ModelError(f"robot '{self.name}' has two joints named '{name}'")
+        impossible = []
         for name, inertia in zip(list(self.model.names)[1:], list(self.model.inertias)[1:], strict=True):
             tensor = inertia.inertia
             if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
                 raise ModelError(f"inertia behind joint '{name}' is not finite")
             if inertia.mass < 0:
                 raise ModelError(f"mass behind joint '{name}' is negative: {inertia.mass:g} kg")
-            if np.linalg.eigvalsh(tensor)[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
+            moments = np.linalg.eigvalsh(tensor)
+            if moments[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
                 raise ModelError(f"rotational inertia behind joint '{name}' is not positive")
+            if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
+                impossible.append(name)
             if inertia.mass == 0 and tensor.any():
                 raise ModelError(f"body behind joint '{name}' has rotational inertia but zero mass")
+        if impossible:
+            shown = ", ".join(impossible[:3]) + (f" and {len(impossible) - 3} more" if len(impossible) > 3 else "")
+            warnings.warn(
+                f"robot '{self.name}': no body has the rotational inertia behind {shown}: "
+                "the largest principal moment exceeds the sum of the others",
+                ModelWarning,
+                stacklevel=2,
+            )
         data = self.model.createData()
         generator = np.random.default_rng(0)
         for _ in range(3):
@@ -298,62 +358,6 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
     raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
 
 
-def _parse_urdf(path: Path, base: str) -> pin.Model:
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise ModelError(f"{path}: not well-formed XML: {error}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"{path}: cannot be read: {error}") from None
-    if root.tag != "robot":
-        raise ModelError(f"{path}: not a URDF: the outermost element is <{root.tag}>, expected <robot>")
-    make_root = _ROOT_JOINTS[base]
-    arguments = [str(path)] if make_root is None else [str(path), make_root()]
-    failure: Exception | None = None
-    with _captured_stderr() as complaints:
-        try:
-            model = pin.buildModelFromUrdf(*arguments)
-        except Exception as error:  # Boost.Python raises whatever the C++ side threw
-            failure = error
-    # urdfdom also prints errors for elements that it then leaves out of the model.
-    complaint = _first_complaint(complaints) or failure
-    if complaint:
-        raise ModelError(f"{path}: {complaint}")
-    return model
-
-
-@contextmanager
-def _geometry_errors(path: Path) -> Iterator[None]:
-    try:
-        with _captured_stderr():
-            yield
-    except Exception as error:  # Boost.Python raises whatever the C++ side threw
-        lines = [line for line in str(error).splitlines() if not line.startswith("From file:")]
-        words = " ".join(lines) or type(error).__name__
-        raise ModelError(f"{path}: geometry cannot be loaded: {words}") from None
-
-
-@contextmanager
-def _captured_stderr() -> Iterator[list[str]]:
-    """Collect what C++ code prints on file descriptor 2: urdfdom says there what it refuses."""
-    lines: list[str] = []
-    sys.stderr.flush()
-    saved = os.dup(2)
-    with tempfile.TemporaryFile() as sink:
-        os.dup2(sink.fileno(), 2)
-        try:
-            yield lines
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            sink.seek(0)
-            lines += sink.read().decode(errors="replace").splitlines()
-
-
-def _first_complaint(lines: list[str]) -> str | None:
-    """What urdfdom refused, with where it was: that it says in an error of its own, after the cause."""
-    errors = [line.removeprefix("Error:").strip().split("  ")[0] for line in lines if line.startswith("Error:")]
-    if not errors:
-        return None
-    place = next((error for error in errors[1:] if "[" in error), None)
-    return errors[0] if place is None else f"{errors[0]} ({place[0].lower()}{place[1:]})"
+def _check_base(base: object) -> None:
+    if not isinstance(base, str) or base not in ROOT_JOINTS:
+        raise ModelError(f"base '{base}' is not known{nearest(str(base), ROOT_JOINTS)}")

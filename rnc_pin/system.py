@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
 from rnc_pin.actuators import Actuation, Actuators
 from rnc_pin.assembly import Assembly
-from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError
 from rnc_pin.independence import select_independent
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.reduction import ReducedModel
@@ -64,6 +65,7 @@ class NonholonomicSystem:
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom"
             )
         self._check_conserved(blocks)
+        _warn_of_mimics(robot, samples[:, kept])
 
     @property
     def r(self) -> int:
@@ -180,6 +182,30 @@ def _sample_rows(rows: RowStack, assembly: Assembly) -> tuple[np.ndarray, np.nda
     if not samples:
         raise ConstraintError(f"constraints {', '.join(rows.names)} are undefined at every sampled configuration")
     return np.stack(samples), np.stack(rates)
+
+
+def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
+    """Warn of joints that the file couples and no constraint does, (samples, m, nv)."""
+    loose = []
+    for joint, of, multiplier, _ in robot.mimics:
+        row = np.zeros(robot.nv)
+        # Of two joints one may be locked: the other is then held too, or it is loose.
+        for name, factor in ((joint, 1.0), (of, -multiplier)):
+            if name in robot.joint_names:
+                row[robot.velocity_indices(name)] += factor
+        for matrix in samples if row.any() else ():
+            rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
+            if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
+                loose.append(f"{joint} (of {of})")
+                break
+    if loose:
+        shown = ", ".join(loose[:3]) + (f" and {len(loose) - 3} more" if len(loose) > 3 else "")
+        warnings.warn(
+            f"robot '{robot.name}': joints that should mimic others move independently: {shown}; "
+            "couple them with JointCoupling, or lock them with those that they follow",
+            ModelWarning,
+            stacklevel=3,
+        )
 
 
 def _refuse_twice(names: Sequence[str], what: str) -> None:

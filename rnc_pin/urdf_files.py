@@ -17,6 +17,14 @@ def shipped_directory() -> Path:
     return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     """A URDF by path, then relative to ``beside``, then by the name of one shipped here.
 
@@ -26,13 +34,26 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     path = Path(path).expanduser()
     candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
     for candidate in candidates:
-        if candidate.is_file():
+        if is_file(candidate):
             return candidate.resolve()
     if path.is_absolute():
         raise ModelError(f"no URDF file '{path}'")
     shipped = sorted(each.stem for each in shipped_directory().glob("*.urdf"))
     hint = nearest(path.stem, shipped, ".urdf")
     raise ModelError(f"no URDF file '{path}'{hint}")
+
+
+def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
+    """An MJCF file by path, relative to ``beside``.
+
+    Raises:
+        ModelError: no such file; names the nearest one there.
+    """
+    found = (beside or Path()) / Path(path).expanduser()
+    if is_file(found):
+        return found.resolve()
+    there = sorted(each.name for each in found.parent.glob("*.xml")) if found.parent.is_dir() else []
+    raise ModelError(f"no MJCF file '{path}'{nearest(found.name, there) if there else ''}")
 
 
 @cache

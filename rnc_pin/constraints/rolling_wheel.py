@@ -115,19 +115,19 @@ class RollingRows(Rows):
         return directions_dot @ slip + directions @ contact
 
     def residual(self, state: Kinematics) -> np.ndarray:
-        _, _, arm, _ = self._contact(state)
-        return np.array([0.0, 0.0, state.placement(self._frame).translation[2] + arm[2]])
+        _, _, arm, _ = self.contact(state)
+        return np.array([0.0, 0.0, state.placement(self.frame).translation[2] + arm[2]])
 
     def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        axle = state.placement(self._frame).rotation @ self._axle
+        axle = state.placement(self.frame).rotation @ self._axle
         motion, velocity, acceleration = (
-            state.frame_gradients(self._frame),
-            state.velocity(self._frame),
-            state.acceleration(self._frame),
+            state.frame_gradients(self.frame),
+            state.velocity(self.frame),
+            state.acceleration(self.frame),
         )
         return complex_step(
-            partial(_contact_drift, self._radius),
-            (axle, -pin.skew(axle) @ state.jacobian(self._frame)[3:]),
+            partial(_contact_drift, self.radius),
+            (axle, -pin.skew(axle) @ state.jacobian(self.frame)[3:]),
             (velocity.linear, motion.velocity),
             (velocity.angular, motion.spin),
             (acceleration.linear, motion.acceleration),

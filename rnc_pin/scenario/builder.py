@@ -18,6 +18,7 @@ from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
 from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
+from rnc_pin.simulation import sample_count
 from rnc_pin.system import NonholonomicSystem
 from rnc_pin.task import Task
 
@@ -71,6 +72,10 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
+    try:  # before anything is written
+        sample_count(scenario.simulation.duration, scenario.simulation.dt, scenario.simulation.substeps)
+    except InputError as error:
+        raise ConfigurationError(f"simulation: {error}") from None
     _, reduced = build_reduced(scenario, folder)
     task = build_task(scenario, reduced)
     q0 = _initial(scenario, reduced)

@@ -6,13 +6,14 @@ from collections.abc import Hashable, Mapping, Sequence
 from copy import deepcopy
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.urdf_files import is_file
 
 _BUILT_IN = resources.files("rnc_pin.scenario") / "builtin"
 
@@ -51,7 +52,7 @@ def find_scenario(name: str) -> Path:
     if name in built_in_names():
         return Path(str(_BUILT_IN / f"{name}.yaml"))
     path = Path(name)
-    if path.is_file():
+    if is_file(path):
         return path
     raise ConfigurationError(f"no scenario '{name}': neither built in nor a file{nearest(name, built_in_names())}")
 
@@ -121,8 +122,16 @@ def validate(raw: Mapping[str, Any], source: str) -> Scenario:
     Raises:
         ConfigurationError: one line for the first mistake: file, key, what was found and expected.
     """
+    return checked(Scenario, raw, source)
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def checked(model: type[_Model], raw: Mapping[str, Any], source: str) -> _Model:
+    """A part of a scenario from its mapping, like ``validate``."""
     try:
-        return Scenario.model_validate(raw)
+        return model.model_validate(raw)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ConfigurationError(f"{source}: {_explain(first)}") from None

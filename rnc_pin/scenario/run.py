@@ -82,7 +82,8 @@ def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
     """Build an experiment; what does not fit is told with the file that asks for it."""
     try:
         return build_experiment(scenario, folder)
-    except SingularityError:
+    except SingularityError as error:
+        error.what = f"{source}: {error.what}"
         raise
     except RncError as error:
         raise type(error)(f"{source}: {error}") from None

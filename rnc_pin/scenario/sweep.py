@@ -34,6 +34,7 @@ def drawn_keys(scenario: str, options: dict[str, Any]) -> tuple[dict[str, list[f
     for key, (low, high) in checked.sweep.items():
         if low > high:
             raise ConfigurationError(f"{path.name}: sweep.{key}: range [{low:g}, {high:g}] runs backwards")
+        validate(with_options(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
     return checked.sweep, checked.seed
 
 

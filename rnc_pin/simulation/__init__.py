@@ -3,7 +3,7 @@
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.rollout import kinematic_rollout
-from rnc_pin.simulation.simulate import simulate
+from rnc_pin.simulation.simulate import sample_count, simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
@@ -16,6 +16,7 @@ __all__ = [
     "kinematic_rollout",
     "margins_along",
     "preflight",
+    "sample_count",
     "simulate",
     "summarize",
     "tracking_errors",

@@ -24,6 +24,22 @@ Observer = Callable[[float, np.ndarray], None]
 OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
 
 
+def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
+    """How many samples a run has, its start among them.
+
+    Raises:
+        InputError: a duration or period that is not positive, less than one sample, or more than fit into memory.
+    """
+    if not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
+        raise InputError(f"duration {duration} and dt {dt} have to be positive and substeps {substeps} at least 1")
+    samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise InputError(
+            f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
+        )
+    return samples
+
+
 def simulate(
     reduced: ReducedModel,
     controller: Controller,
@@ -72,13 +88,7 @@ def simulate(
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
     """
-    if not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
-        raise InputError(f"duration {duration} and dt {dt} have to be positive and substeps {substeps} at least 1")
-    samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
-    if not 2 <= samples <= _MOST_SAMPLES:
-        raise InputError(
-            f"duration {duration:g} s is {duration / dt:.3g} times dt {dt:g} s, expected 1 to {_MOST_SAMPLES:g}"
-        )
+    samples = sample_count(duration, dt, substeps)
     closed = reduced.assembly.size > 0
     q = assembled_start(reduced, np.array(q0, dtype=float))
     y = np.zeros(2 * reduced.r + 1)

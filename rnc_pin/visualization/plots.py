@@ -135,14 +135,24 @@ def plot_overview(trajectory: Trajectory, path: str | Path, title: str | None = 
         margin_axes.set_ylabel("smallest singular value")
         margin_axes.set_xlabel("time [s]")
         for axes in (errors_axes, inputs_axes):
-            if axes.get_legend_handles_labels()[0]:
-                axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9)
+            _legend(axes)
         if title:
             errors_axes.set_title(title, loc="left")
         figure.savefig(path)
     return Path(path)
 
 
+def _legend(axes: Axes) -> None:
+    """A legend beside the axes; of many lines the largest are named, or it would leave the axes no room."""
+    lines = axes.get_lines()
+    if len(lines) > _NAMED:
+        lines = sorted(lines, key=lambda line: -float(np.max(np.abs(line.get_ydata()), initial=0.0)))[:_NAMED]
+    if lines:
+        title = f"largest of {len(axes.get_lines())}" if len(axes.get_lines()) > _NAMED else None
+        axes.legend(handles=lines, loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9, title=title)
+
+
+_NAMED = 9
 _DOTS = (0, (1, 2))
 _DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
 
@@ -23,18 +23,28 @@ def _file_name(name: str) -> str:
 FileName = Annotated[str, AfterValidator(_file_name)]
 
 
+def _takes(kind: type, annotation: Any) -> bool:
+    """Whether a kind of value is somewhere in an annotation: pydantic would take true for the number 1."""
+    return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
+
+
 class Strict(BaseModel):
     """A mapping that knows all its keys, and says the nearest for one it does not know."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
-            for key in raw:
+            for key, value in raw.items():
                 if key not in cls.model_fields:
                     raise ValueError(f"'{key}' is not known{nearest(str(key), cls.model_fields)}")
+                values = value if isinstance(value, list) else [value]
+                if any(isinstance(each, bool) for each in values) and not _takes(
+                    bool, cls.model_fields[key].annotation
+                ):
+                    raise ValueError(f"'{key}' is neither true nor false, found {value!r}")
         return raw
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Tag, model_validator
+from pydantic import GetJsonSchemaHandler, Tag, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from rnc_pin.constraints import (
     JointCoupling,
@@ -30,6 +32,10 @@ class _MomentumArguments(Strict):
         if not isinstance(raw, dict):
             raise ValueError(f"expected a joint's name or a mapping with joint and value, found {raw!r}")
         return raw
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"anyOf": [{"type": "string", "description": "A joint's name."}, handler(core)]}
 
 
 class Momentum(Strict):
@@ -58,6 +64,7 @@ class SideSlip(Strict):
 class _WheelArguments(Strict):
     frame: str
     radius: Positive
+    """[m]"""
     axis: Axis | None = None
 
 

@@ -36,6 +36,7 @@ class UnknownMasses(Strict):
     unit: Positive = 1.0
     """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
     bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
+    """Estimates stay between these, in ``unit``."""
 
     def build(self, reduced: ReducedModel) -> Regressor:
         return MomentumRegressor(reduced.robot, self.base, [UnknownMass(joint, self.unit) for joint in self.initial])
@@ -162,18 +163,34 @@ class ControllerSettings(Strict):
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
     """Under the first two types: (10), or the model-based baseline."""
     preset: Literal["paper", "scaled"] = "scaled"
+    """Gains of the paper, or gains scaled to the inertia along the way."""
     active: list[str] | None = None
+    """Actuators that are on, for ``jacobian_transpose``."""
     unknown: Unknown | None = None
+    """What is estimated, for ``uncertain_redundancy``."""
     secondary: SecondarySettings | None = None
+    """What the freedom is for that a wide A4 leaves, for ``redundancy``."""
     platform: PlatformGoal | None = None
+    """For ``two_phase``."""
     alpha: Annotated[float, Field(ge=0)] | None = None
+    """Adaptation of estimated masses (20)."""
     k: float | Numbers | None = None
+    """Gain of the velocity tracker (10): one number, or one for each reducing output."""
     k1: float | Numbers | None = None
+    """Gain of the position tracker (8)."""
     k2: float | Numbers | None = None
+    """Gain of the position tracker (8)."""
     k3: float | Numbers | None = None
+    """Outer gain on vertical outputs (12) [1/s]."""
     k21: float | Numbers | None = None
+    """Outer gain on primary outputs [1/s]; the paper has 0."""
     k4: Positive | None = None
+    """How fast steering follows, for ``steering`` [1/s]."""
     gamma: Positive | None = None
+    """Filter of the position tracker (8) [1/s]."""
     beta: float | Numbers | None = None
+    """Adaptation rate (9), (10)."""
     sigma: Annotated[float, Field(ge=0)] | None = None
+    """Leak of what is adapted [1/s]."""
     bandwidth: Positive | None = None
+    """Of the preset ``scaled`` [rad/s]."""

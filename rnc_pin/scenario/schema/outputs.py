@@ -136,5 +136,8 @@ class TaskNames(Strict):
     """How the reducing outputs are divided, by the names of their rows (``tip_x``)."""
 
     primary: list[str] = []
+    """Outputs that the task is about; all where nothing is said."""
     redundant: list[str] = []
+    """Outputs that are free to serve the vertical ones."""
     vertical: list[str] | None = None
+    """Vertical outputs that matter; all by default."""

@@ -125,7 +125,9 @@ class PathSettings(Strict):
     via: list[Pose] = []
     """Poses to stop at on the way; others are added where the path cannot be driven without."""
     duration: Positive
+    """[s]"""
     wheelbase: Positive
+    """Rear axle to front axle [m]."""
     max_steering: Annotated[float, Field(gt=0, lt=np.pi / 2)] = np.pi / 4
     """Of the front wheels [rad]."""
     forward_only: bool | None = None

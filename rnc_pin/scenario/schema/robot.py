@@ -9,30 +9,46 @@ from pydantic import Field, model_validator
 
 from rnc_pin.robot import Robot
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.urdf_files import find_urdf
+from rnc_pin.urdf_files import find_mjcf, find_urdf
 
 
 class RobotSource(Strict):
-    """Where the robot comes from: one of ``urdf`` and ``example``."""
+    """Where the robot comes from: one of ``urdf``, ``mjcf`` and ``example``."""
 
     urdf: str | None = None
-    """A file, relative to the scenario's, or the name of one shipped with rnc_pin."""
+    """A URDF or xacro file, relative to the scenario's, or the name of one shipped with rnc_pin."""
+    mjcf: str | None = None
+    """An MJCF file, relative to the scenario's."""
     example: str | None = None
     """A robot of example-robot-data."""
     base: Literal["fixed", "planar", "free"] = "fixed"
+    """How the root link meets the world. For an MJCF the default is what the file says."""
     package_dirs: list[str] = []
+    """Folders for ``package://`` paths, relative to the scenario's."""
+    xacro_arguments: dict[str, str | float | bool] = {}
+    """Values for the arguments of a xacro file."""
     lock: dict[str, float | list[float]] = {}
+    """Joints to freeze, and the values to freeze them at [rad or m]."""
     gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    """Acceleration of gravity in the world frame [m/s^2]."""
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotSource:
-        if (self.urdf is None) == (self.example is None):
-            raise ValueError("expected one of 'urdf' and 'example'")
+        if [self.urdf, self.mjcf, self.example].count(None) != 2:
+            raise ValueError("expected one of 'urdf', 'mjcf' and 'example'")
+        for name in ("package_dirs", "xacro_arguments"):
+            if getattr(self, name) and self.urdf is None:
+                raise ValueError(f"'{name}' belongs to 'urdf'")
         return self
 
     def build(self, folder: Path) -> Robot:
+        lock = self.lock or None
         if self.example is not None:
-            return Robot.from_example(self.example, self.base, self.lock or None, self.gravity)
+            return Robot.from_example(self.example, self.base, lock, self.gravity)
+        if self.mjcf is not None:
+            base = self.base if "base" in self.model_fields_set else None
+            return Robot.from_mjcf(find_mjcf(self.mjcf, folder), base, lock, self.gravity)
         assert self.urdf is not None
         packages = [folder / each for each in self.package_dirs]
-        return Robot.from_urdf(find_urdf(self.urdf, folder), self.base, packages, self.lock or None, self.gravity)
+        path = find_urdf(self.urdf, folder)
+        return Robot.from_urdf(path, self.base, packages, lock, self.gravity, self.xacro_arguments or None)

@@ -20,27 +20,36 @@ class SimulationSettings(Strict):
     """How long, how finely, and what of the real machine takes part."""
 
     duration: Positive
+    """[s]"""
     dt: Positive = 0.002
+    """Period of the controller [s]."""
     substeps: Annotated[int, Field(ge=1)] = 1
+    """Integration steps in a period."""
     joint_damping: bool = False
+    """Viscous damping of the robot's file acts."""
     actuator_limits: bool = False
+    """Inputs are cut off at their limits."""
     position_limits: bool = False
+    """The run ends where a joint reaches the end of its range."""
 
 
 class Initial(Strict):
     """Where the run starts; it starts at rest."""
 
     q: dict[str, float | list[float]] = {}
-    """Joint: its value. Where loops are to be closed or wheels to stand, those named stay and the others give way."""
+    """Joint: angle [rad], displacement [m]; a planar base (x, y, yaw), a free one (x, y, z, quaternion x, y, z, w).
+    Where loops are to be closed or wheels to stand, those named stay and the others give way."""
 
 
 class PlotSettings(Strict):
     """One plot: some outputs over time."""
 
     outputs: list[str] = []
+    """Names of outputs, such as ``tip_x``."""
     quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
     """Outputs by name, or all that the controller estimates or mispredicts."""
     title: str | None = None
+    """Above the plot."""
     comparisons: list[str] | None = None
     """Labels of the comparisons that it shows; all by default."""
 
@@ -57,7 +66,9 @@ class View(Strict):
     trail: list[str] = []
     """Frames whose paths are drawn."""
     camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    """Where the camera is [m]."""
     target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    """Point that the camera looks at [m]."""
     ground: float | None = 0.0
     """Height of the grid [m]; null for none."""
 
@@ -66,6 +77,7 @@ class Scenario(Strict):
     """A whole run."""
 
     title: str | None = None
+    """What ``rnc-pin list`` and the plots call it."""
     robot: RobotSource
     constraints: list[Constraint] = []
     actuators: list[ActuatorItem] = []
@@ -78,6 +90,7 @@ class Scenario(Strict):
     preflight: Literal["warn", "refuse"] = "warn"
     """What to do about a reference that leads to a singular configuration, found before anything moves."""
     seed: Annotated[int, Field(ge=0)] = 0
+    """Of everything that is drawn at random."""
     comparisons: dict[str, dict[str, Any]] = {}
     """Label: dotted keys and values that differ from this run."""
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}

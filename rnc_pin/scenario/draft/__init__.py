@@ -1,0 +1,5 @@
+"""A first scenario for a robot: what its file suggests, in words that say what was assumed."""
+
+from rnc_pin.scenario.draft.draft import draft
+
+__all__ = ["draft"]

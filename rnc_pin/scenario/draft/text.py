@@ -1,0 +1,76 @@
+"""A drafted scenario as YAML with remarks."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import yaml
+
+from rnc_pin.scenario.draft.base import Entry, Mobility
+from rnc_pin.scenario.json_schema import schema_path
+
+_WIDTH = 118
+
+
+def write_draft(name: str, scenario: dict[str, Any], remarks: dict[str, str], mobility: Mobility) -> str:
+    """The text of a scenario file.
+
+    Args:
+        name: of the robot.
+        scenario: its parts; constraints and actuators with a remark each.
+        remarks: on other parts, by key.
+        mobility: what was assumed of the base.
+    """
+    outputs = scenario["outputs"]
+    lines = [
+        f"# yaml-language-server: $schema={schema_path()}",
+        *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
+        *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
+        f"title: {_flow(f'First draft for {name}')}",
+        *_remark(f"base {mobility.base or 'as in the file'}: {mobility.why}"),
+        f"robot: {_flow(scenario['robot'])}",
+        *_entries("constraints", scenario["constraints"], "# A(q) v = 0"),
+        *_entries("actuators", scenario["actuators"], "# what can push"),
+        "outputs:",
+        *_remark("as many rows as the constraints leave degrees of freedom; controllers move these", "  "),
+        *_entries("reducing", [(each, "") for each in outputs["reducing"]], "", "  "),
+    ]
+    if outputs["vertical"]:
+        lines += [
+            *_remark("these follow from the others, and are watched", "  "),
+            *_entries("vertical", [(each, "") for each in outputs["vertical"]], "", "  "),
+        ]
+    lines.append(f"task: {_flow(scenario['task'])}")
+    if scenario["initial"]["q"]:
+        lines += [
+            *_remark("joints whose range does not contain zero start in its middle"),
+            f"initial: {_flow(scenario['initial'])}",
+        ]
+    lines += [
+        *_remark(
+            "a gentle motion, displacements in the order of task.primary: m along the ground or a slide, rad for angles"
+        ),
+        f"reference: {_flow(scenario['reference'])}",
+        *_remark(remarks.get("controller", "adaptive: knows no inertia; tracker: computed_torque knows them all")),
+        f"controller: {_flow(scenario['controller'])}",
+        f"simulation: {_flow(scenario['simulation'])}",
+        f"view: {_flow(scenario['view'])}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: str = "") -> list[str]:
+    if not entries:
+        return [f"{indent}{key}: []"]
+    head = f"{indent}{key}:" + (f"  {remark}" if remark else "")
+    return [head, *(f"{indent}  - {_flow(each)}" + (f"  # {said}" if said else "") for each, said in entries)]
+
+
+def _remark(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")

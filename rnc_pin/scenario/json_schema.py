@@ -1,0 +1,29 @@
+"""JSON Schema of scenario files, for editors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rnc_pin.scenario.schema import Scenario
+
+
+def schema_path() -> Path:
+    """The file of the schema that comes with the package."""
+    return Path(__file__).resolve().parent / "scenario.schema.json"
+
+
+def schema() -> dict[str, Any]:
+    """The schema, made from the models that read scenario files."""
+    content = Scenario.model_json_schema()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "rnc_pin scenario",
+        **{key: value for key, value in content.items() if key != "title"},
+    }
+
+
+def schema_text() -> str:
+    """The schema as the file has it."""
+    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

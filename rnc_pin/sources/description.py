@@ -1,0 +1,109 @@
+"""What a file describes: a model, its geometry on demand, and couplings that the model does not have."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError
+
+GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
+    "fixed": None,
+    "planar": pin.JointModelPlanar,
+    "free": pin.JointModelFreeFlyer,
+}
+
+
+class Mimic(NamedTuple):
+    """A joint that the file says to follow another: ``q = multiplier q_of + offset``."""
+
+    joint: str
+    of: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Description:
+    """A file, read.
+
+    Attributes:
+        model: the model; joints that mimic others are joints of their own in it.
+        geometry: makes the geometry of a kind, "visual" or "collision"; meshes are read by it.
+        mimics: the couplings that the file asks for.
+    """
+
+    model: pin.Model
+    geometry: Callable[[str], pin.GeometryModel]
+    mimics: tuple[Mimic, ...] = ()
+
+
+def parse_xml(path: Path) -> ElementTree.Element:
+    """The outermost element of a file.
+
+    Raises:
+        ModelError: cannot be read, or is not XML.
+    """
+    try:
+        return ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+    except (ValueError, LookupError) as error:  # an encoding that it names and that nobody knows
+        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def read_numbers(text: str) -> np.ndarray | None:
+    """The numbers in an attribute, or None where a word is not a finite number."""
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        return None
+    return numbers if np.isfinite(numbers).all() else None
+
+
+def brief(error: Exception) -> str:
+    """What a C++ exception says, without where in Pinocchio's sources it was thrown."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    place = ("From file:", "in function:", "at line:")
+    kept = [line.removeprefix("message:").strip() for line in lines if not line.startswith(place)]
+    return " ".join(line for line in kept if line) or type(error).__name__
+
+
+@contextmanager
+def geometry_errors(path: Path) -> Iterator[None]:
+    """Turn whatever loading geometry throws into one line."""
+    try:
+        with captured_stderr():
+            yield
+    except Exception as error:  # Boost.Python raises whatever the C++ side threw
+        raise ModelError(f"{path}: geometry cannot be loaded: {brief(error)}") from None
+
+
+@contextmanager
+def captured_stderr() -> Iterator[list[str]]:
+    """Collect what C++ code prints on file descriptor 2: urdfdom says there what it refuses."""
+    lines: list[str] = []
+    sys.stderr.flush()
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as sink:
+        os.dup2(sink.fileno(), 2)
+        try:
+            yield lines
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            sink.seek(0)
+            lines += sink.read().decode(errors="replace").splitlines()

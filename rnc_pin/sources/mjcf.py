@@ -1,0 +1,169 @@
+"""MJCF files: parsed by Pinocchio, with what its parser passes over in silence checked or added."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.sources.description import (
+    GEOMETRY,
+    ROOT_JOINTS,
+    Description,
+    Mimic,
+    brief,
+    captured_stderr,
+    geometry_errors,
+    parse_xml,
+    read_numbers,
+)
+
+_JOINTS = ("hinge", "slide", "ball", "free")
+_SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
+    "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
+    "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
+    "gravity": (3,), "armature": (1,), "frictionloss": (1,), "damping": (1, 2, 3), "size": (1, 2, 3, 4),
+}  # fmt: skip
+
+
+def read_mjcf(path: Path, base: str | None) -> Description:
+    """Read an MJCF file.
+
+    Args:
+        path: of the file.
+        base: None for the root joints that the file has; else "fixed", "planar" or "free" in place of its free joint.
+
+    Raises:
+        ModelError: cannot be read, is not MJCF, or needs what is not read here.
+    """
+    root = parse_xml(path)
+    if root.tag != "mujoco":
+        raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
+    _check(root, path)
+    bodies = root.findall("worldbody/body")
+    if not bodies:
+        raise ModelError(f"{path}: <worldbody> has no <body>")
+    if base is not None:
+        for body in bodies:  # the base asked for takes the place of the file's
+            for element in [each for each in body if _is_free(each)]:
+                body.remove(element)
+    _make_absolute(root, path)
+    make_root = ROOT_JOINTS[base or "fixed"]
+    with _written(root) as file:
+        try:
+            with captured_stderr(), warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)
+                if make_root is None:
+                    model = pin.buildModelFromMJCF(file)
+                else:
+                    model = pin.buildModelFromMJCF(file, make_root(), "root_joint")
+        except Exception as error:  # Boost.Python raises whatever the C++ side threw
+            raise ModelError(f"{path}: {brief(error)}") from None
+    if isinstance(model, tuple):
+        model = model[0]
+    option = root.find("option")
+    gravity = None if option is None else option.get("gravity")
+    if gravity is not None:
+        model.gravity.linear = read_numbers(gravity)
+
+    def geometry(kind: str) -> pin.GeometryModel:
+        with geometry_errors(path), _written(root) as file:
+            full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
+        for shape in list(full.geometryObjects):
+            if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
+                full.removeGeometryObject(shape.name)
+        return full
+
+    return Description(model, geometry, _couplings(root, path))
+
+
+def _make_absolute(root: ElementTree.Element, path: Path) -> None:
+    """Let meshes be found from wherever the file is written to."""
+    compiler = root.find("compiler")
+    if compiler is None:
+        compiler = ElementTree.Element("compiler")
+        root.insert(0, compiler)
+    for key in ("meshdir", "texturedir"):
+        compiler.set(key, str(path.parent / (compiler.get(key) or compiler.get("assetdir") or "")))
+
+
+@contextmanager
+def _written(root: ElementTree.Element) -> Iterator[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "model.xml"
+        file.write_bytes(ElementTree.tostring(root))
+        yield str(file)
+
+
+def _is_free(element: ElementTree.Element) -> bool:
+    return element.tag == "freejoint" or (element.tag == "joint" and element.get("type") == "free")
+
+
+def _check(root: ElementTree.Element, path: Path) -> None:
+    if root.find(".//include") is not None:
+        name = root.find(".//include").get("file", "")  # type: ignore[union-attr]
+        raise ModelError(f'{path}: <include file="{name}"> is not read: put what it includes into one file')
+    seen: set[str] = set()
+    parts = {element for body in root.findall("worldbody/body") for element in body.iter()}  # the rest are defaults
+    for element in root.iter():
+        if element.tag in ("joint", "freejoint") and element.get("name") and element in parts:
+            name = str(element.get("name"))
+            if name in seen:
+                raise ModelError(f"{path}: joint '{name}' is there twice")
+            seen.add(name)
+        if element.tag == "joint" and element.get("type", "hinge") not in _JOINTS and element in parts:
+            kind = str(element.get("type"))
+            raise ModelError(f"{path}: joint '{element.get('name')}' of type '{kind}'{nearest(kind, _JOINTS)}")
+        for key, text in element.attrib.items():
+            if key in _SIZES and element.tag in ("body", "joint", "freejoint", "geom", "inertial", "site", "option"):
+                numbers = read_numbers(text)
+                if numbers is None or numbers.size not in _SIZES[key]:
+                    count = " or ".join(map(str, _SIZES[key])) if len(_SIZES[key]) < 3 else "some"
+                    where = (
+                        f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
+                    )
+                    raise ModelError(f"{path}: {where}: {key} takes {count} finite numbers, found '{text}'")
+    for mesh in _missing_meshes(root, path):
+        raise ModelError(f"{path}: no mesh '{mesh}'")
+
+
+def _missing_meshes(root: ElementTree.Element, path: Path) -> Iterator[Path]:
+    """Files of meshes that are not there; MuJoCo takes inertias from them."""
+    compiler = root.find("compiler")
+    folder = path.parent
+    if compiler is not None:
+        folder = folder / (compiler.get("meshdir") or compiler.get("assetdir") or "")
+    for mesh in root.findall("asset/mesh"):
+        file = mesh.get("file")
+        if file and not (folder / file).is_file():
+            yield folder / file
+
+
+def _couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
+    """Joint equalities; of the others, and of tendons, one line says that they are left out."""
+    mimics: list[Mimic] = []
+    left_out: set[str] = set()
+    for element in root.findall("equality/*"):
+        if element.get("active", "true") == "false":
+            continue
+        coefficients = read_numbers(element.get("polycoef", "0 1"))
+        linear = coefficients is not None and 1 < coefficients.size <= 5 and not np.any(coefficients[2:])
+        if element.tag == "joint" and element.get("joint1") and element.get("joint2") and linear:
+            assert coefficients is not None
+            offset, multiplier = map(float, coefficients[:2])
+            mimics.append(Mimic(str(element.get("joint1")), str(element.get("joint2")), multiplier, offset))
+        else:
+            left_out.add(f"<equality><{element.tag}>")
+    if root.find("tendon/*") is not None:
+        left_out.add("<tendon>")
+    if left_out:
+        text = f"{path}: {', '.join(sorted(left_out))} is left out of the model: add constraints for it"
+        warnings.warn(text, ModelWarning, stacklevel=4)
+    return tuple(mimics)

@@ -1,0 +1,760 @@
+"""Broken files and arguments through the command line: one line on stderr, status 2, nothing written.
+
+What a scenario's keys may hold is in ``test_scenario_files.py``, what a URDF's elements may hold in
+``test_robot.py``, and wrong usage in ``test_cli.py``. Here are the files themselves, what a robot's description leaves
+out, other formats than URDF, and mistakes that only show where parts of a scenario meet.
+"""
+
+import os
+import sys
+
+import pytest
+import yaml
+
+from rnc_pin.cli import main
+from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
+
+SPACE_ROBOT = with_options(
+    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
+)
+CART = {  # a cart on two wheels, whose file is written by the case
+    "robot": {"urdf": "robot.urdf", "base": "planar"},
+    "constraints": [
+        {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
+        {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}},
+    ],
+    "actuators": ["wheel_left_joint", "wheel_right_joint"],
+    "outputs": {"reducing": [{"frame_speed": {"frame": "base"}}, {"frame_yaw": "base"}]},
+    "reference": {"primary": {"minimum_jerk": {"by": [0.1, 0.1], "duration": 1}}},
+    "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
+    "simulation": {"duration": 0.1},
+}
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def inertial(mass=1, moments=(1, 1, 1), more=""):
+    xx, yy, zz = moments
+    tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+    return f'<inertial><mass value="{mass}"/>{tensor}{more}</inertial>'
+
+
+def wheel(side, y, body=None, kind="continuous", axis="0 1 0", mimic="", parent="base", name=None):
+    name = name or f"wheel_{side}_joint"
+    return (
+        f'<link name="wheel_{side}">{inertial(0.5, (0.01, 0.01, 0.01)) if body is None else body}</link>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="wheel_{side}"/>'
+        f'<origin xyz="0 {y} 0.1"/><axis xyz="{axis}"/>{mimic}</joint>'
+    )
+
+
+LEFT, RIGHT = wheel("left", 0.2), wheel("right", -0.2)
+BASE = f'<link name="base">{inertial(10)}</link>'
+
+
+def urdf(*parts, base=BASE, attributes=""):
+    return f'<robot name="cart" {attributes}>{base}{"".join(parts)}</robot>'
+
+
+GOOD = urdf(LEFT, RIGHT)
+
+
+def mjcf(body="", more="", head="", base='<freejoint name="float"/>'):
+    wheels = "".join(
+        f'<body name="wheel_{side}" pos="0 {y} 0"><joint name="wheel_{side}_joint" axis="0 1 0"/>'
+        '<geom type="cylinder" size=".1 .02" mass="1" euler="90 0 0"/></body>'
+        for side, y in (("left", 0.15), ("right", -0.15))
+    )
+    return (
+        f'<mujoco model="cart">{head}<worldbody><body name="base" pos="0 0 0.1">{base}'
+        f'<geom type="box" size=".2 .1 .05" mass="5"/>{wheels}{body}</body></worldbody>{more}</mujoco>'
+    )
+
+
+# ---------------------------------------------------------------------- how a case is told
+
+
+def scenario(changes=None, of=CART, command="run"):
+    """A command on a scenario with values at dotted keys replaced."""
+    return command, yaml.safe_dump(with_options(of, changes or {}), sort_keys=False).encode()
+
+
+def text(content, command="run"):
+    """A command on a file with this content."""
+    return command, content if isinstance(content, bytes) else content.encode()
+
+
+def on_mjcf(**changes):
+    return scenario({"robot": {"mjcf": "robot.xml", "base": "planar", **changes}})
+
+
+def on_xacro(**changes):
+    return scenario({"robot": {"urdf": "robot.urdf.xacro", "base": "planar", **changes}})
+
+
+def xacro(head="", radius="0.1"):
+    return urdf(head, LEFT, RIGHT.replace('xyz="0 -0.2 0.1"', f'xyz="0 -0.2 {radius}"'), attributes=XACRO)
+
+
+def laughs(levels=12):
+    """YAML that is a few hundred bytes and would be gigabytes of values."""
+    lines = ["a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
+    lines += [f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]" for k in range(1, levels)]
+    return "\n".join(lines) + "\n"
+
+
+ENTITIES = (
+    '<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa">'
+    + "".join(f'<!ENTITY {chr(98 + k)} "{10 * f"&{chr(97 + k)};"}">' for k in range(10))
+    + "]><robot name='&k;'/>"
+)
+
+# name: (command and content of mine.yaml, other files, words of the message)
+FILES = {
+    # the scenario file itself
+    "empty scenario": (text(""), {}, ["mine.yaml", "expected a mapping"]),
+    "scenario of spaces": (text("   \n\n"), {}, ["mine.yaml", "expected a mapping"]),
+    "inspect an empty scenario": (text("", "inspect"), {}, ["mine.yaml", "expected a mapping"]),
+    "binary scenario": (text(bytes(range(256))), {}, ["mine.yaml", "cannot be read"]),
+    "UTF-16 scenario": (text("robot: {}".encode("utf-16")), {}, ["mine.yaml", "cannot be read"]),
+    "zip for a scenario": (text(b"PK\x03\x04\x14\x00\x00\x00"), {}, ["mine.yaml"]),
+    "URDF for a scenario": (text(GOOD), {}, ["mine.yaml"]),
+    "inspect a URDF": (text(GOOD, "inspect"), {}, ["mine.yaml"]),
+    "JSON list for a scenario": (text('[{"robot": 1}]'), {}, ["mine.yaml", "expected a mapping"]),
+    "only a robot": (text("robot: {urdf: space_robot.urdf}"), {}, ["mine.yaml: outputs: is missing"]),
+    "no robot": (scenario({"robot": None}), {}, ["mine.yaml: robot: expected a mapping"]),
+    "key that is a number": (text("3: 4\n"), {}, ["mine.yaml", "'3' is not known"]),
+    "key that is a list": (text("[1, 2]: 4\n"), {}, ["mine.yaml", "line 1"]),
+    "key that is a mapping": (text("{a: 1}: 4\n"), {}, ["mine.yaml", "line 1"]),
+    "key of nothing": (text("? \n: 3\n"), {}, ["mine.yaml", "'None' is not known"]),
+    "recursive anchor": (text("title: &a {b: *a}\n"), {}, ["mine.yaml", "recursive"]),
+    "anchor in its own list": (text("actuators: &a [x, [*a]]\n"), {}, ["mine.yaml", "recursive"]),
+    "recursive merge": (text("robot: &a\n  <<: *a\n  urdf: x\n"), {}, ["mine.yaml"]),
+    "merge of a number": (text("robot:\n  <<: 3\n"), {}, ["mine.yaml", "line 2"]),
+    "billion laughs": (text(laughs()), {}, ["mine.yaml"]),
+    "billion laughs where a list is expected": (
+        text(laughs() + "robot: {urdf: robot.urdf}\nactuators: *a11\n"),
+        {"robot.urdf": GOOD},
+        ["mine.yaml"],
+    ),
+    "YAML tag that constructs": (text("robot: !!python/name:os.system\n"), {}, ["mine.yaml", "line 1"]),
+    "unknown tag": (text("robot: !degrees 30\n"), {}, ["mine.yaml", "line 1"]),
+    "deep nesting": (text("a: " + 3000 * "{a: "), {}, ["mine.yaml"]),
+    "number too long": (text("seed: " + 5000 * "9" + "\n"), {}, ["mine.yaml"]),
+    # the robot's file
+    "no such URDF": (scenario(), {}, ["mine.yaml", "robot.urdf", "no URDF file"]),
+    "URDF that is a folder": (scenario({"robot.urdf": "meshes"}), {"meshes/a": ""}, ["no URDF file 'meshes'"]),
+    "URDF of no name": (scenario({"robot.urdf": ""}), {}, ["no URDF file"]),
+    "URDF with a zero byte in its name": (scenario({"robot.urdf": "a\0b"}), {}, ["no URDF file"]),
+    "URDF name beyond any length": (scenario({"robot.urdf": 300 * "a" + ".urdf"}), {}, ["no URDF file"]),
+    "URDF that is empty": (scenario(), {"robot.urdf": ""}, ["robot.urdf", "not well-formed XML"]),
+    "URDF that is binary": (scenario(), {"robot.urdf": bytes(range(256))}, ["robot.urdf", "not well-formed XML"]),
+    "URDF that is YAML": (scenario(), {"robot.urdf": "robot: cart"}, ["robot.urdf", "not well-formed XML"]),
+    "URDF cut off": (scenario(), {"robot.urdf": GOOD[:200]}, ["robot.urdf", "not well-formed XML", "line 1"]),
+    "URDF of an unknown encoding": (
+        scenario(),
+        {"robot.urdf": '<?xml version="1.0" encoding="klingon"?>' + GOOD},
+        ["robot.urdf", "klingon"],
+    ),
+    "URDF that is SDF": (scenario(), {"robot.urdf": "<sdf version='1.9'/>"}, ["<sdf>", "expected <robot>"]),
+    "URDF that is MJCF": (scenario(), {"robot.urdf": mjcf()}, ["<mujoco>", "expected <robot>"]),
+    "entities without end": (scenario(), {"robot.urdf": ENTITIES}, ["robot.urdf", "not well-formed XML"]),
+    "URDF of nothing": (scenario(), {"robot.urdf": "<robot name='cart'/>"}, ["robot.urdf"]),
+    "URDF without a name": (scenario(), {"robot.urdf": GOOD.replace('name="cart"', "")}, ["robot.urdf", "name"]),
+    "one link": (scenario({"robot.base": "fixed"}), {"robot.urdf": urdf()}, ["no moving joint"]),
+    "disconnected tree": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, RIGHT, f'<link name="island">{inertial()}</link>')},
+        ["robot.urdf", "[base]", "[island]"],
+    ),
+    "tree that is a ring": (
+        scenario(),
+        {"robot.urdf": urdf(wheel("left", 0.2, parent="wheel_right"), wheel("right", -0.2, parent="wheel_left"))},
+        ["robot.urdf"],
+    ),
+    "nothing but a ring": (
+        scenario(),
+        {"robot.urdf": urdf(wheel("left", 1, parent="wheel_right"), wheel("right", 1, parent="wheel_left"), base="")},
+        ["robot.urdf", "root"],
+    ),
+    "link with two parents": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, RIGHT, RIGHT[RIGHT.index("<joint") :].replace("wheel_right_joint", "other"))},
+        ["robot.urdf"],
+    ),
+    "joint twice": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, name="wheel_left_joint"))},
+        ["robot.urdf", "wheel_left_joint", "unique"],
+    ),
+    "joint without a type": (
+        scenario(),
+        {"robot.urdf": GOOD.replace(' type="continuous"', "", 1)},
+        ["robot.urdf", "wheel_left_joint", "type"],
+    ),
+    "joint without a child": (
+        scenario(),
+        {"robot.urdf": GOOD.replace('<child link="wheel_left"/>', "")},
+        ["robot.urdf", "wheel_left_joint"],
+    ),
+    "axis of no length": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, axis="0 0 0"))},
+        ["robot.urdf", "axis of joint 'wheel_right_joint' has no length"],
+    ),
+    "axis in words": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, axis="y"))},
+        ["robot.urdf", "wheel_right_joint"],
+    ),
+    "revolute without limits": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, kind="revolute"))},
+        ["robot.urdf", "wheel_right_joint", "limit"],
+    ),
+    "zero mass": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial(0)))},
+        ["wheel_right_joint", "zero mass"],
+    ),
+    "no mass": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, ""))},
+        ["joint 'wheel_right_joint' moves no mass"],
+    ),
+    "negative mass": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial(-1)))},
+        ["mass behind joint 'wheel_right_joint' is negative: -1 kg"],
+    ),
+    "negative mass on a fixed link": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed"))},
+        ["robot.urdf", "mass of link 'wheel_spare' is negative: -1 kg"],
+    ),
+    "infinite mass": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial("inf")))},
+        ["robot.urdf", "wheel_right"],
+    ),
+    "mass with a unit": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial("1kg")))},
+        ["robot.urdf", "1kg"],
+    ),
+    "mass with a comma": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial("0,5")))},
+        ["robot.urdf", "0,5"],
+    ),
+    "mimic in words": (
+        scenario(),
+        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>'))},
+        ["robot.urdf", "multiplier of joint 'wheel_right_joint'", "'twice'"],
+    ),
+    # meshes and packages
+    "missing mesh": (
+        scenario(),
+        {
+            "robot.urdf": urdf(
+                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
+            )
+        },
+        ["robot.urdf", "a.stl"],
+    ),
+    "missing package": (
+        scenario(),
+        {
+            "robot.urdf": urdf(
+                LEFT,
+                RIGHT,
+                base=BASE[:-7]
+                + '<visual><geometry><mesh filename="package://nopkg/a.stl"/></geometry></visual></link>',
+            )
+        },
+        ["robot.urdf", "nopkg/a.stl"],
+    ),
+    "mesh that is a folder": (
+        scenario(),
+        {
+            "robot.urdf": urdf(
+                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
+            ),
+            "a.stl/x": "",
+        },
+        ["robot.urdf", "a.stl"],
+    ),
+    "mesh that is empty": (
+        scenario(),
+        {
+            "robot.urdf": urdf(
+                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
+            ),
+            "a.stl": "",
+        },
+        ["robot.urdf", "a.stl"],
+    ),
+    "mesh of an unknown kind": (
+        scenario(),
+        {
+            "robot.urdf": urdf(
+                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.blend"/></geometry></visual></link>'
+            ),
+            "a.blend": "BLENDER",
+        },
+        ["robot.urdf", "a.blend"],
+    ),
+    "package_dirs without a URDF": (
+        scenario({"robot": {"example": "panda", "package_dirs": ["."]}}),
+        {},
+        ["robot: 'package_dirs' belongs to 'urdf'"],
+    ),
+    # xacro
+    "xacro that is empty": (on_xacro(), {"robot.urdf.xacro": ""}, ["robot.urdf.xacro"]),
+    "xacro that is no XML": (on_xacro(), {"robot.urdf.xacro": "<robot"}, ["robot.urdf.xacro", "xacro", "line 1"]),
+    "xacro that is no robot": (on_xacro(), {"robot.urdf.xacro": "<html/>"}, ["robot.urdf.xacro", "expected <robot>"]),
+    "unknown macro": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro("<xacro:wheeel/>")},
+        ["robot.urdf.xacro", "unknown macro name", "wheeel"],
+    ),
+    "unknown property": (on_xacro(), {"robot.urdf.xacro": xacro(radius="${size}")}, ["robot.urdf.xacro", "'size'"]),
+    "unknown argument of a xacro": (
+        on_xacro(xacro_arguments={"sizze": 3}),
+        {"robot.urdf.xacro": xacro('<xacro:arg name="size" default="1"/>')},
+        ["robot.urdf.xacro", "no xacro argument 'sizze'", "did you mean 'size'?"],
+    ),
+    "argument without a value": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro(radius="$(arg size)")},
+        ["robot.urdf.xacro", "argument 'size' has no value", "xacro_arguments"],
+    ),
+    "argument of no kind": (
+        on_xacro(xacro_arguments={"size": [1, 2]}),
+        {"robot.urdf.xacro": xacro()},
+        ["robot.xacro_arguments.size", "[1, 2]"],
+    ),
+    "arguments for a URDF": (
+        scenario({"robot.xacro_arguments": {"size": 3}}),
+        {"robot.urdf": GOOD},
+        ["robot.urdf", "whose name ends in .xacro"],
+    ),
+    "macro without its parameter": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:macro name="w" params="side"/><xacro:w/>')},
+        ["robot.urdf.xacro", "side"],
+    ),
+    "macro that calls itself": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:macro name="w"><xacro:w/></xacro:macro><xacro:w/>')},
+        ["robot.urdf.xacro", "without end"],
+    ),
+    "xacro that includes itself": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:include filename="robot.urdf.xacro"/>')},
+        ["robot.urdf.xacro", "without end"],
+    ),
+    "include of a missing file": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:include filename="wheels.xacro"/>')},
+        ["robot.urdf.xacro", "cannot read", "wheels.xacro"],
+    ),
+    "include of a broken file": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:include filename="wheels.xacro"/>'), "wheels.xacro": "<robot"},
+        ["robot.urdf.xacro", "wheels.xacro"],
+    ),
+    "find of a missing package": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>')},
+        ["robot.urdf.xacro", "no package 'nopkg'", "package_dirs"],
+    ),
+    "properties in a circle": (
+        on_xacro(),
+        {
+            "robot.urdf.xacro": xacro(
+                '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>', "${a}"
+            )
+        },
+        ["robot.urdf.xacro", "circular"],
+    ),
+    "division by zero": (on_xacro(), {"robot.urdf.xacro": xacro(radius="${1/0}")}, ["robot.urdf.xacro", "division"]),
+    "condition in words": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro('<xacro:if value="maybe"/>')},
+        ["robot.urdf.xacro", "maybe", "boolean"],
+    ),
+    "xacro that runs a program": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}")},
+        ["robot.urdf.xacro", "refuses to evaluate"],
+    ),
+    "xacro that evaluates a program": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro(radius="$(eval map.mro)")},
+        ["robot.urdf.xacro", "refuses to evaluate", "'mro'"],
+    ),
+    "xacro that formats attributes": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro(radius="${str.format}")},
+        ["robot.urdf.xacro", "refuses to evaluate", "'format'"],
+    ),
+    "xacro that would never end": (
+        on_xacro(),
+        {"robot.urdf.xacro": xacro(radius="${9**9**9**9}")},
+        ["robot.urdf.xacro", "refuses to evaluate"],
+    ),
+    # MJCF
+    "no such MJCF": (on_mjcf(), {"robt.xml": mjcf()}, ["no MJCF file", "did you mean 'robt.xml'?"]),
+    "MJCF that is empty": (on_mjcf(), {"robot.xml": ""}, ["robot.xml", "not well-formed XML"]),
+    "MJCF that is binary": (on_mjcf(), {"robot.xml": bytes(range(256))}, ["robot.xml", "not well-formed XML"]),
+    "MJCF that is a URDF": (on_mjcf(), {"robot.xml": GOOD}, ["robot.xml", "<robot>", "expected <mujoco>"]),
+    "MJCF of nothing": (on_mjcf(), {"robot.xml": "<mujoco/>"}, ["robot.xml", "no <body>"]),
+    "MJCF of a world without bodies": (
+        on_mjcf(),
+        {"robot.xml": '<mujoco><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>'},
+        ["robot.xml", "no <body>"],
+    ),
+    "MJCF that includes": (
+        on_mjcf(),
+        {"robot.xml": mjcf(head='<include file="other.xml"/>')},
+        ["robot.xml", "other.xml", "not read"],
+    ),
+    "MJCF joint twice": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>')},
+        ["robot.xml", "joint 'wheel_left_joint' is there twice"],
+    ),
+    "MJCF joint of an unknown type": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c"><joint name="c" type="hingee"/><geom size=".1" mass="1"/></body>')},
+        ["robot.xml", "hingee"],
+    ),
+    "MJCF mass in words": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>')},
+        ["robot.xml", "<geom>: mass", "'heavy'"],
+    ),
+    "MJCF mass NaN": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="nan"/></body>')},
+        ["robot.xml", "<geom>: mass", "'nan'"],
+    ),
+    "MJCF position on a plane": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>')},
+        ["robot.xml", '<body name="c">: pos takes 3', "'1 2'"],
+    ),
+    "MJCF body of no mass": (
+        on_mjcf(),
+        {"robot.xml": mjcf('<body name="c"><joint name="c"/></body>')},
+        ["joint 'c' moves no mass"],
+    ),
+    "MJCF missing mesh": (
+        on_mjcf(),
+        {"robot.xml": mjcf(head='<asset><mesh name="m" file="no.stl"/></asset>')},
+        ["robot.xml", "no mesh", "no.stl"],
+    ),
+    "MJCF gravity in words": (
+        on_mjcf(),
+        {"robot.xml": mjcf(head='<option gravity="down"/>')},
+        ["robot.xml", "<option>: gravity", "'down'"],
+    ),
+    "MJCF with packages": (on_mjcf(package_dirs=["."]), {"robot.xml": mjcf()}, ["'package_dirs' belongs to 'urdf'"]),
+    "MJCF of an unknown frame": (
+        scenario({"robot": {"mjcf": "robot.xml", "base": "planar"}, "outputs.reducing.1.frame_yaw": "bas"}),
+        {"robot.xml": mjcf()},
+        ["mine.yaml", "frame 'bas'", "did you mean 'base'?"],
+    ),
+    "URDF and MJCF": (
+        scenario({"robot.mjcf": "robot.xml"}),
+        {"robot.urdf": GOOD, "robot.xml": mjcf()},
+        ["robot: expected one of 'urdf', 'mjcf' and 'example'"],
+    ),
+}
+
+# name: (changes of the cart's scenario, words)
+MEETINGS = {
+    "misspelt wheel": (
+        {"constraints.0.rolling_wheel.frame": "wheel_lef"},
+        ["mine.yaml", "frame 'wheel_lef'", "did you mean 'wheel_left'?"],
+    ),
+    "misspelt wheel joint": (
+        {"actuators.0": "wheel_lef"},
+        ["mine.yaml", "joint 'wheel_lef'", "did you mean 'wheel_left_joint'?"],
+    ),
+    "frame for a joint": ({"actuators.0": "base"}, ["joint 'base'", "wheel_left_joint"]),
+    "actuator of the whole base": ({"actuators.0": "root_joint"}, ["'root_joint'", "several degrees of freedom"]),
+    "force without an axis": ({"actuators.0": {"force": {"frame": "base"}}}, ["actuators[0].force.axis: is missing"]),
+    "force of no limit": (
+        {"actuators.0": {"force": {"frame": "base", "axis": "x", "limit": 0}}},
+        ["actuators[0].force.limit", "greater than 0"],
+    ),
+    "actuator that is a number": ({"actuators.0": 3}, ["actuators[0]", "found 3"]),
+    "actuators that are a word": ({"actuators": "wheel_left_joint"}, ["actuators: expected", "list"]),
+    "fixed base under wheels": ({"robot.base": "fixed"}, ["mine.yaml"]),
+    "wheel on a base without an axle": (
+        {"constraints.0": {"rolling_wheel": {"frame": "base", "radius": 0.1}}},
+        ["'base'", "root_joint", "axis="],
+    ),
+    "wheel about the wrong axle": (
+        {"constraints.0": {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1, "axis": "z"}}},
+        ["2 reducing outputs", "expected 1"],
+    ),
+    "negative radius": ({"constraints.0.rolling_wheel.radius": -0.1}, ["constraints[0].rolling_wheel.radius", "-0.1"]),
+    "radius with a unit": ({"constraints.0.rolling_wheel.radius": "10 cm"}, ["radius: expected", "number", "'10 cm'"]),
+    "radius NaN": ({"constraints.0.rolling_wheel.radius": float("nan")}, ["rolling_wheel.radius", "finite", "nan"]),
+    "radius that is a list": ({"constraints.0.rolling_wheel.radius": [0.1]}, ["rolling_wheel.radius", "[0.1]"]),
+    "radius that is true": (
+        {"constraints.0.rolling_wheel.radius": True},
+        ["constraints[0].rolling_wheel", "'radius'", "True"],
+    ),
+    "two kinds in one constraint": (
+        {"constraints.0": {"rolling_wheel": {}, "no_side_slip": {}}},
+        ["constraints[0]: expected a mapping with one key"],
+    ),
+    "constraint of nothing": ({"constraints.0": None}, ["constraints[0]", "None"]),
+    "momentum under driven wheels": (
+        {"constraints": [{"momentum": "wheel_left_joint"}]},
+        ["'wheel_left_joint' drives momentum(wheel_left_joint)"],
+    ),
+    "constraints that leave no motion": (
+        {
+            "constraints": [
+                {"no_side_slip": {"frame": "base", "axis": "x"}},
+                {"no_side_slip": {"frame": "base", "axis": "y"}},
+                {"no_side_slip": {"frame": "wheel_left", "axis": "x"}},
+                {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
+                {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}},
+            ]
+        },
+        ["mine.yaml"],
+    ),
+    "outputs that contradict": (
+        {"outputs.reducing": [{"joint": "wheel_left_joint"}, {"frame_speed": {"frame": "wheel_left", "axis": "y"}}]},
+        ["do not parametrise the motion"],
+    ),
+    "outputs that are blocked": (
+        {"outputs.reducing.0.frame_speed.axis": "y"},
+        ["do not parametrise the motion", "base_speed_y"],
+    ),
+    "one output": ({"outputs.reducing": [{"frame_yaw": "base"}]}, ["1 reducing output", "expected 2"]),
+    "distance to itself": (
+        {"outputs.vertical": [{"distance": {"frame_a": "base", "frame_b": "base"}}]},
+        ["mine.yaml", "base"],
+    ),
+    "position on no axis": (
+        {"outputs.vertical": [{"frame_position": {"frame": "base", "axes": ""}}]},
+        ["mine.yaml", "axes"],
+    ),
+    "output of a joint of several": ({"outputs.vertical": [{"joint": "root_joint"}]}, ["mine.yaml", "'root_joint'"]),
+    "reference too short": ({"reference.primary.minimum_jerk.by": [0.1]}, ["reference.primary:", "1 value"]),
+    "reference too long": ({"reference.primary.minimum_jerk.by": [1, 2, 3]}, ["reference.primary:", "3 values for 2"]),
+    "reference of nothing": (
+        {"reference.primary.minimum_jerk.by": []},
+        ["reference.primary.minimum_jerk.by", "at least 1"],
+    ),
+    "reference of a number": ({"reference.primary.minimum_jerk.by": 1}, ["reference.primary.minimum_jerk.by", "list"]),
+    "reference of neither": (
+        {"reference.primary.minimum_jerk": {"duration": 1}},
+        ["reference.primary.minimum_jerk: expected one of 'to' and 'by'"],
+    ),
+    "two references in one": (
+        {"reference.primary": {"minimum_jerk": {}, "hold": {}}},
+        ["reference.primary: expected a mapping with one key"],
+    ),
+    "points and times of different length": (
+        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1]]}}},
+        ["reference.primary", "2 times for 1 points"],
+    ),
+    "points of different length": (
+        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1], [1]]}}},
+        ["reference.primary", "1 values for 2"],
+    ),
+    "reference for what is not there": (
+        {"reference.vertical": {"hold": {"value": [1]}}},
+        ["reference.vertical", "1 values for 0"],
+    ),
+    "active actuator of another type": (
+        {"controller.active": ["wheel_left_joint"]},
+        ["controller.active", "'reducing_outputs'"],
+    ),
+    "controller of no type": ({"controller": {"preset": "paper"}}, ["controller.type: is missing"]),
+    "gains of another size": ({"controller.k": [1, 2, 3]}, ["controller.k: 3 values for 2 outputs"]),
+    "gain that is infinite": ({"controller.k": float("inf")}, ["controller.k", "finite"]),
+    "redundancy without vertical outputs": ({"controller": {"type": "redundancy"}}, ["mine.yaml"]),
+    "steering without a steering wheel": ({"controller": {"type": "steering"}}, ["mine.yaml"]),
+    "two phases without a platform": ({"controller": {"type": "two_phase"}}, ["controller.platform: is missing"]),
+    "unknown masses without a word": (
+        {"controller": {"type": "uncertain_redundancy"}},
+        ["controller.unknown: is missing"],
+    ),
+    "transpose without actuators": ({"controller": {"type": "jacobian_transpose"}}, ["controller.active: is missing"]),
+    "transpose of an unknown actuator": (
+        {"controller": {"type": "jacobian_transpose", "active": ["wheel_lef"]}},
+        ["'wheel_lef'", "did you mean"],
+    ),
+    "path of a frame that is not there": (
+        {"reference": {"path": {"frame": "bas", "to": [1, 0, 0], "duration": 3, "wheelbase": 1}}},
+        ["mine.yaml"],
+    ),
+    "step longer than the run": ({"simulation.dt": 5}, ["mine.yaml", "dt"]),
+    "run beyond memory": ({"simulation.duration": 1e12, "simulation.dt": 1e-6}, ["mine.yaml", "simulation"]),
+    "substeps in words": ({"simulation.substeps": "two"}, ["simulation.substeps", "'two'"]),
+    "damping in words": ({"simulation.joint_damping": "a lot"}, ["simulation.joint_damping", "'a lot'"]),
+    "initial joint of the base too short": (
+        {"initial.q": {"root_joint": [1, 2]}},
+        ["'root_joint' takes 3 (x, y, yaw)"],
+    ),
+    "locked wheel": ({"robot.lock": {"wheel_left_joint": 0}}, ["mine.yaml"]),
+    "locked wheel of two values": ({"robot.lock": {"wheel_left_joint": [0, 1, 2]}}, ["'wheel_left_joint'", "found 3"]),
+    "gravity in words": ({"robot.gravity": "down"}, ["robot.gravity", "'down'"]),
+    "gravity NaN": ({"robot.gravity": [0, 0, float("nan")]}, ["robot.gravity[2]", "finite"]),
+    "seed of a word": ({"seed": "lucky"}, ["seed", "'lucky'"]),
+    "title that is a list": ({"title": ["a", "b"]}, ["title", "['a', 'b']"]),
+    "ground in words": ({"view.ground": "floor"}, ["view.ground", "'floor'"]),
+    "comparison that is a word": ({"comparisons": {"other": "paper"}}, ["comparisons.other"]),
+    "comparison by an unknown path": (
+        {"comparisons": {"other": {"actuators.7": "base"}}},
+        ["actuators.7", "not an index into a list of 2"],
+    ),
+    "comparisons of one name": (
+        {"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
+        ["comparisons", "name one file"],
+    ),
+}
+
+
+@pytest.fixture
+def call(monkeypatch, capfd):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+def check_refusal(call, folder, arguments, words):
+    """The command ends with status 2, one line that holds the words, and the folder as it was."""
+    before = sorted(folder.rglob("*"))
+    status, out, error = call(*arguments)
+    assert error.endswith("\n"), error
+    assert len(error.splitlines()) == 1, error
+    assert error.startswith("rnc-pin: error: "), error
+    assert "unexpected" not in error
+    assert len(error) < 600
+    assert (status, out) == (2, ""), error
+    for word in words:
+        assert word in error, error
+    assert sorted(folder.rglob("*")) == before
+
+
+def write(folder, files):
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+@pytest.mark.parametrize(("case", "files", "words"), FILES.values(), ids=FILES)
+def test_a_broken_file_is_refused_in_one_line(case, files, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command, content = case
+    write(tmp_path, {"mine.yaml": content, **files})
+    arguments = [command, "mine.yaml", *(["--out", "out"] if command == "run" else [])]
+    check_refusal(call, tmp_path, arguments, words)
+
+
+@pytest.mark.parametrize(("changes", "words"), MEETINGS.values(), ids=MEETINGS)
+def test_parts_that_do_not_fit_are_refused_in_one_line(changes, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    _, content = scenario(changes)
+    write(tmp_path, {"mine.yaml": content, "robot.urdf": GOOD})
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], words)
+
+
+# name: (arguments, files, words)
+DRAFTS = {
+    "no such robot": (["robt.urdf"], {"robot.urdf": GOOD}, ["no robot 'robt.urdf'"]),
+    "misspelt example": (["tiago_no_hnd"], {}, ["did you mean 'tiago_no_hand'?"]),
+    "misspelt shipped": (["space_robt.urdf"], {}, ["did you mean 'space_robot.urdf'?"]),
+    "folder": (["."], {"robot.urdf": GOOD}, ["'.'", "folder"]),
+    "empty": (["robot.urdf"], {"robot.urdf": ""}, ["robot.urdf", "not well-formed XML"]),
+    "binary": (["robot.urdf"], {"robot.urdf": bytes(range(256))}, ["robot.urdf", "not well-formed XML"]),
+    "scenario": (["mine.yaml"], {"mine.yaml": "robot: {}"}, ["mine.yaml", "not well-formed XML"]),
+    "HTML": (["robot.urdf"], {"robot.urdf": "<html/>"}, ["<html>", "expected <robot>"]),
+    "nothing that moves": (["robot.urdf"], {"robot.urdf": urdf()}, ["no moving joint"]),
+    "no mass": (["robot.urdf"], {"robot.urdf": urdf(LEFT, wheel("right", -0.2, ""))}, ["moves no mass"]),
+    "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
+    "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
+    "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
+    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD}, ["--out no/a.yaml", "no folder"]),
+    "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
+    "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
+    "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
+    "MJCF of nothing": (["robot.xml"], {"robot.xml": "<mujoco/>"}, ["robot.xml", "no <body>"]),
+    "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "files", "words"), DRAFTS.values(), ids=DRAFTS)
+def test_a_draft_of_rubbish_is_refused_in_one_line(arguments, files, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, files)
+    check_refusal(call, tmp_path, ["init", *arguments], words)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+@pytest.mark.parametrize("name", ["mine.yaml", "robot.urdf"])
+def test_a_file_that_may_not_be_read_is_refused(name, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
+    (tmp_path / name).chmod(0)
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], [name, "cannot be read"])
+
+
+@pytest.mark.parametrize("name", ["mine.yaml", "robot.urdf"])
+def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, monkeypatch):
+    """As a disk or a network share does: /proc/self/mem opens, and cannot be read at its beginning."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
+    (tmp_path / name).unlink()
+    (tmp_path / name).symlink_to("/proc/self/mem")
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], ["cannot be read"])
+
+
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_an_output_folder_below_a_file_is_refused(command, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"file": "mine"})
+    more = ["--runs", 1] if command == "sweep" else []
+    check_refusal(call, tmp_path, [command, "space-robot", "--out", "file/out", *more], ["--out file/out"])
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
+        ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
+        ("title", ["sweep.title", "string"]),
+    ],
+)
+def test_a_sweep_over_what_is_not_there_is_refused(key, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]})
+    check_refusal(call, tmp_path, ["sweep", "mine.yaml", "--runs", 1, "--out", "out"], words)
+
+
+def test_there_are_more_than_a_hundred():
+    assert len(FILES) + len(MEETINGS) + len(DRAFTS) > 150
+
+
+def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
+    """Each case changes one thing in something that runs."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"robot.urdf": GOOD, "robot.xml": mjcf(), "robot.urdf.xacro": xacro(radius="${0.05 * 2}")})
+    for _, content in (scenario(), on_mjcf(), on_xacro(), scenario(of=SPACE_ROBOT)):
+        write(tmp_path, {"mine.yaml": content})
+        status, _, error = call("inspect", "mine.yaml", "--samples", 2)
+        assert (status, error) == (0, "")

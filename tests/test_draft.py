@@ -1,0 +1,302 @@
+"""Drafted scenarios: what they guess, and that they run as they are."""
+
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from rnc_pin.cli import main
+from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.loading import read_yaml
+from rnc_pin.scenario.run import execute, plan
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+
+def drafted(source, folder, **options):
+    """(the scenario's content, its path)."""
+    path = folder / "draft.yaml"
+    path.write_text(draft(str(source), folder, **options))
+    return read_yaml(path), path
+
+
+def outcome_of(path, duration=None):
+    prepared = plan(str(path), {} if duration is None else {"simulation.duration": duration})
+    assert prepared.experiment.warnings == ()
+    return execute(prepared).summary
+
+
+def radii(content):
+    wheels = [each["rolling_wheel"] for each in content["constraints"] if "rolling_wheel" in each]
+    return {wheel["frame"]: wheel["radius"] for wheel in wheels}
+
+
+# ---------------------------------------------------------------------- robots that others made
+
+BASES = {  # wheels and their radii, how many outputs, the base's
+    "tiago_no_hand": (
+        {"wheel_left_link": 0.0985, "wheel_right_link": 0.0985},
+        12,
+        ["base_link_speed_x", "base_link_yaw"],
+    ),
+    "tiago_pro": ({}, 20, ["base_link_x", "base_link_y", "base_link_yaw"]),
+    "centauro": ({}, 18, ["pelvis_x", "pelvis_y", "pelvis_yaw"]),
+}
+
+
+@pytest.mark.parametrize(("name", "expected"), BASES.items(), ids=BASES)
+def test_a_draft_for_a_wheeled_robot_runs_as_it_is(name, expected, tmp_path):
+    wheels, size, base = expected
+    content, path = drafted(name, tmp_path)
+    assert content["robot"]["base"] == "planar"
+    assert radii(content) == pytest.approx(wheels)
+    assert len(content["task"]["primary"]) == size
+    assert content["task"]["primary"][: len(base)] == base
+    summary = outcome_of(path, 1.0)
+    assert summary["outcome"] == "completed"
+    assert max(summary["max_error"].values()) < 5e-3
+    assert summary["constraint_residual_max"] < 1e-9
+
+
+def test_casters_are_not_taken_for_driven_wheels(tmp_path):
+    """TIAGo with two arms has four casters that swivel and roll, beside two driven wheels."""
+    content, path = drafted("tiago_dual", tmp_path)
+    rolling = radii(content)
+    assert {frame for frame in rolling if "caster" not in frame} == {"wheel_left_link", "wheel_right_link"}
+    assert sorted(set(rolling.values())) == [0.025, 0.0985]
+    assert len(rolling) == 6
+    assert not any("caster" in str(each) for each in content["actuators"])
+    assert {"wheel_left_joint", "wheel_right_joint"} <= set(content["actuators"])
+    assert content["task"]["primary"][:2] == ["base_link_speed_x", "base_link_yaw"]
+    assert outcome_of(path, 0.02)["outcome"] == "completed"
+
+
+@pytest.mark.parametrize(
+    ("name", "constraints", "primary"),
+    [
+        ("space_robot.urdf", [{"momentum": "platform"}], ["joint_1", "joint_2", "joint_3"]),
+        (
+            "mobile_manipulator.urdf",
+            [{"no_side_slip": {"frame": "axle", "axis": "y"}}],
+            ["base_speed_x", "base_yaw", "joint_1", "joint_2"],
+        ),
+        (
+            "fire_truck.urdf",
+            [{"no_side_slip": {"frame": f"{each}_axle", "axis": "y"}} for each in ("tractor", "front", "rear")],
+            ["tractor_speed_x", "front_steering", "rear_steering"],
+        ),
+        ("panda", [], [f"panda_joint{k}" for k in range(1, 8)]),
+    ],
+)
+def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, primary, tmp_path):
+    content, path = drafted(name, tmp_path)
+    assert content.get("constraints", []) == constraints
+    assert content["task"]["primary"] == primary
+    if "no_side_slip" in str(constraints):
+        assert "# Assumed: wheels are not joints of this file" in path.read_text()
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    assert max(summary["max_error"].values()) < 1e-2
+
+
+def test_a_floating_base_keeps_its_momentum(tmp_path):
+    content, path = drafted("panda", tmp_path, base="free")
+    assert content["constraints"] == [{"momentum": "root_joint"}]
+    assert content["robot"]["gravity"] == [0, 0, 0]
+    assert outcome_of(path, 0.2)["outcome"] == "completed"
+
+
+# ---------------------------------------------------------------------- robots made for this
+
+BODY = '<inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def link(name, geometry="", mass=1.0, roll="0"):
+    shape = (
+        f'<collision><origin rpy="{roll} 0 0" xyz="0 0 0"/><geometry>{geometry}</geometry></collision>'
+        if geometry
+        else ""
+    )
+    return f'<link name="{name}">{BODY.format(m=mass, i=0.01 * mass)}{shape}</link>'
+
+
+def joint(name, parent, child, at, axis="0 1 0", kind="continuous"):
+    limit = '<limit lower="-1" upper="1" effort="5" velocity="5"/>' if kind == "revolute" else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def wheel(name, at, radius=0.1, parent="base", shape="cylinder"):
+    geometry = f'<cylinder radius="{radius}" length="0.04"/>' if shape == "cylinder" else shape
+    return link(f"{name}_link", geometry, roll="1.5707963") + joint(name, parent, f"{name}_link", at)
+
+
+def robot_of(*parts):
+    body = link("base", '<box size="0.5 0.3 0.1"/>', 10)
+    return f'<robot name="cart">{body}{"".join(parts)}</robot>'
+
+
+PAIR = wheel("left", "0 0.2 0") + wheel("right", "0 -0.2 0")
+
+
+def write(folder, text, name="cart.urdf"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_two_wheels_make_a_cart(tmp_path):
+    content, path = drafted(write(tmp_path, robot_of(PAIR)), tmp_path)
+    assert content["robot"] == {"urdf": "cart.urdf", "base": "planar"}
+    assert radii(content) == {"left_link": 0.1, "right_link": 0.1}
+    assert content["actuators"] == ["left", "right"]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert content["view"]["ground"] == -0.1
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    # Two fifths of a minimum-jerk way of half a metre.
+    assert summary["final_output"]["base_speed_x"] == pytest.approx(0.5 * 0.31744, abs=1e-2)
+
+
+def test_a_caster_follows(tmp_path):
+    """A swivel with trail and a small wheel, neither called a caster."""
+    swivel = link("fork") + joint("swivel", "base", "fork", "0.2 0 -0.05", "0 0 1")
+    content, path = drafted(
+        write(tmp_path, robot_of(PAIR, swivel, wheel("small", "-0.03 0 0", 0.05, "fork"))), tmp_path
+    )
+    assert radii(content) == {"left_link": 0.1, "right_link": 0.1, "small_link": 0.05}
+    assert content["actuators"] == ["left", "right"]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert outcome_of(path, 1.0)["outcome"] == "completed"
+
+
+def test_a_car_is_steered(tmp_path):
+    front = ""
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        front += link(f"knuckle_{side}") + joint(
+            f"steer_{side}", "base", f"knuckle_{side}", f"0.4 {y} 0", "0 0 1", "revolute"
+        )
+        front += wheel(f"front_{side}", "0 0 0", parent=f"knuckle_{side}")
+    content, path = drafted(write(tmp_path, robot_of(PAIR, front)), tmp_path)
+    assert set(radii(content)) == {"left_link", "right_link", "front_l_link"}
+    assert set(content["robot"]["lock"]) == {"steer_r", "front_r"}
+    assert content["actuators"] == ["left", "right", "steer_l"]
+    assert content["task"]["primary"] == ["base_speed_x", "steer_l"]
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    assert abs(summary["final_output"]["base_yaw"]) > 0.005
+
+
+def test_of_several_axles_one_rolls(tmp_path):
+    other = wheel("back_left", "-0.3 0.2 0") + wheel("back_right", "-0.3 -0.2 0")
+    content, path = drafted(write(tmp_path, robot_of(PAIR, other)), tmp_path)
+    assert radii(content) == {"left_link": 0.1, "right_link": 0.1}
+    assert content["robot"]["lock"] == {"back_left": 0.0, "back_right": 0.0}
+    assert "several axles without steering" in path.read_text()
+    assert outcome_of(path, 0.5)["outcome"] == "completed"
+
+
+def test_the_radius_of_a_mesh(tmp_path):
+    """A wheel that is a mesh: sixteen corners on a circle about its own y axis."""
+    angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    corners = [(0.123 * np.cos(a), y, 0.123 * np.sin(a)) for a in angles for y in (-0.02, 0.02)]
+    faces = [(i, (i + 2) % 32, i + 1 if i % 2 == 0 else (i + 1) % 32) for i in range(32)]
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (tmp_path / "wheel.obj").write_text("\n".join(lines) + "\n")
+    mesh = '<mesh filename="wheel.obj"/>'
+    parts = [
+        link(f"{name}_link", mesh) + joint(name, "base", f"{name}_link", at)
+        for name, at in (("left", "0 0.2 0"), ("right", "0 -0.2 0"))
+    ]
+    content, _ = drafted(write(tmp_path, robot_of(*parts)), tmp_path)
+    assert radii(content) == pytest.approx({"left_link": 0.123, "right_link": 0.123}, abs=1e-5)
+
+
+def test_wheels_without_a_shape_are_measured_by_their_height(tmp_path):
+    text = '<robot name="cart"><link name="footprint"/>' + link("base", mass=10)
+    text += joint("lift", "footprint", "base", "0 0 0.08", kind="fixed")
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        text += link(f"{side}_wheel") + joint(f"{side}_wheel_joint", "base", f"{side}_wheel", f"0 {y} 0")
+    content, path = drafted(write(tmp_path, text + "</robot>"), tmp_path)
+    assert radii(content) == {"left_wheel": 0.08, "right_wheel": 0.08}
+    assert "MEASURE the radius" in path.read_text()
+
+
+def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
+    arm = link("upper", '<cylinder radius="0.05" length="0.1"/>') + joint("elbow", "base", "upper", "0 0 0.6")
+    content, _ = drafted(write(tmp_path, robot_of(PAIR, arm)), tmp_path)
+    assert set(radii(content)) == {"left_link", "right_link"}
+    assert content["actuators"] == ["left", "right", "elbow"]
+
+
+def test_an_mjcf_with_a_free_joint_is_put_on_its_wheels(tmp_path):
+    wheels = "".join(
+        f'<body name="{name}" pos="0 {y} 0"><joint name="{name}" axis="0 1 0"/>'
+        '<geom type="cylinder" size=".1 .02" mass="1" euler="90 0 0"/></body>'
+        for name, y in (("left", 0.15), ("right", -0.15))
+    )
+    text = (
+        '<mujoco model="cart"><worldbody><geom type="plane" size="5 5 .1"/><body name="base" pos="0 0 0.1"><freejoint/>'
+        f'<geom type="box" size=".2 .1 .05" mass="5"/>{wheels}</body></worldbody></mujoco>'
+    )
+    content, path = drafted(write(tmp_path, text, "cart.xml"), tmp_path)
+    assert content["robot"] == {"mjcf": "cart.xml", "base": "planar"}
+    assert radii(content) == pytest.approx({"left": 0.1, "right": 0.1})
+    assert outcome_of(path, 1.0)["outcome"] == "completed"
+
+
+def test_a_file_is_named_from_where_the_draft_is(tmp_path):
+    robot, place = tmp_path / "robots", tmp_path / "scenarios"
+    robot.mkdir()
+    place.mkdir()
+    content, path = drafted(write(robot, robot_of(PAIR)), place)
+    assert content["robot"]["urdf"] == "../robots/cart.urdf"
+    assert outcome_of(path, 0.1)["outcome"] == "completed"
+
+
+# ---------------------------------------------------------------------- the command
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, robot_of(PAIR))
+    status, out, error = call("init", "cart.urdf")
+    assert (status, error) == (0, "")
+    assert "wrote cart.yaml" in out
+    status, out, error = call("inspect", "cart.yaml", "--samples", 4, "--json")
+    assert (status, error) == (0, "")
+    assert yaml.safe_load(out)["actuation_rank"] == 2
+    assert call("run", "cart.yaml", "--set", "simulation.duration=0.1")[0] == 0
+    before = (tmp_path / "cart.yaml").read_bytes()
+    status, out, error = call("init", "cart.urdf", "--base", "free")
+    assert (status, out) == (2, "")
+    assert "add --force" in error
+    assert (tmp_path / "cart.yaml").read_bytes() == before
+    assert call("init", "cart.urdf", "--base", "free", "--force")[0] == 0
+    assert (tmp_path / "cart.yaml").read_bytes() != before
+
+
+def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = robot_of(PAIR).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    text = text.replace('radius="0.1"', "radius=\"${xacro.arg('size')}\"").replace(
+        '<link name="base">', '<xacro:arg name="size" default="0.1"/><link name="base">'
+    )
+    write(tmp_path, text, "cart.urdf.xacro")
+    assert call("init", "cart.urdf.xacro", "--arg", "size=0.15")[0] == 0
+    content = read_yaml(tmp_path / "cart.yaml")
+    assert radii(content) == {"left_link": 0.15, "right_link": 0.15}
+    assert content["robot"]["xacro_arguments"] == {"size": 0.15}

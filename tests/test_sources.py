@@ -1,0 +1,294 @@
+"""Robots from MJCF and xacro, packages without ROS, and what Pinocchio passes over in silence."""
+
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.sources.packages import Packages
+from rnc_pin.sources.xacro_files import check_expression
+from rnc_pin.urdf_files import shipped_directory
+from tolerances import ROUNDING
+
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def urdf(mimic="", moments=(1, 1, 1), visual="", mass=2):
+    xx, yy, zz = moments
+    body = (
+        f'<inertial><origin xyz="0.3 0 0"/><mass value="{mass}"/>'
+        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    joint = (
+        '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>{}<origin xyz="0.5 0 0.1"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="3" velocity="1"/><dynamics damping="0.2"/></joint>'
+    )
+    links = f'<link name="ground">{visual}</link><link name="one">{body}</link><link name="two">{body}</link>'
+    joints = joint.format("shoulder", "ground", "one", "") + joint.format("elbow", "one", "two", mimic)
+    return f'<robot name="arm">{links}{joints}</robot>'
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+# ---------------------------------------------------------------------- MJCF
+
+MJCF = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/><worldbody>
+  <geom type="plane" size="1 1 1"/>
+  <body name="one" pos="0.5 0 0.1">{root}<joint name="shoulder" axis="0 1 0" range="-1 1" damping="0.2"/>
+    <inertial pos="0.3 0 0" mass="2" diaginertia="1 1 1"/><geom type="sphere" size="0.05" contype="0"/>
+    <body name="two" pos="0.5 0 0.1"><joint name="elbow" axis="0 1 0" range="-1 1" damping="0.2"/>
+      <inertial pos="0.3 0 0" mass="2" diaginertia="1 1 1"/></body></body></worldbody>{more}</mujoco>"""
+
+
+def mjcf(root="", more=""):
+    return MJCF.format(root=root, more=more)
+
+
+@pytest.mark.parametrize("lock", [None, {"elbow": 0.4}], ids=["whole", "locked"])
+@pytest.mark.parametrize("gravity", [None, (0, 0, -1.62)], ids=["earth", "moon"])
+def test_one_arm_has_the_same_dynamics_as_mjcf_and_as_urdf(lock, gravity, tmp_path):
+    one = rnc.Robot.from_urdf(write(tmp_path / "arm.urdf", urdf()), lock=lock, gravity=gravity)
+    other = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf()), lock=lock, gravity=gravity)
+    assert one.joint_names == other.joint_names
+    generator = np.random.default_rng(0)
+    for _ in range(3):
+        q, v, a = (generator.uniform(-1, 1, one.nv) for _ in range(3))
+        torques = [pin.rnea(robot.model, robot.model.createData(), q, v, a) for robot in (one, other)]
+        np.testing.assert_allclose(*torques, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(other.model.lowerPositionLimit, one.model.lowerPositionLimit)
+    np.testing.assert_allclose(other.model.damping, one.model.damping)
+
+
+def test_gravity_of_an_mjcf_is_the_files(tmp_path):
+    """Pinocchio's parser leaves the option out."""
+    path = write(tmp_path / "arm.xml", mjcf().replace("-9.81", "-1.62"))
+    assert rnc.Robot.from_mjcf(path).model.gravity.linear.tolist() == [0, 0, -1.62]
+
+
+@pytest.mark.parametrize(
+    ("base", "first", "nv"),
+    [(None, "float", 8), ("fixed", "shoulder", 2), ("planar", "root_joint", 5), ("free", "root_joint", 8)],
+)
+def test_a_base_takes_the_place_of_the_free_joint(base, first, nv, tmp_path):
+    text = (
+        '<mujoco><worldbody><body name="b"><freejoint name="float"/>'
+        '<geom size="0.1" mass="3"/>'
+        '<body name="one"><joint name="shoulder"/><geom pos="1 0 0" size="0.1" mass="1"/>'
+        '<body name="two"><joint name="elbow" axis="0 1 0"/><geom pos="1 0 0" size="0.1" mass="1"/>'
+        "</body></body></body></worldbody></mujoco>"
+    )
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", text), base)
+    assert robot.joint_names[0] == first
+    assert robot.nv == nv
+
+
+def test_the_floor_of_an_mjcf_is_not_drawn_with_the_robot(tmp_path):
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf()))
+    assert [shape.name for shape in robot.visual_model.geometryObjects] == ["oneGeom_0"]
+
+
+def test_meshes_of_an_mjcf_are_found_from_anywhere(tmp_path, monkeypatch):
+    write(tmp_path / "meshes" / "t.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    text = mjcf().replace('<geom type="sphere" size="0.05" contype="0"/>', '<geom type="mesh" mesh="t"/>')
+    text = text.replace(
+        '<compiler angle="radian"/>',
+        '<compiler angle="radian" meshdir="meshes"/><asset><mesh name="t" file="t.obj"/></asset>',
+    )
+    path = write(tmp_path / "arm.xml", text)
+    monkeypatch.chdir("/")
+    (shape,) = rnc.Robot.from_mjcf(path).visual_model.geometryObjects
+    assert shape.geometry.num_vertices == 4
+
+
+def test_a_joint_equality_is_listed_and_other_equalities_are_named(tmp_path):
+    joint = '<joint joint1="elbow" joint2="shoulder" polycoef="0.1 -2 0 0 0"/>'
+    more = f'<equality>{joint}<weld body1="one" body2="two"/></equality>'
+    with pytest.warns(rnc.ModelWarning, match="<equality><weld> is left out"):
+        robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf(more=more)))
+    assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
+
+
+# ---------------------------------------------------------------------- joints that mimic others
+
+MIMIC = '<mimic joint="shoulder" multiplier="-2" offset="0.1"/>'
+
+
+def coupled(robot):
+    """Rows that hold elbow = -2 shoulder + 0.1."""
+    return rnc.Pfaffian(lambda q: np.array([[2.0, 1.0]]), lambda q, v: np.zeros((1, 2)), ["coupling"])
+
+
+def test_a_joint_that_should_mimic_is_named_until_it_is_coupled(tmp_path):
+    path = write(tmp_path / "arm.urdf", urdf(MIMIC))
+    robot = rnc.Robot.from_urdf(path)
+    assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
+    with pytest.warns(rnc.ModelWarning, match=r"should mimic others move independently: elbow \(of shoulder\)"):
+        rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rnc.NonholonomicSystem(robot, [coupled(robot)], ["shoulder"])
+
+
+@pytest.mark.parametrize("lock", ["shoulder", "elbow"])
+def test_half_a_pair_locked_is_named_too(lock, tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "arm.urdf", urdf(MIMIC)), lock={lock: 0.0})
+    with pytest.warns(rnc.ModelWarning, match="elbow"):
+        rnc.NonholonomicSystem(robot, [], robot.joint_names)
+
+
+@pytest.mark.parametrize(
+    ("of", "words"), [("sholder", "did you mean 'shoulder'"), ("elbow", "expected one of: shoulder")]
+)
+def test_a_mimic_of_nobody_is_named_and_left_out(of, words, tmp_path):
+    path = write(tmp_path / "arm.urdf", urdf(f'<mimic joint="{of}"/>'))
+    with pytest.warns(rnc.ModelWarning, match=f"mimics a joint that is not there: 'elbow' of '{of}'; {words}"):
+        assert rnc.Robot.from_urdf(path).mimics == ()
+
+
+def test_pinocchios_own_mimic_joints_have_no_coriolis_matrix(tmp_path):
+    """Why couplings are constraints here: with mimic joints C v is not the bias. Should this fail, look again."""
+    path = write(tmp_path / "arm.urdf", urdf(MIMIC))
+    model = pin.buildModelFromUrdf(str(path), mimic=True)
+    data, q, v = model.createData(), np.array([0.3]), np.array([0.7])
+    assert model.nv == 1
+    bias = pin.nonLinearEffects(model, data, q, v) - pin.computeGeneralizedGravity(model, data, q)
+    assert np.abs(pin.computeCoriolisMatrix(model, data, q, v) @ v - bias).max() > 1e-3
+
+
+# ---------------------------------------------------------------------- inertias
+
+
+@pytest.mark.parametrize(("moments", "possible"), [((1, 1, 2), True), ((0, 0, 0), True), ((1, 1, 2.1), False)])
+def test_an_inertia_that_no_body_has_is_named(moments, possible, tmp_path):
+    path = write(tmp_path / "arm.urdf", urdf(moments=moments))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        rnc.Robot.from_urdf(path)
+    assert [str(each.message).split(": ")[1] for each in said if each.category is rnc.ModelWarning] == (
+        [] if possible else ["no body has the rotational inertia behind shoulder, elbow"]
+    )
+
+
+# ---------------------------------------------------------------------- packages
+
+MESH = '<visual><geometry><mesh filename="package://shapes/meshes/t.obj"/></geometry></visual>'
+TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def names(robot):
+    return len(robot.visual_model.geometryObjects)
+
+
+@pytest.mark.parametrize(
+    ("package", "file", "options", "variable"),
+    [
+        ("ws/shapes", "ws/shapes/urdf/arm.urdf", {}, None),  # the file is in the package
+        ("ws/shapes", "ws/arm_description/urdf/arm.urdf", {}, None),  # the package is beside the file's
+        ("else/shapes", "arm.urdf", {"package_dirs": ["else"]}, None),
+        ("else/shapes", "arm.urdf", {"package_dirs": ["else/shapes"]}, None),  # the package itself
+        ("else/shapes", "arm.urdf", {}, ("ROS_PACKAGE_PATH", "nowhere:else")),
+        ("else/share/shapes", "arm.urdf", {}, ("AMENT_PREFIX_PATH", "else")),
+    ],
+    ids=["inside", "beside", "folder", "itself", "ROS 1", "ROS 2"],
+)
+def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / package / "meshes/t.obj", TRIANGLES)
+    path = write(tmp_path / file, urdf(visual=MESH))
+    if variable:
+        monkeypatch.setenv(*variable)
+    assert names(rnc.Robot.from_urdf(path, **options)) == 1
+
+
+def test_a_package_may_lie_in_a_folder_of_another_name(tmp_path):
+    write(tmp_path / "git-checkout/meshes/t.obj", TRIANGLES)
+    write(tmp_path / "git-checkout/package.xml", "<package><name>shapes</name></package>")
+    path = write(tmp_path / "git-checkout/urdf/arm.urdf", urdf(visual=MESH))
+    assert names(rnc.Robot.from_urdf(path)) == 1
+
+
+@pytest.mark.parametrize("name", ["", "..", "a/b", "nowhere_at_all"])
+def test_a_package_of_no_name_is_not_found(name, tmp_path):
+    assert Packages(tmp_path).folder(name) is None
+
+
+# ---------------------------------------------------------------------- xacro
+
+
+def test_a_xacro_file_is_the_robot_it_stands_for(tmp_path):
+    text = (shipped_directory() / "space_robot.urdf").read_text().replace("<robot ", f"<robot {XACRO} ")
+    text = text.replace('<link name="ground">', '<xacro:arg name="length" default="1"/><link name="ground">')
+    text = text.replace(
+        '<origin xyz="1 0 0" rpy="0 0 0"/>',
+        '<origin xyz="${float(xacro.arg(\'length\'))} 0 0" rpy="0 ${pi - radians(180)} 0"/>',
+    )
+    path = write(tmp_path / "robot.urdf.xacro", text)
+    one, other = rnc.Robot.from_urdf("space_robot.urdf"), rnc.Robot.from_urdf(path)
+    assert one.model == other.model
+    longer = rnc.Robot.from_urdf(path, xacro_arguments={"length": 1.5})
+    assert longer.model.jointPlacements[3].translation.tolist() == [1.5, 0, 0]
+    assert rnc.Robot.from_urdf(path).model == one.model  # nothing is left of the call before
+
+
+def test_xacro_finds_packages_and_includes(tmp_path):
+    write(tmp_path / "parts/arm.xacro", urdf().replace("<robot ", f"<robot {XACRO} "))
+    text = f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/arm.xacro"/></robot>'
+    robot = rnc.Robot.from_urdf(write(tmp_path / "mine/robot.xacro", text))
+    assert robot.joint_names == ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "2*pi/3",
+        "radians(30)",
+        "[k*2 for k in range(3)][1]",
+        "a.b['c']",
+        "-x**2",
+        "'m' if x > 1 else 'n'",
+        "name + '_link'",
+    ],
+)
+def test_what_computes_is_evaluated(expression):
+    check_expression(expression)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "().__class__",
+        "(lambda: 1)()",
+        "[c for c in ().__class__.__base__.__subclasses__()]",
+        "(k for k in [1]).gi_frame",
+        "__import__('os')",
+        "x._private",
+        "'{0.real}'.format(1)",
+        "f'{x}'",
+        "str.mro()",
+        "(y := 3)",
+        "9**9**9",
+        "1 << 10**10",
+        "{k: 1 for k in x}",
+        "import os",
+        "",
+    ],
+)
+def test_what_could_do_more_is_refused(expression):
+    with pytest.raises(rnc.ModelError):
+        check_expression(expression)
+
+
+@pytest.mark.parametrize("expression", ["python.vars(1)", "python['vars'](1)", "python.type(1)", "python['type'](1)"])
+def test_what_leads_to_classes_is_taken_away_and_given_back(expression, tmp_path):
+    import xacro
+
+    path = write(tmp_path / "r.xacro", f'<robot name="${{{expression}}}" {XACRO}/>')
+    with pytest.raises(rnc.ModelError):
+        rnc.Robot.from_urdf(path)
+    assert "vars" in xacro._global_symbols["python"]
