@@ -66,6 +66,14 @@ class Setting:
         longest = max(reference.duration for reference in self.references.values()) + 1.0
         return min(self.simulation.duration, longest)
 
+    @property
+    def held(self) -> np.ndarray | None:
+        """What the actuators hold before the run begins, if the controller is told, as a reduced force (r,)."""
+        if not self.settings.held:
+            return None
+        rest = np.zeros(self.reduced.r)
+        return self.reduced.inverse_dynamics(self.q0, rest, rest)
+
     def gain(self, name: str, default: float | np.ndarray, size: int) -> float | np.ndarray:
         """A gain of the settings, checked for its length, or the preset's."""
         value = getattr(self.settings, name)
@@ -143,12 +151,18 @@ def _two_phase(setting: Setting) -> Controller:
         with _named("controller"):
             position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
             velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
-    tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_coordinates)
+    held = setting.held
+    tracker = PositionTracker(
+        setting.references["primary"],
+        position,
+        angular=task.primary_coordinates,
+        held=None if held is None else held[task.primary],
+    )
     stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
     # Found now rather than at the first sample.
     measured = reduced.measure(setting.q0, np.zeros(task.r))
     stabilizer.initial_state(measured._replace(x2=measured.x2[task.redundant]))
-    drive = VelocityTracker(stabilizer, velocity)
+    drive = VelocityTracker(stabilizer, velocity, None if held is None else held[task.redundant])
     return SplitController([(tracker, task.primary), (drive, task.redundant)], task.r)
 
 
@@ -195,6 +209,8 @@ def _tracked(
     settings, reduced, r = setting.settings, setting.reduced, setting.reduced.r
     margins = _look_ahead(setting, meant or kinematic, task)
     if settings.tracker == "computed_torque":
+        if settings.held:
+            raise ConfigurationError("controller.held: computed torque knows what holds the robot from its model")
         return ComputedTorque(reduced, kinematic, setting.gain("k", _COMPUTED_TORQUE_GAIN, r))
     gains = VelocityGains.paper()
     if settings.preset == "scaled":
@@ -203,9 +219,8 @@ def _tracked(
         with _named("controller"):
             gains = VelocityGains.scaled(reduced, region, setting.simulation.dt, settings.bandwidth)
     sigma = gains.sigma if settings.sigma is None else settings.sigma
-    return VelocityTracker(
-        kinematic, VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
-    )
+    gains = VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
+    return VelocityTracker(kinematic, gains, setting.held)
 
 
 def _jacobian_transpose(setting: Setting) -> Controller:
@@ -239,14 +254,14 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "steering": _steering,
     "two_phase": _two_phase,
 }
-_VELOCITY_GAINS = {"k", "k21", "bandwidth"}
+_VELOCITY_GAINS = {"k", "k21", "bandwidth", "held"}
 _OWN = {  # settings that some types have and others do not
     "redundancy": {*_VELOCITY_GAINS, "k3", "secondary"},
     "reducing_outputs": _VELOCITY_GAINS,
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
     "steering": {*_VELOCITY_GAINS, "k3", "k4"},
-    "two_phase": {"platform"},
+    "two_phase": {"platform", "held"},
 }
 
 

@@ -166,6 +166,8 @@ class ControllerSettings(Strict):
     unknown: Unknown | None = None
     secondary: SecondarySettings | None = None
     platform: PlatformGoal | None = None
+    held: bool | None = None
+    """Whether the robot starts held up by its actuators, so that trackers know the force that takes."""
     alpha: Annotated[float, Field(ge=0)] | None = None
     k: float | Numbers | None = None
     k1: float | Numbers | None = None
