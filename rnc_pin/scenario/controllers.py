@@ -150,7 +150,9 @@ def _two_phase(setting: Setting) -> Controller:
         hand = np.ix_(np.arange(1), task.primary, task.primary)
         with _named("controller"):
             position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
-            velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
+            velocity = VelocityGains.scaled(
+                reduced, start, dt, outputs=task.redundant, adaptation=settings.adaptation or 1.0
+            )
     held = setting.held
     tracker = PositionTracker(
         setting.references["primary"],
@@ -217,7 +219,9 @@ def _tracked(
         # A run that will end in a singular configuration is wanted all the same, for its results until then.
         region = margins.q if margins.singular is None else setting.q0[None]
         with _named("controller"):
-            gains = VelocityGains.scaled(reduced, region, setting.simulation.dt, settings.bandwidth)
+            gains = VelocityGains.scaled(
+                reduced, region, setting.simulation.dt, settings.bandwidth, adaptation=settings.adaptation or 1.0
+            )
     sigma = gains.sigma if settings.sigma is None else settings.sigma
     gains = VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
     return VelocityTracker(kinematic, gains, setting.held)
@@ -254,14 +258,14 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "steering": _steering,
     "two_phase": _two_phase,
 }
-_VELOCITY_GAINS = {"k", "k21", "bandwidth", "held"}
+_VELOCITY_GAINS = {"k", "k21", "bandwidth", "adaptation", "held"}
 _OWN = {  # settings that some types have and others do not
     "redundancy": {*_VELOCITY_GAINS, "k3", "secondary"},
     "reducing_outputs": _VELOCITY_GAINS,
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
     "steering": {*_VELOCITY_GAINS, "k3", "k4"},
-    "two_phase": {"platform", "held"},
+    "two_phase": {"platform", "adaptation", "held"},
 }
 
 
@@ -273,8 +277,9 @@ def _refuse_strangers(settings: ControllerSettings) -> None:
     for name in sorted(strangers):
         if getattr(settings, name) is not None:
             raise ConfigurationError(f"controller.{name}: does not belong to type '{settings.type}'")
-    if settings.preset != "scaled" and settings.bandwidth is not None:
-        raise ConfigurationError("controller.bandwidth: belongs to the preset 'scaled'")
+    for name in ("bandwidth", "adaptation"):
+        if settings.preset != "scaled" and getattr(settings, name) is not None:
+            raise ConfigurationError(f"controller.{name}: belongs to the preset 'scaled'")
 
 
 @contextmanager

@@ -179,3 +179,5 @@ class ControllerSettings(Strict):
     beta: float | Numbers | None = None
     sigma: Annotated[float, Field(ge=0)] | None = None
     bandwidth: Positive | None = None
+    adaptation: Positive | None = None
+    """Of scaled gains, beta / k [1/s]."""
