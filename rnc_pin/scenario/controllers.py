@@ -197,7 +197,7 @@ def _reducing_outputs(setting: Setting) -> Controller:
     order = np.argsort(np.concatenate([task.primary, task.redundant]))
     reference = _Reordered(Joined([references["primary"], references["redundant"]]), order)
     k21 = setting.gain("k21", _OUTER_GAIN, task.r)
-    return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21))
+    return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21, watched=setting.watched))
 
 
 def _tracked(
