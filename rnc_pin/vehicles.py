@@ -37,7 +37,9 @@ def tractor_trailers_urdf(n: int) -> str:
         raise ModelError(f"a tractor has 0 to {_MOST} trailers, found {n!r}")
     parts = [*_tractor(), *(line for number in range(1, n + 1) for line in _trailer(number))]
     materials = [f'<material name="{name}"><color rgba="{rgba}"/></material>' for name, rgba in _COLORS.items()]
-    comment = f"A car with {n} trailers hitched on the axle before, written by rnc_pin.vehicles.tractor_trailers_urdf({n})."
+    comment = (
+        f"A car with {n} trailers hitched on the axle before, written by rnc_pin.vehicles.tractor_trailers_urdf({n})."
+    )
     body = "\n".join(f"  {line}" for line in [*materials, *parts])
     return f'<?xml version="1.0"?>\n<!-- {comment} -->\n<robot name="tractor_trailers_{n}">\n{body}\n</robot>\n'
 
@@ -84,7 +86,8 @@ def _trailer(number: int) -> list[str]:
         "</link>",
         *_fixed(f"axle_{number}", f"trailer_{number}", "-1 0 0"),
         f'<joint name="hitch_{number}" type="revolute">',
-        f'  <parent link="{parent}"/><child link="trailer_{number}"/><origin xyz="{hitch}" rpy="0 0 0"/><axis xyz="0 0 1"/>',
+        f'  <parent link="{parent}"/><child link="trailer_{number}"/>',
+        f'  <origin xyz="{hitch}" rpy="0 0 0"/><axis xyz="0 0 1"/>',
         '  <limit lower="-1.57" upper="1.57" effort="0" velocity="10"/><dynamics damping="0.2"/>',
         "</joint>",
     ]

@@ -20,7 +20,7 @@ class ReducingOutputController:
         reduced: whose outputs they are.
         reference: of x2.
         k2: [1/s]; a number or one each.
-        watched: positions in x1 and reference of vertical outputs that should end up there by themselves; for the record.
+        watched: positions in x1 and reference of vertical outputs that should follow by themselves; for the record.
     """
 
     def __init__(
