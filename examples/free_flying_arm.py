@@ -21,7 +21,7 @@ x1, _ = reduced.outputs(q0)
 
 # Class 1 with a wide A4: seven joints for three coordinates of the hand and three of the attitude.
 task = rnc.Task.of(reduced, primary=[], redundant=joints)
-goal = x1 + [0.1, 0.0, -0.1, 0.0, 0.0, 0.0]
+goal = x1 + np.array([0.1, 0.0, -0.1, 0.0, 0.0, 0.0])
 kinematic = RedundancyController(task, primary=Hold([]), vertical=MinimumJerk(x1, goal, duration=2.0))
 _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration=3.0, dt=0.05)
 tracker = VelocityTracker(kinematic, VelocityGains.scaled(reduced, region, dt=0.002))
@@ -29,4 +29,5 @@ tracker = VelocityTracker(kinematic, VelocityGains.scaled(reduced, region, dt=0.
 run = rnc.simulate(reduced, tracker, q0, duration=3.0, dt=0.002)
 errors = rnc.summarize(run)["max_error"]
 print("largest errors [m, rad]:", {name: f"{error:.1e}" for name, error in errors.items()})
-print(f"momentum stays below {run.constraint_residual.max():.0e}, joints move by {np.ptp(run.x2, axis=0).max():.2f} rad")
+moved = np.ptp(run.x2, axis=0).max()
+print(f"momentum stays below {run.constraint_residual.max():.0e}, joints move by up to {moved:.2f} rad")

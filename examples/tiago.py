@@ -1,5 +1,7 @@
 """TIAGo's hand stays on a line in the world while its base swerves on two rolling wheels."""
 
+import numpy as np
+
 import rnc_pin as rnc
 from rnc_pin.control import RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.planning import MinimumJerk, ViaPoints
@@ -19,7 +21,7 @@ q0 = robot.configuration(dict(zip(arm, angles, strict=True)))
 hand, _ = reduced.outputs(q0)
 task = rnc.Task.of(reduced, primary=["base_link_speed_x", "base_link_yaw"], redundant=arm)
 base = ViaPoints([0, 1.5, 3], [[0.0, 0.0], [0.2, 0.25], [0.4, 0.0]])  # distance driven, heading
-line = MinimumJerk(hand, hand + [0.4, 0.0, 0.0], duration=3.0)
+line = MinimumJerk(hand, hand + np.array([0.4, 0.0, 0.0]), duration=3.0)
 kinematic = RedundancyController(task, base, line, k3=2.0, k21=2.0)
 
 # The tracker knows no model: gains scaled to the inertia, and the torques that hold the arm up at the start.
