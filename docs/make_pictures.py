@@ -28,7 +28,7 @@ PICTURES = {
     "tiago-two-phase": (["tiago_later.png"], 12.0),
     "free-flying-arm": (["free_flyer_attitude.png"], 12.0),
     "unicycle": (["unicycle_point.png"], 18.0),
-    "car": (["car_path.png"], 9.0),
+    "car": (["car_path.png"], 20.0),
     "tractor-trailers": (["trailers_headings.png"], 11.0),
     "snakeboard": (["snakeboard_way.png"], 10.0),
 }
