@@ -24,6 +24,13 @@ PICTURES = {
     "mobile-manipulator-two-phase": (["figure_7a.png", "figure_7b.png"], 12.0),
     "wheels-uncertain": (["wheels_path.png", "wheels_estimates.png", "wheels_prediction.png"], 22.0),
     "fire-truck": (["figure_8a.png", "figure_8b.png"], 11.0),
+    "tiago": (["tiago_hand.png"], 9.0),
+    "tiago-two-phase": (["tiago_later.png"], 12.0),
+    "free-flying-arm": (["free_flyer_attitude.png"], 12.0),
+    "unicycle": (["unicycle_point.png"], 18.0),
+    "car": (["car_path.png"], 20.0),
+    "tractor-trailers": (["trailers_headings.png"], 11.0),
+    "snakeboard": (["snakeboard_way.png"], 10.0),
 }
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 

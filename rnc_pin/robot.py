@@ -166,6 +166,43 @@ class Robot:
         path, packages = urdf_files.find_example(name)
         return cls.from_urdf(path, base, [packages], lock, gravity)
 
+    def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
+        """A new robot: this one with another, of fixed base, mounted on one of its frames. An arm on a satellite, say.
+
+        Gravity is this robot's. The mass of the other's base link counts.
+
+        Args:
+            other: what is mounted.
+            frame: of this robot.
+            placement: of the other's base in that frame; the frame itself by default.
+
+        Raises:
+            ModelError: no such frame, a base that moves, or both have a joint or frame of the same name.
+        """
+        index = self.frame_id(frame)
+        if "root_joint" in other.joint_names:
+            raise ModelError(f"robot '{other.name}' has a base that moves: load it with base='fixed' to mount it")
+        mine, others = self.model, other.model
+        for what, first, second in (
+            ("joint", list(mine.names)[1:], list(others.names)[1:]),
+            ("frame", [each.name for each in mine.frames][1:], [each.name for each in others.frames][1:]),
+        ):
+            for name in second:
+                if name in first:
+                    raise ModelError(f"robots '{self.name}' and '{other.name}' both have a {what} '{name}'")
+        where = pin.SE3.Identity() if placement is None else placement
+        model = pin.appendModel(mine, others, index, where)
+        model.name = f"{self.name} with {other.name}"
+        model.gravity = mine.gravity  # appendModel takes that of the second
+        robot = Robot(model)
+
+        def load(kind: str) -> pin.GeometryModel:
+            parts = [each._geometry_model(kind) or pin.GeometryModel() for each in (self, other)]
+            return pin.appendModel(mine, others, *parts, index, where)[1]
+
+        robot._load_geometry = load
+        return robot
+
     # ------------------------------------------------------------------ names
 
     def joint_id(self, name: str) -> int:

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import yaml
 
-from rnc_pin.cli import main
 from rnc_pin.scenario.loading import built_in_names, find_scenario
 from rnc_pin.urdf_files import shipped_directory
 
@@ -31,19 +30,6 @@ ARRAYS = {  # sizes of one sample: nq = nv = 4, r = p = 3, m = 1
 def shell(*arguments, cwd=None):
     """Run rnc-pin in a process of its own."""
     return subprocess.run([COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120)
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Run rnc-pin in this process, which is faster: (status, stdout, stderr)."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture(scope="module")

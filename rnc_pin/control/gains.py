@@ -44,6 +44,7 @@ class VelocityGains:
         slowest: float = 4.0,
         sigma: float = 0.1,
         outputs: np.ndarray | None = None,
+        adaptation: float = 1.0,
     ) -> VelocityGains:
         """Diagonal gains ``K = bandwidth diag(H)`` that suit the inertia over a region.
 
@@ -60,6 +61,8 @@ class VelocityGains:
             slowest: lowest closed-loop rate accepted [1/s]; about twice the outer loop's gain.
             sigma: leak of the adaptation [1/s].
             outputs: positions of the reducing outputs that the gains are for; all by default.
+            adaptation: ``beta / k`` [1/s]. Where gravity is large for the inertia that it acts on, as at a light wrist,
+                it has to be learnt as fast as it changes: 30.
 
         Raises:
             InfeasibleError: the window is empty; says the figures.
@@ -77,7 +80,7 @@ class VelocityGains:
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
         k = (high if bandwidth is None else bandwidth) * diagonal
-        return cls(k=k, beta=k.copy(), sigma=sigma)
+        return cls(k=k, beta=adaptation * k, sigma=sigma)
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,8 @@ class PositionTracker:
         gains: k1, k2, gamma, beta, sigma; the paper's by default.
         outputs: positions of those outputs in x2; all by default. F has their length.
         angular: which of them are angles, or their coordinates.
+        held: force on these outputs that holds the robot up where it starts (k,), as its actuators report while it
+            rests; f is what has to be learnt besides. Zero by default.
 
     Raises:
         ConfigurationError: one of them is an orientation: integrating by parts needs errors that simply subtract.
@@ -62,6 +64,7 @@ class PositionTracker:
         gains: PositionGains | None = None,
         outputs: np.ndarray | None = None,
         angular: np.ndarray | Coordinates | None = None,
+        held: np.ndarray | None = None,
     ) -> None:
         if isinstance(angular, Coordinates):
             if angular.rotations:
@@ -73,6 +76,7 @@ class PositionTracker:
         self.gains = PositionGains.paper() if gains is None else gains
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
+        self.held = 0.0 if held is None else np.asarray(held, dtype=float)
         check_size(reference, len(self.outputs), "tracked")
 
     def initial_state(self, measurement: Measurement) -> PositionState:
@@ -125,6 +129,7 @@ class PositionTracker:
             + (f + step)
             + g.k1 * g.gamma**2 * w
             + g.k2 * g.gamma**2 * e
+            + self.held
         )
         size = measurement.x2.shape
         command = Command(

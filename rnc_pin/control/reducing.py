@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.comparison import compare
-from rnc_pin.control.protocol import VelocityTarget, check_size
+from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.measurement import Measurement
 from rnc_pin.planning.references import Reference
 from rnc_pin.reduction import ReducedModel
@@ -14,16 +14,24 @@ from rnc_pin.reduction import ReducedModel
 class ReducingOutputController:
     """``v2d = x2d_dot + k2 (x2d - x2)``: every reducing output follows a reference of its own.
 
-    The vertical outputs go wherever the constraints take them. Reads from the measurement: ``x2, v2``.
+    The vertical outputs go wherever the constraints take them. Reads from the measurement: ``x1, x2, v2``.
 
     Args:
         reduced: whose outputs they are.
         reference: of x2.
         k2: [1/s]; a number or one each.
+        watched: positions in x1 and reference of vertical outputs that should follow by themselves; for the record.
     """
 
-    def __init__(self, reduced: ReducedModel, reference: Reference, k2: float | np.ndarray = 2.0) -> None:
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        reference: Reference,
+        k2: float | np.ndarray = 2.0,
+        watched: tuple[np.ndarray, Reference] | None = None,
+    ) -> None:
         check_size(reference, reduced.r, "reducing")
+        self.watched = watched
         self.reference, self.k2 = reference, k2
         self._coordinates = reduced.reducing.coordinates
 
@@ -32,9 +40,13 @@ class ReducingOutputController:
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)
+        x1 = None
+        if self.watched is not None:
+            x1 = spread(self.watched[1].at(t).position, self.watched[0], measurement.x1.shape)
         seen = compare(self._coordinates, desired, measurement.x2, measurement.v2)
         return VelocityTarget(
             v2=seen.velocity + self.k2 * seen.error,
             v2_dot=seen.acceleration + self.k2 * seen.error_rate,
+            x1=x1,
             x2=np.broadcast_to(desired.position, measurement.x2.shape),
         ), None

@@ -38,11 +38,16 @@ class VelocityTracker:
     Args:
         target: kinematic controller that decides ``v2d`` and its rate.
         gains: k, beta, sigma.
+        held: reduced force that holds the robot up where it starts (r,), as its actuators report while it rests; g is
+            what has to be learnt besides. Zero by default, so that a robot under gravity drops until g has grown.
     """
 
-    def __init__(self, target: KinematicController, gains: VelocityGains | None = None) -> None:
+    def __init__(
+        self, target: KinematicController, gains: VelocityGains | None = None, held: np.ndarray | None = None
+    ) -> None:
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
+        self.held = 0.0 if held is None else np.asarray(held, dtype=float)
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """All adaptive gains zero."""
@@ -75,6 +80,6 @@ class VelocityTracker:
         g = decay * state.g + step
         C = decay * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay * state.D + step[..., :, None] * products[..., None, :]
-        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error
+        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.held
         command = command_towards(target, F)
         return command, TrackerState(t, g, C, D, target_state)

@@ -66,6 +66,14 @@ class Setting:
         longest = max(reference.duration for reference in self.references.values()) + 1.0
         return min(self.simulation.duration, longest)
 
+    @property
+    def held(self) -> np.ndarray | None:
+        """What the actuators hold before the run begins, if the controller is told, as a reduced force (r,)."""
+        if not self.settings.held:
+            return None
+        rest = np.zeros(self.reduced.r)
+        return self.reduced.inverse_dynamics(self.q0, rest, rest)
+
     def gain(self, name: str, default: float | np.ndarray, size: int) -> float | np.ndarray:
         """A gain of the settings, checked for its length, or the preset's."""
         value = getattr(self.settings, name)
@@ -142,13 +150,21 @@ def _two_phase(setting: Setting) -> Controller:
         hand = np.ix_(np.arange(1), task.primary, task.primary)
         with _named("controller"):
             position = PositionGains.scaled(reduced.inertia(start)[hand], dt)
-            velocity = VelocityGains.scaled(reduced, start, dt, outputs=task.redundant)
-    tracker = PositionTracker(setting.references["primary"], position, angular=task.primary_coordinates)
+            velocity = VelocityGains.scaled(
+                reduced, start, dt, outputs=task.redundant, adaptation=settings.adaptation or 1.0
+            )
+    held = setting.held
+    tracker = PositionTracker(
+        setting.references["primary"],
+        position,
+        angular=task.primary_coordinates,
+        held=None if held is None else held[task.primary],
+    )
     stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
     # Found now rather than at the first sample.
     measured = reduced.measure(setting.q0, np.zeros(task.r))
     stabilizer.initial_state(measured._replace(x2=measured.x2[task.redundant]))
-    drive = VelocityTracker(stabilizer, velocity)
+    drive = VelocityTracker(stabilizer, velocity, None if held is None else held[task.redundant])
     return SplitController([(tracker, task.primary), (drive, task.redundant)], task.r)
 
 
@@ -181,7 +197,7 @@ def _reducing_outputs(setting: Setting) -> Controller:
     order = np.argsort(np.concatenate([task.primary, task.redundant]))
     reference = _Reordered(Joined([references["primary"], references["redundant"]]), order)
     k21 = setting.gain("k21", _OUTER_GAIN, task.r)
-    return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21))
+    return _tracked(setting, ReducingOutputController(setting.reduced, reference, k2=k21, watched=setting.watched))
 
 
 def _tracked(
@@ -195,17 +211,20 @@ def _tracked(
     settings, reduced, r = setting.settings, setting.reduced, setting.reduced.r
     margins = _look_ahead(setting, meant or kinematic, task)
     if settings.tracker == "computed_torque":
+        if settings.held:
+            raise ConfigurationError("controller.held: computed torque knows what holds the robot from its model")
         return ComputedTorque(reduced, kinematic, setting.gain("k", _COMPUTED_TORQUE_GAIN, r))
     gains = VelocityGains.paper()
     if settings.preset == "scaled":
         # A run that will end in a singular configuration is wanted all the same, for its results until then.
         region = margins.q if margins.singular is None else setting.q0[None]
         with _named("controller"):
-            gains = VelocityGains.scaled(reduced, region, setting.simulation.dt, settings.bandwidth)
+            gains = VelocityGains.scaled(
+                reduced, region, setting.simulation.dt, settings.bandwidth, adaptation=settings.adaptation or 1.0
+            )
     sigma = gains.sigma if settings.sigma is None else settings.sigma
-    return VelocityTracker(
-        kinematic, VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
-    )
+    gains = VelocityGains(setting.gain("k", gains.k, r), setting.gain("beta", gains.beta, r), sigma)
+    return VelocityTracker(kinematic, gains, setting.held)
 
 
 def _jacobian_transpose(setting: Setting) -> Controller:
@@ -239,14 +258,14 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "steering": _steering,
     "two_phase": _two_phase,
 }
-_VELOCITY_GAINS = {"k", "k21", "bandwidth"}
+_VELOCITY_GAINS = {"k", "k21", "bandwidth", "adaptation", "held"}
 _OWN = {  # settings that some types have and others do not
     "redundancy": {*_VELOCITY_GAINS, "k3", "secondary"},
     "reducing_outputs": _VELOCITY_GAINS,
     "jacobian_transpose": {"k1", "k2", "gamma", "active"},
     "uncertain_redundancy": {*_VELOCITY_GAINS, "k3", "unknown", "alpha"},
     "steering": {*_VELOCITY_GAINS, "k3", "k4"},
-    "two_phase": {"platform"},
+    "two_phase": {"platform", "adaptation", "held"},
 }
 
 
@@ -258,8 +277,9 @@ def _refuse_strangers(settings: ControllerSettings) -> None:
     for name in sorted(strangers):
         if getattr(settings, name) is not None:
             raise ConfigurationError(f"controller.{name}: does not belong to type '{settings.type}'")
-    if settings.preset != "scaled" and settings.bandwidth is not None:
-        raise ConfigurationError("controller.bandwidth: belongs to the preset 'scaled'")
+    for name in ("bandwidth", "adaptation"):
+        if settings.preset != "scaled" and getattr(settings, name) is not None:
+            raise ConfigurationError(f"controller.{name}: belongs to the preset 'scaled'")
 
 
 @contextmanager

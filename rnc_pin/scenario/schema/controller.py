@@ -172,6 +172,8 @@ class ControllerSettings(Strict):
     """What the freedom is for that a wide A4 leaves, for ``redundancy``."""
     platform: PlatformGoal | None = None
     """For ``two_phase``."""
+    held: bool | None = None
+    """Whether the robot starts held up by its actuators, so that trackers know the force that takes."""
     alpha: Annotated[float, Field(ge=0)] | None = None
     """Adaptation of estimated masses (20)."""
     k: float | Numbers | None = None
@@ -194,3 +196,5 @@ class ControllerSettings(Strict):
     """Leak of what is adapted [1/s]."""
     bandwidth: Positive | None = None
     """Of the preset ``scaled`` [rad/s]."""
+    adaptation: Positive | None = None
+    """Of scaled gains, beta / k [1/s]."""

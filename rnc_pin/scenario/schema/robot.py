@@ -5,11 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
+import pinocchio as pin
 from pydantic import Field, model_validator
 
 from rnc_pin.robot import Robot
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.urdf_files import find_mjcf, find_urdf
+
+
+class Attachment(Strict):
+    """A robot of fixed base, mounted on a frame of another."""
+
+    robot: RobotSource
+    frame: str
+    xyz: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    """Of its base in that frame [m]."""
+    rpy: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+    """Roll, pitch and yaw of its base in that frame [rad]."""
 
 
 class RobotSource(Strict):
@@ -32,6 +45,9 @@ class RobotSource(Strict):
     gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     """Acceleration of gravity in the world frame [m/s^2]."""
 
+    attach: list[Attachment] = []
+    """Robots mounted on this one."""
+
     @model_validator(mode="after")
     def _one_source(self) -> RobotSource:
         if [self.urdf, self.mjcf, self.example].count(None) != 2:
@@ -42,6 +58,13 @@ class RobotSource(Strict):
         return self
 
     def build(self, folder: Path) -> Robot:
+        robot = self._alone(folder)
+        for each in self.attach:
+            turn = pin.rpy.rpyToMatrix(np.array(each.rpy))
+            robot = robot.attach(each.robot.build(folder), each.frame, pin.SE3(turn, np.array(each.xyz)))
+        return robot
+
+    def _alone(self, folder: Path) -> Robot:
         lock = self.lock or None
         if self.example is not None:
             return Robot.from_example(self.example, self.base, lock, self.gravity)

@@ -1,0 +1,183 @@
+"""TIAGo and a Panda on a satellite: figures of acceptance, measured apart from the reduction, and what made them."""
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import PositionTracker, ReducingOutputController, VelocityGains, VelocityTracker
+from rnc_pin.planning import Hold
+from systems import tiago
+from tolerances import ROUNDING
+
+RADIUS = 0.0985
+TRANSIENT = 1.0  # [s]
+HURRIED = ["simulation.duration=3", "reference.primary.minimum_jerk.duration=1.5", "controller.platform.begin=1.5"]
+
+
+def run_of(call, name, folder, *options):
+    """A built-in scenario run from the command line, without its comparisons: summary and trajectory."""
+    arguments = ["run", name, "--out", str(folder), "--set", "comparisons={}", "--set", "view.trail=[]"]
+    for option in options:
+        arguments += ["--set", option]
+    status, _, complaint = call(*arguments)
+    assert status == 0, complaint
+    summary = json.loads((folder / "summary.json").read_text())
+    return summary, rnc.Trajectory.load(folder / "trajectory.npz")
+
+
+def hand_error(trajectory, kind, columns):
+    late = trajectory.time > TRANSIENT
+    return np.abs(getattr(trajectory, kind) - getattr(trajectory, f"{kind}_desired"))[late][:, columns].max()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "kind"),
+    [("tiago", ["simulation.duration=2.5"], "x1"), ("tiago-two-phase", HURRIED, "x2")],
+)
+def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, name, options, kind, folder):
+    summary, run = run_of(call, name, folder / name, *options)
+    assert summary["outcome"] == "completed"
+    assert hand_error(run, kind, slice(3)) < 0.01
+    lock = run.meta["config"]["robot"]["lock"]
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=lock)
+    model, data = robot.model, robot.model.createData()
+    moved = np.abs(run.v[:, :3]).max()
+    assert moved > 0.05
+    for q, v in zip(run.q[::20], run.v[::20], strict=True):
+        pin.forwardKinematics(model, data, q, v)
+        for wheel in ("wheel_left_link", "wheel_right_link"):
+            center = pin.getFrameVelocity(model, data, robot.frame_id(wheel), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            slip = center.linear + np.cross(center.angular, [0.0, 0.0, -RADIUS])
+            assert np.abs(slip).max() < 1e-9
+    # What two wheels on one axle roll off differs by the turn: an integral of the slip over the whole run.
+    left, right = (model.joints[robot.joint_id(f"wheel_{side}_joint")] for side in ("left", "right"))
+    rolled = [np.unwrap(np.arctan2(run.q[:, j.idx_q + 1], run.q[:, j.idx_q])) if j.nq == 2 else run.q[:, j.idx_q]
+              for j in (left, right)]  # fmt: skip
+    yaw = np.unwrap(np.arctan2(run.q[:, 3], run.q[:, 2]))
+    pin.framesForwardKinematics(model, data, robot.configuration())
+    apart = (
+        data.oMf[robot.frame_id("wheel_left_link")].translation
+        - data.oMf[robot.frame_id("wheel_right_link")].translation
+    )
+    difference = RADIUS * (rolled[1] - rolled[0])
+    sign = np.sign(difference @ yaw)
+    np.testing.assert_allclose(sign * (difference - difference[0]), apart[1] * (yaw - yaw[0]), atol=1e-8)
+
+
+def test_the_free_flyer_keeps_its_hand_on_the_path_its_attitude_and_no_momentum(call, folder):
+    summary, run = run_of(call, "free-flying-arm", folder / "free", "simulation.duration=3")
+    assert summary["outcome"] == "completed"
+    assert run.meta["rotations"]["x1"] == [3]
+    assert hand_error(run, "x1", slice(3)) < 0.01
+    errors = {name: value for name, value in summary["max_error"].items() if "orientation" in name}
+    assert set(errors) == {f"satellite_orientation_{axis}" for axis in "xyz"}
+    assert max(errors.values()) < 1e-3
+    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+    arm = rnc.Robot.from_example("panda", lock=run.meta["config"]["robot"]["attach"][0]["robot"]["lock"])
+    model = satellite.attach(arm, "mount").model
+    data = model.createData()
+    first = pin.centerOfMass(model, data, run.q[0]).copy()
+    assert np.abs(run.v[:, :6]).max() > 1e-3
+    for q, v in zip(run.q[::20], run.v[::20], strict=True):
+        assert np.abs(pin.computeCentroidalMomentum(model, data, q, v).vector).max() < 1e-8
+        # The integral of the linear momentum: the centre of mass stays where it is.
+        np.testing.assert_allclose(pin.centerOfMass(model, data, q), first, atol=1e-9)
+
+
+def test_a_mounted_robot_moves_as_it_does_alone():
+    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+    arm = rnc.Robot.from_example("panda")
+    place = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
+    both = satellite.attach(arm, "mount", place)
+    assert both.nv == satellite.nv + arm.nv
+    np.testing.assert_array_equal(both.model.gravity.linear, np.zeros(3))
+    with_base = rnc.Robot.from_example("panda", base="free")  # a fixed base's own link has its mass, too
+    assert pin.computeTotalMass(both.model) == pytest.approx(
+        pin.computeTotalMass(satellite.model) + pin.computeTotalMass(with_base.model)
+    )
+    generator = np.random.default_rng(0)
+    base, q = satellite.random_configuration(generator), arm.random_configuration(generator)
+    data, alone = both.model.createData(), arm.model.createData()
+    pin.framesForwardKinematics(both.model, data, np.r_[base, q])
+    pin.framesForwardKinematics(arm.model, alone, q)
+    mount = data.oMf[both.frame_id("mount")]
+    expected = mount * place * alone.oMf[arm.frame_id("panda_hand")]
+    assert expected.isApprox(data.oMf[both.frame_id("panda_hand")], ROUNDING)
+    shapes = len(satellite.visual_model.geometryObjects) + len(arm.visual_model.geometryObjects)
+    assert len(both.visual_model.geometryObjects) == shapes
+
+
+def test_what_cannot_be_mounted_is_refused():
+    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free")
+    with pytest.raises(rnc.ModelError, match="both have a frame 'satellite'"):
+        satellite.attach(rnc.Robot(*_renamed()), "mount")
+    with pytest.raises(rnc.ModelError, match="has a base that moves: load it with base='fixed'"):
+        satellite.attach(rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"), "mount")
+    with pytest.raises(rnc.ModelError, match=r"no frame 'mout'.*'mount'"):
+        satellite.attach(rnc.Robot.from_urdf("space_robot.urdf"), "mout")
+
+
+def _renamed():
+    model = pin.Model()
+    model.name = "other"
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("satellite", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return (model,)
+
+
+def held_tiago():
+    reduced = tiago()
+    q0 = reduced.robot.configuration({"torso_lift_joint": 0.15, "arm_1_joint": 0.7, "arm_4_joint": 1.9})
+    x2 = reduced.outputs(q0)[1]
+    rest = np.zeros(reduced.r)
+    return reduced, q0, x2, reduced.inverse_dynamics(q0, rest, rest)
+
+
+def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
+    reduced, q0, x2, held = held_tiago()
+    assert np.abs(held).max() > 100
+    target = ReducingOutputController(reduced, Hold(x2))
+    gains = VelocityGains.scaled(reduced, q0[None], 0.002)
+
+    def dropped(tracker):
+        run = rnc.simulate(reduced, tracker, q0, duration=0.2, dt=0.002)
+        return np.abs(run.x2 - x2).max()
+
+    assert dropped(VelocityTracker(target, gains, held)) < 1e-9
+    assert dropped(VelocityTracker(target, gains)) > 1e-2
+
+
+def test_the_position_tracker_holds_too():
+    reduced, q0, x2, held = held_tiago()
+    tracker = PositionTracker(Hold(x2), held=held)
+    measurement = reduced.measure(q0, np.zeros(reduced.r))
+    command, _ = tracker.step(0.0, measurement, tracker.initial_state(measurement))
+    np.testing.assert_allclose(command.F, held, atol=1e-9)
+
+
+def test_scaled_gains_adapt_as_fast_as_asked():
+    reduced, q0, *_ = held_tiago()
+    gains = VelocityGains.scaled(reduced, q0[None], 0.002, adaptation=30.0)
+    np.testing.assert_allclose(gains.beta, 30.0 * gains.k)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("controller={type: redundancy, tracker: computed_torque, held: true}", "controller.held: computed torque"),
+        ("controller={type: redundancy, preset: paper, adaptation: 3}", "controller.adaptation: belongs to the preset"),
+    ],
+)
+def test_settings_that_would_be_ignored_are_refused(call, option, words, tmp_path):
+    status, _, complaint = call("run", "tiago", "--out", tmp_path / "no", "--set", option)
+    assert status == 2
+    assert words in complaint

@@ -1,0 +1,83 @@
+"""The vehicles' URDFs: what moves, what the constraints leave, and where gaits take them."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.urdf_files import shipped_directory
+from rnc_pin.vehicles import tractor_trailers_urdf
+
+
+def trailers(n, folder):
+    path = folder / "vehicle.urdf"
+    path.write_text(tractor_trailers_urdf(n))
+    robot = rnc.Robot.from_urdf(path, base="planar")
+    axles = ["front_axle", "tractor_axle", *(f"axle_{number}" for number in range(1, n + 1))]
+    system = rnc.NonholonomicSystem(
+        robot, [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]
+    )
+    return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_a_tractor_with_n_trailers(n, tmp_path):
+    reduced = trailers(n, tmp_path)
+    assert (reduced.n, reduced.m, reduced.r) == (4 + n, 2 + n, 2)
+    assert not reduced.dropped_rows
+    if n <= 2:
+        # A chained system: one direction more with every bracket (Sordalen 1993).
+        assert rnc.analyze(reduced, samples=8).growth_vector == tuple(range(2, 5 + n))
+
+
+def test_trailers_turn_as_their_kinematics_say(tmp_path):
+    """``thetadot_i = v_(i-1) sin(theta_(i-1) - theta_i) / L`` with ``v_i = v_(i-1) cos(theta_(i-1) - theta_i)``."""
+    reduced = trailers(3, tmp_path)
+    generator = np.random.default_rng(0)
+    for _ in range(5):
+        steering, *hitches = generator.uniform(-0.8, 0.8, 4)
+        joints = {"front_steering": steering, **{f"hitch_{i}": hitch for i, hitch in enumerate(hitches, start=1)}}
+        q = reduced.robot.configuration({"root_joint": generator.uniform(-2, 2, 3), **joints})
+        u = 1.3
+        v = reduced.terms(q, np.array([u, 0.4])).v
+        rate, speed = u * np.tan(steering), u
+        assert v[2] == pytest.approx(rate)
+        for number, hitch in enumerate(hitches, start=1):
+            turn = v[reduced.robot.velocity_indices(f"hitch_{number}")][0]
+            following = -speed * np.sin(hitch)  # hitch = theta_i - theta_(i-1)
+            assert turn == pytest.approx(following - rate)
+            rate, speed = following, speed * np.cos(hitch)
+
+
+def test_the_file_that_comes_along_is_the_one_that_is_written():
+    assert (shipped_directory() / "tractor_trailers.urdf").read_text() == tractor_trailers_urdf(3)
+
+
+@pytest.mark.parametrize("n", [-1, 1.5, True, 1000])
+def test_other_numbers_of_trailers_are_refused(n):
+    with pytest.raises(rnc.ModelError, match="a tractor has 0 to 50 trailers"):
+        tractor_trailers_urdf(n)
+
+
+def test_the_gait_of_the_snakeboard_carries_it_away_and_its_mirror_image_back():
+    def way(amplitude):
+        options = {"simulation.duration": 3.0, "reference.primary.harmonic.amplitude": amplitude, "plots": {}}
+        run = execute(plan("snakeboard", options)).trajectory
+        assert np.abs(run.T).max() < 1.0
+        return run.x1[-1]
+
+    forth, back = way([0.7, 0.3, -0.3]), way([0.7, -0.3, 0.3])
+    assert forth[0] > 0.1
+    # Turned round by half a turn, the board with its trucks the other way is the same machine.
+    np.testing.assert_allclose(back[0], -forth[0], atol=1e-6)
+    still = way([0.7, 0.0, 0.0])
+    assert abs(still[0]) < 1e-9
+
+
+def test_the_unicycle_rolls_as_far_as_its_wheel_turns():
+    run = execute(plan("unicycle", {"simulation.duration": 2.0, "comparisons": {}, "plots": {}})).trajectory
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    wheel = robot.velocity_indices("axle")
+    np.testing.assert_allclose(run.v[:, 0], 0.25 * run.v[:, wheel][:, 0], atol=1e-12)
+    assert np.abs(run.v[:, 0]).max() > 0.05
+    np.testing.assert_allclose(run.v[:, 1], 0.0, atol=1e-12)
