@@ -3,11 +3,17 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from rnc_pin.control.momentum_estimator import UnknownMass
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
-from rnc_pin.control import ComputedTorque, RedundancyController, SteeringController, UncertainRedundancyController
+from rnc_pin.control import (
+    ComputedTorque,
+    MomentumRegressor,
+    RedundancyController,
+    SteeringController,
+    UncertainRedundancyController,
+    UnknownMass,
+)
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
@@ -164,8 +170,9 @@ def test_what_assumes_rest_is_refused():
     reduced = spinning_space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     inner = RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)))
+    regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass("joint_1")])
     with pytest.raises(rnc.ConfigurationError, match="momentum of zero"):
-        UncertainRedundancyController(reduced, inner, "platform", [UnknownMass("joint_1")], [1.0])
+        UncertainRedundancyController(reduced, inner, regressor, [1.0])
     with pytest.raises(rnc.ConfigurationError, match="steering assumes A v = 0"):
         SteeringController(reduced, task, Hold(np.zeros(2)), Hold(np.zeros(1)))
 

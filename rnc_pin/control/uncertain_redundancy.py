@@ -74,7 +74,7 @@ class UncertainRedundancyController:
                 f"{self._low[first]:g} and {self._high[first]:g}"
             )
         if reduced.affine:
-            raise ConfigurationError("estimation needs constraints A v = 0, and here a momentum is not zero")
+            raise ConfigurationError("estimation assumes A v = 0, a momentum of zero, and this one is not zero")
         self._estimated = regressor.estimated(reduced)
 
     def initial_state(self, measurement: Measurement) -> EstimatorState:
