@@ -15,7 +15,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
@@ -23,9 +22,10 @@ from benchmarks.validation.row import INVARIANT, MOTION, Row
 
 SOURCE = "Ostrowski et al. 1994 (equations)"
 HALF = 0.2  # m
-BODIES = {  # place along the board, mass, moment of inertia
-    "board": (0.0, 5.0, 0.1),
-    "rotor": (0.0, 0.4, 0.07),
+JOINTS = ("rotor", "front_steering", "back_steering")
+BODIES = {  # place along the board [m], mass [kg], moment of inertia [kg m^2], as in urdf/snakeboard.urdf
+    "board": (0.0, 2.4, 0.016),
+    "rotor": (0.0, 3.0, 0.072),
     "front": (HALF, 0.3, 0.0013),
     "back": (-HALF, 0.3, 0.0013),
 }
@@ -37,22 +37,12 @@ DURATION = 15.0
 @cache
 def snakeboard() -> rnc.ReducedModel:
     """Forward speed, rotor and both axles as reducing outputs; the speed is not driven."""
-    model = pin.Model()
-    model.name = "snakeboard"
-    board = 0
-    for name, (x, mass, inertia) in BODIES.items():
-        kind = pin.JointModelRZ() if board else pin.JointModelPlanar()
-        place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
-        joint = model.addJoint(board, kind, place, name if board else "root_joint")
-        board = board or joint
-        model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), inertia * np.eye(3)), pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"{name}_link", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    robot = rnc.Robot(model)
-    axles = [rnc.NoSideSlip("front_link"), rnc.NoSideSlip("back_link")]
-    system = rnc.NonholonomicSystem(robot, axles, ["rotor", "front", "back"])
+    robot = rnc.Robot.from_urdf("snakeboard.urdf", base="planar")
+    axles = [rnc.NoSideSlip("front_truck"), rnc.NoSideSlip("back_truck")]
+    system = rnc.NonholonomicSystem(robot, axles, JOINTS)
     return system.reduce(
-        [rnc.FrameSpeed("board_link"), *(rnc.JointPosition(name) for name in ("rotor", "front", "back"))],
-        [rnc.FramePosition("board_link", "xy"), rnc.FrameYaw("board_link")],
+        [rnc.FrameSpeed("board"), *(rnc.JointPosition(name) for name in JOINTS)],
+        [rnc.FramePosition("board", "xy"), rnc.FrameYaw("board")],
     )
 
 
