@@ -21,9 +21,9 @@ def drafted(source, folder, **options):
     return read_yaml(path), path
 
 
-def outcome_of(path, duration=None):
+def outcome_of(path, duration=None, warnings=()):
     prepared = plan(str(path), {} if duration is None else {"simulation.duration": duration})
-    assert prepared.experiment.warnings == ()
+    assert [each.split(":")[0] for each in prepared.experiment.warnings] == list(warnings)
     return execute(prepared).summary
 
 
@@ -69,7 +69,9 @@ def test_casters_are_not_taken_for_driven_wheels(tmp_path):
     assert not any("caster" in str(each) for each in content["actuators"])
     assert {"wheel_left_joint", "wheel_right_joint"} <= set(content["actuators"])
     assert content["task"]["primary"][:2] == ["base_link_speed_x", "base_link_yaw"]
-    assert outcome_of(path, 0.02)["outcome"] == "completed"
+    # Rolling rows of casters so small, in metres beside radians, give E a small singular value everywhere.
+    thin = "the reference comes close to a singular configuration"
+    assert outcome_of(path, 0.02, [thin])["outcome"] == "completed"
 
 
 @pytest.mark.parametrize(

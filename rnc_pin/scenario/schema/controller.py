@@ -48,6 +48,7 @@ class UnknownMasses(Strict):
 
 class _Length(Strict):
     wheels: Annotated[list[str], Field(min_length=1)]
+    """Frames of the wheels that share the length."""
     initial: Positive
     """First estimate [m]."""
 

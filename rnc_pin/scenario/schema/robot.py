@@ -19,6 +19,7 @@ class Attachment(Strict):
 
     robot: RobotSource
     frame: str
+    """Of the robot that carries it."""
     xyz: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
     """Of its base in that frame [m]."""
     rpy: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
