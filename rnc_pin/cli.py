@@ -25,6 +25,23 @@ _force = click.option("--force", is_flag=True, help="Write into a folder that rn
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
+def _showing(command: Any) -> Any:
+    """The options of whatever can be watched."""
+    options = (
+        click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
+        click.option(
+            "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
+        ),
+        click.option(
+            "--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."
+        ),
+        click.option("--host", default="127.0.0.1", help="With --show: listen here, so that others can watch."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 def main() -> None:
     """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
     try:
@@ -89,9 +106,7 @@ def list_scenarios(as_json: bool) -> None:
 @click.argument("scenario")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
 @_options
-@click.option("--show", is_flag=True, help="Show the robot in the browser while it runs, in real time.")
-@click.option("--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0 for no wait.")
-@click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or only print the address.")
+@_showing
 @_json
 @_force
 @_debug
@@ -102,6 +117,7 @@ def run(
     show: bool,
     speed: float,
     browser: bool,
+    host: str,
     as_json: bool,
     force: bool,
 ) -> int:
@@ -114,7 +130,15 @@ def run(
     notes = Console(stderr=True)
     for warning in prepared.experiment.warnings:
         notes.print(f"rnc-pin: warning: {warning}", markup=False, highlight=False, soft_wrap=True)
-    live = _live_view(prepared, speed, browser) if show else None
+    live = None
+    if show:
+        from rnc_pin.scenario.replay import view_of
+
+        experiment = prepared.experiment
+        title = experiment.scenario.title or prepared.name
+        live = _live_view(
+            experiment.reduced, view_of(experiment.scenario), experiment.notes, title, speed, browser, host
+        )
     try:
         with ProgressBar(notes, prepared.total_duration, f"{prepared.name}", quiet=as_json) as advance:
             result = execute(prepared, live, advance)
@@ -205,59 +229,78 @@ def schema() -> None:
 
 
 @cli.command()
-@click.argument("source", type=click.Path(path_type=Path))
-@click.option("--show", is_flag=True, help="Play it in the browser.")
-@click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file.")
-@click.option("--speed", type=click.FloatRange(min=0.01), default=1.0, help="With --show: times real time.")
-@click.option("--browser/--no-browser", default=True, help="With --show: open the browser, or only print the address.")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_showing
+@click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file that plays offline.")
+@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG a frame into this folder.")
+@click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Of frames and videos, per second.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf, .svg, or interactive .html.")
+@click.option("--aside", is_flag=True, help="Set the runs beside each other, not into each other.")
 @_force
 @_debug
-def replay(source: Path, show: bool, html: Path | None, speed: float, browser: bool, force: bool) -> None:
-    """Play a run again: a folder that run wrote, or its trajectory.npz."""
-    from rnc_pin.scenario.builder import build_system
-    from rnc_pin.scenario.loading import validate
-    from rnc_pin.simulation import Trajectory, summarize
+def replay(
+    sources: tuple[Path, ...],
+    show: bool,
+    speed: float,
+    browser: bool,
+    host: str,
+    html: Path | None,
+    frames: Path | None,
+    video: Path | None,
+    rate: float,
+    plot: Path | None,
+    aside: bool,
+    force: bool,
+) -> None:
+    """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
+    from rnc_pin.scenario.replay import compared, load_run, record, view_of
+    from rnc_pin.simulation import summarize
 
-    trajectory = Trajectory.load(source / "trajectory.npz" if source.is_dir() else source)
-    if "config" not in trajectory.meta:
-        raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")
-    scenario = validate(trajectory.meta["config"], str(source))
-    robot = build_system(scenario, Path(str(trajectory.meta.get("folder", ".")))).robot
-    if trajectory.q.shape[1] != robot.nq:
-        raise ConfigurationError(f"{source}: configurations have {trajectory.q.shape[1]} entries, its robot {robot.nq}")
-    if len(trajectory.time) < 2:
-        raise ConfigurationError(f"{source}: holds {len(trajectory.time)} samples, nothing to play")
-    view = scenario.view
-    if html is not None:
-        from rnc_pin.visualization.recording import record_html
+    runs = [load_run(source) for source in sources]
+    first = runs[0]
+    others = compared(runs)
+    files = {"--html": html, "--video": video, "--plot": plot}
+    for option, path in files.items():
+        _check_new_file(option, path, force)
+    if frames is not None and frames.exists() and (not frames.is_dir() or any(frames.iterdir())) and not force:
+        raise ConfigurationError(f"--frames {frames}: is there and not empty; choose another name or add --force")
+    try:
+        if html is not None or frames is not None or video is not None:
+            recording = record(runs, aside)
+        if html is not None:
+            recording.save(html)
+            click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        if frames is not None:
+            from rnc_pin.visualization.capture import write_frames
 
-        if html.is_dir() or not html.name:
-            raise ConfigurationError(f"--html {html}: is a folder, expected a file")
-        if html.exists() and not force:
-            raise ConfigurationError(f"--html {html}: exists; choose another name or add --force")
-        if not html.absolute().parent.is_dir():
-            raise ConfigurationError(f"--html {html}: there is no folder {html.absolute().parent}")
-        title = scenario.title or str(trajectory.meta.get("scenario"))
-        try:
-            record_html(robot, trajectory, html, view.trail, view.camera, view.target, view.ground, title)
-        except OSError as error:
-            raise ConfigurationError(f"--html {html}: cannot be written: {error.strerror}") from None
-        click.echo(f"wrote {html}")
+            click.echo(f"wrote {len(write_frames(recording, frames, rate))} frames into {frames}")
+        if video is not None:
+            from rnc_pin.visualization.capture import write_video
+
+            click.echo(f"wrote {write_video(recording, video, rate)} ({video.stat().st_size / 1e6:.1f} MB)")
+        if plot is not None:
+            from rnc_pin.visualization.interactive import write_plots
+
+            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others)}")
+    except OSError as error:
+        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
     if show:
-        from rnc_pin.visualization.live import LiveView
+        from rnc_pin.visualization.state import recorded_states
 
-        live = LiveView(robot, view.trail, view.camera, view.target, view.ground, speed, browser)
-        click.echo(f"showing on {live.url}", err=True)
-        live.wait_for_browser(10.0)
+        live = _live_view(
+            first.reduced, view_of(first.scenario), first.trajectory.meta, first.title, speed, browser, host
+        )
         try:
-            for t, q in zip(trajectory.time, trajectory.q, strict=True):
-                live(float(t), q)
+            for state in recorded_states(first.reduced.robot, first.trajectory, rate=60.0):
+                live(state)
         except KeyboardInterrupt:
             pass
         finally:
             live.close()
-    if not show and html is None:
-        print_summary(summarize(trajectory), source)
+    if not show and frames is None and not any(files.values()):
+        for run in runs:
+            print_summary(summarize(run.trajectory), run.source)
 
 
 @cli.command()
@@ -317,14 +360,20 @@ def _parsed(options: tuple[str, ...]) -> dict[str, Any]:
     return dict(parse_option(option) for option in options)
 
 
-def _live_view(prepared: Any, speed: float, browser: bool) -> Any:
+def _live_view(reduced: Any, view: Any, meta: Any, title: str, speed: float, browser: bool, host: str) -> Any:
     from rnc_pin.visualization.live import LiveView
+    from rnc_pin.visualization.scene_server import is_loopback
+    from rnc_pin.visualization.screens import chosen_screen
 
-    view = prepared.experiment.scenario.view
-    robot = prepared.experiment.reduced.robot
-    live = LiveView(robot, view.trail, view.camera, view.target, view.ground, speed, browser)
+    if not is_loopback(host):
+        click.echo(f"rnc-pin: warning: --host {host}: whoever reaches this computer there can watch", err=True)
+    live = LiveView(reduced, view, meta, speed, browser, host, title, chosen_screen())
     click.echo(f"showing on {live.url}", err=True)
-    live.wait_for_browser(10.0)
+    try:
+        live.wait_for_browser(10.0)
+    except BaseException:
+        live.close()
+        raise
     return live
 
 
@@ -345,6 +394,17 @@ def _told_warnings() -> Iterator[None]:
         warnings.simplefilter("always", ModelWarning)
         warnings.showwarning = tell
         yield
+
+
+def _check_new_file(option: str, path: Path | None, force: bool) -> None:
+    if path is None:
+        return
+    if path.is_dir() or not path.name:
+        raise ConfigurationError(f"{option} {path}: is a folder, expected a file")
+    if path.exists() and not force:
+        raise ConfigurationError(f"{option} {path}: exists; choose another name or add --force")
+    if not path.absolute().parent.is_dir():
+        raise ConfigurationError(f"{option} {path}: there is no folder {path.absolute().parent}")
 
 
 def _complain(message: str) -> None:

@@ -81,6 +81,15 @@ class Rows(ABC):
         """
         return np.zeros((len(self.names), state.model.nv)) if self.constant else None
 
+    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray] | None:
+        """Where in the world the rows act and along what, to be drawn.
+
+        Returns:
+            Points (k, 3) [m] and unit vectors (k, 3); None for rows that act on no point, such as a momentum.
+            Needs ``set_position``.
+        """
+        return None
+
 
 class OutputRows(Rows):
     """Rows that are the rate of a coordinate, or of a quasi-coordinate that has no value of its own.
@@ -213,6 +222,16 @@ class RowStack:
             rows = block.jacobian(state)
             out[place] = rows if selection is None else rows[selection]
         return out
+
+    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Points and unit vectors, (size, 3) each; NaN for rows that act on no point."""
+        points, directions = np.full((2, self.size, 3), np.nan)
+        for block, place, selection in self.places:
+            lines = block.lines_of_action(state)
+            if lines is not None:
+                chosen = slice(None) if selection is None else selection
+                points[place], directions[place] = lines[0][chosen], lines[1][chosen]
+        return points, directions
 
 
 class OutputStack(RowStack):

@@ -441,7 +441,7 @@ USAGE = {
     "unknown option": (["run", "space-robot", "--ot", "x"], "No such option '--ot'"),
     "no scenario": (["run"], "Missing argument 'SCENARIO'"),
     "no system": (["inspect"], "Missing argument 'SYSTEM'"),
-    "nothing to replay": (["replay"], "Missing argument 'SOURCE'"),
+    "nothing to replay": (["replay"], "Missing argument 'SOURCE...'"),
     "two scenarios": (["run", "space-robot", "other"], "unexpected extra argument"),
     "misspelt scenario": (["run", "space-robt"], "did you mean 'space-robot'?"),
     "misspelt system": (["inspect", "space-robt"], "did you mean 'space-robot'?"),

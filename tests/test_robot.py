@@ -381,3 +381,10 @@ def test_a_mesh_that_is_rubbish_is_refused_by_its_name(tmp_path, capfd):
     path.write_text(urdf(BODY + visual))
     robot = rnc.Robot.from_urdf(path)
     assert "hand.stl" in refusal(lambda: robot.visual_model, capfd)
+
+
+def test_a_link_called_as_its_joint_is_the_link():
+    robot = rnc.Robot.from_example("z1", lock={"jointGripper": 0.0})
+    frame = robot.model.frames[robot.frame_id("gripperStator")]
+    assert frame.type == pin.FrameType.BODY
+    assert [each.name for each in robot.model.frames].count("gripperStator") == 2

@@ -195,8 +195,8 @@ def test_position_limits_end_the_run():
 
 
 def test_interruption_keeps_the_run():
-    def interrupt(t, q):
-        if t > 0.1:
+    def interrupt(sample):
+        if sample.time > 0.1:
             raise KeyboardInterrupt
 
     reduced = space_robot_in_joints()

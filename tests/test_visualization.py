@@ -1,48 +1,56 @@
-"""Pictures: plots, recordings and the live page, the latter two in a real browser, and who can connect to them."""
+"""The scene server and the live view: who can connect, what a browser can do to a run, and what is listening."""
 
 import gc
 import http.client
-import io
 import os
-import shutil
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import meshcat
+import meshcat.geometry as mg
 import numpy as np
-import pinocchio as pin
 import pytest
-from matplotlib import image
 
 import rnc_pin as rnc
+from browsing import listening
+from rnc_pin.control import Command
+from rnc_pin.measurement import Measurement
 from rnc_pin.scenario.run import execute, plan
+from rnc_pin.simulation import Sample
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.plots import plot_outputs, plot_overview
-from rnc_pin.visualization.recording import RATE, record_html, sample_configurations
-from rnc_pin.visualization.scene import Scene
-from rnc_pin.visualization.scene_server import SceneWindow
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.scene_server import SceneWindow, is_loopback
+from rnc_pin.visualization.scene_store import SceneStore
+from rnc_pin.visualization.screens import chosen_screen
 
-VIEW = {"camera": [1.2, -2.3, 2.4], "target": [0.5, 0.1, -0.3], "ground": -1.3}
-SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
-PATIENCE = 15.0  # [s]; for a browser without a graphics card on a busy machine
+PATIENCE = 15.0  # [s]; on a busy machine
+SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
 
 @pytest.fixture(scope="module")
-def run():
-    """Three seconds of the paper's figure 4."""
-    options = {"simulation.duration": 3.0, "simulation.dt": 0.01, "comparisons": {}}
-    return execute(plan("space-robot", options)).trajectory
+def prepared():
+    """Two seconds of the paper's figure 4."""
+    return plan("space-robot", SHORT)
+
+
+@pytest.fixture(scope="module")
+def run(prepared):
+    return execute(prepared).trajectory
 
 
 @pytest.fixture(scope="module")
 def robot():
     return rnc.Robot.from_urdf("space_robot.urdf")
+
+
+def sample(t, q):
+    """What an observer of a bare robot is told."""
+    return Sample(t, Measurement(q=q), Command(), np.empty(0))
 
 
 def eventually(condition):
@@ -56,24 +64,6 @@ def eventually(condition):
 
 
 # ---------------------------------------------------------------------- who can connect
-
-
-def listening():
-    """Addresses and ports on which this process listens, as the kernel has them."""
-    inodes = set()
-    for file in Path("/proc/self/fd").iterdir():
-        try:
-            inodes.add(os.readlink(file).removeprefix("socket:[").removesuffix("]"))
-        except FileNotFoundError:  # the listing's own
-            continue
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/self/net/{table}").read_text().splitlines()[1:]:
-            fields = line.split()
-            if fields[3] == "0A" and fields[9] in inodes:
-                address, port = fields[1].split(":")
-                found.add((address, int(port, 16)))
-    return found
 
 
 def can_connect(host, port):
@@ -158,149 +148,150 @@ def test_a_port_that_is_taken_is_refused():
 
 def test_nothing_listens_for_a_recording(robot, run, tmp_path):
     before = listening()
-    scene = Scene(robot)
-    scene.animate(run.q[:3], RATE)
+    Recording(robot, run).save(tmp_path / "page.html")
     assert listening() == before
-    record_html(robot, run, tmp_path / "page.html")
-    assert listening() == before
-
-
-# ---------------------------------------------------------------------- in a browser
-
-
-def give_up(reason):
-    """Browsers may be missing on somebody's machine, but not where changes are checked."""
-    if os.environ.get("CI"):
-        pytest.fail(reason)
-    pytest.skip(reason)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    names = ("chromium", "chromium-browser", "google-chrome")
-    executable = next(filter(None, map(shutil.which, names)), None)
-    if executable is None:
-        give_up(f"no browser: none of {', '.join(names)} is installed")
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        give_up("playwright is not installed")
-    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(
-            executable_path=executable, args=[*flags, "--disable-background-networking"]
-        )
-        yield launched
-        launched.close()
-
-
-def visit(browser, url, offline=False):
-    """A page, and a list that collects whatever goes wrong in it, such as a request that leaves the site."""
-    context = browser.new_context(offline=offline, viewport={"width": 480, "height": 360})
-    page, problems = context.new_page(), []
-    home = (url.split("/static/")[0], "data:", "blob:")
-    page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("requestfailed", lambda request: problems.append(f"failed: {request.url[:100]}"))
-    page.on("request", lambda request: None if request.url.startswith(home) else problems.append(request.url[:100]))
-    page.goto(url)
-    return page, problems
-
-
-def picture(page):
-    """What the page shows once it has drawn, (height, width, 3) in [0, 1]."""
-    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    return image.imread(io.BytesIO(page.screenshot()))[..., :3]
-
-
-def vivid(shot):
-    """Number of pixels in strong colours: the robot has them, the stage is grey and pale blue."""
-    return int((np.ptp(shot, axis=-1) > 0.35).sum())
-
-
-def changed(shot, other):
-    """Number of pixels that clearly differ."""
-    return int((np.abs(shot - other).max(axis=-1) > 0.1).sum())
-
-
-def place(page, name):
-    """Where a part of the robot is in the page [m]."""
-    return page.evaluate(f"viewer.scene_tree.find(['meshcat', 'robot', 'visuals', '{name}']).object.position.toArray()")
-
-
-def expected_place(robot, q, name):
-    geometry = robot.visual_model
-    data, shapes = robot.model.createData(), geometry.createData()
-    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
-    return shapes.oMg[geometry.getGeometryId(name)].translation
-
-
-def test_a_recording_plays_in_a_browser_without_a_network(browser, robot, run, tmp_path):
-    title = "Tip & <platform>"
-    path = record_html(robot, run, tmp_path / "page.html", trail=["tip"], title=title, **VIEW)
     assert [each.name for each in tmp_path.iterdir()] == ["page.html"]
-    page, problems = visit(browser, path.as_uri(), offline=True)
-    assert page.title() == title
-    page.wait_for_function("viewer.animator.time > 0.1", timeout=1000 * PATIENCE)  # it starts by itself
-    page.evaluate("viewer.animator.pause()")
-    assert page.evaluate("viewer.animator.duration") == pytest.approx(3.0)
-    shots, trails = [], []
-    frames = sample_configurations(robot, run)
-    for frame in (0, 70, 0):
-        page.evaluate(f"viewer.animator.seek({frame / RATE})")
-        shots.append(picture(page))
-        np.testing.assert_allclose(
-            place(page, "tip_0"), expected_place(robot, frames[frame], "tip_0"), atol=SINGLE_PRECISION
-        )
-        pieces = "Object.values(viewer.scene_tree.find(['meshcat', 'trail', 'tip']).children)"
-        trails.append(page.evaluate(f"{pieces}.filter(piece => piece.object.visible).length"))
-    assert all(vivid(shot) > 1000 for shot in shots)
-    assert changed(shots[0], shots[1]) > 1000
-    assert changed(shots[0], shots[2]) < 100  # or the comparison above would mean nothing
-    assert trails[0] == trails[2] < 3 < 30 < trails[1]
-    assert problems == []
-    page.context.close()
 
 
-def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
-    start, later = (robot.configuration({"joint_1": angle, "joint_2": 1.0}) for angle in (-0.5, 1.0))
-    live = LiveView(robot, trail=["tip"], speed=0.0, open_browser=False, **VIEW)
+def test_what_counts_as_this_machine_only():
+    addresses = ("127.0.0.1", "127.0.0.2", "::1", "localhost", "0.0.0.0", "::", "192.0.2.1", "nowhere.invalid")
+    assert [is_loopback(address) for address in addresses] == [True] * 4 + [False] * 4
+
+
+def test_an_address_that_is_not_ours_is_refused():
+    with pytest.raises(rnc.ConfigurationError, match=r"port 0 on 192\.0\.2\.1 cannot be used"):
+        SceneWindow().serve(host="192.0.2.1")
+
+
+# ---------------------------------------------------------------------- what a browser can do to a run
+
+
+def memory():
+    """Resident memory of this process [MB]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def test_a_browser_that_reads_no_more_costs_no_memory():
+    window = SceneWindow()
+    host = window.serve().split("/")[2]
+    scene = meshcat.Visualizer(window=window)
+    points = np.random.default_rng(0).normal(size=(3, 20_000)).astype(np.float32)
+    connection, status = ask_to_watch(host, f"http://{host}")
     try:
-        live(0.0, start)
-        page, problems = visit(browser, live.url)
-        assert live.wait_for_browser(PATIENCE)
-        assert eventually(lambda: vivid(picture(page)) > 1000)
-        before = picture(page)
-        live(1.0, later)
-        assert eventually(lambda: changed(before, picture(page)) > 1000)
-        assert problems == []
-        with ThreadPoolExecutor(1) as pool:
-            moving = pool.submit(keep_moving, live, np.linspace(2.0, 20.0, 200), later)
-            page.context.close()
-            moving.result()
-        assert eventually(lambda: not live.wait_for_browser(0.0))
-        live(30.0, later)
-        # Who comes later sees where the robot is by then, and its path.
-        page, problems = visit(browser, live.url)
-        assert live.wait_for_browser(PATIENCE)
-        wanted = expected_place(robot, later, "tip_0")
-        # The scene arrives piece by piece, so on a busy machine the picture comes before the last of them.
-        assert eventually(lambda: np.allclose(place(page, "tip_0"), wanted, rtol=0, atol=SINGLE_PRECISION))
-        assert eventually(lambda: page.evaluate("'tip' in viewer.scene_tree.find(['meshcat', 'trail']).children"))
-        assert eventually(lambda: vivid(picture(page)) > 1000)
-        assert problems == []
-        page.context.close()
+        assert status == 101
+        assert eventually(lambda: window.browsers == 1)
+        before = memory()
+        for _ in range(400):  # 200 MB in all
+            scene["path"].set_object(mg.PointCloud(points, np.abs(points).clip(max=1)))
+        scene["late"].set_transform(np.eye(4))
+        assert eventually(lambda: "late" in stored(window))
+        assert memory() - before < 60.0
+        assert window.browsers == 1
     finally:
+        connection.close()
+        window.close()
+
+
+def stored(window):
+    return {path.rsplit("/", 1)[-1] for (path, _), _ in window._store.items()}
+
+
+def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
+    experiment = prepared.experiment
+    live = LiveView(experiment.reduced, meta=experiment.notes, speed=0.0, open_browser=False)
+    host = live.url.split("/")[2]
+    connection, _ = ask_to_watch(host, f"http://{host}")
+    waited = []
+
+    def watch(sample):
+        begin = time.perf_counter()
+        live(sample)
+        waited.append(time.perf_counter() - begin)
+
+    try:
+        assert live.wait_for_browser(PATIENCE)
+        shown = execute(prepared, watch).trajectory
+    finally:
+        connection.close()
         live.close()
+    assert live.problem is None
+    # Every sample is there, and is what it would be if nobody had watched.
+    for name in ("time", "q", "v2", "T", "multipliers"):
+        np.testing.assert_array_equal(getattr(shown, name), getattr(run, name))
+    assert np.median(waited) < 1e-3
 
 
-def keep_moving(live, times, q):
-    for t in times:
-        live(t, q + 0.1 * np.sin(t))
-        time.sleep(0.005)
+def test_pictures_are_dropped_when_drawing_is_slow(robot):
+    drawn = []
+
+    class Slow:
+        url, browsers = "nowhere", 0
+
+        def __init__(self, *arguments):
+            pass
+
+        def draw(self, state):
+            drawn.append(state.time)
+            time.sleep(0.1)
+
+        def close(self):
+            pass
+
+    live = LiveView(robot, speed=0.0, open_browser=False, screen=Slow)
+    begin = time.perf_counter()
+    for t in np.arange(0.0, 10.0, 0.01):
+        live(sample(t, robot.configuration()))
+    assert time.perf_counter() - begin < 0.5
+    live.close()
+    assert 1 <= len(drawn) < 10
+    assert drawn == sorted(drawn)
 
 
-# ---------------------------------------------------------------------- without a browser
+def test_a_picture_that_fails_does_not_take_the_run_along(robot):
+    class Broken:
+        url, browsers = "nowhere", 0
+
+        def __init__(self, *arguments):
+            pass
+
+        def draw(self, state):
+            raise ValueError("no ink")
+
+        def close(self):
+            pass
+
+    live = LiveView(robot, speed=0.0, open_browser=False, screen=Broken)
+    live(sample(0.0, robot.configuration()))
+    assert eventually(lambda: isinstance(live.problem, ValueError))
+    live(sample(1.0, robot.configuration()))
+    live.close()
+
+
+def test_interruption_keeps_what_was_simulated(tmp_path):
+    command = [sys.executable, "-m", "rnc_pin.cli", "run", "space-robot", "--show", "--no-browser", "--host", "0.0.0.0"]
+    process = subprocess.Popen([*command, "--out", "out"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    try:
+        told = [process.stderr.readline(), process.stderr.readline()]
+        assert told[0] == "rnc-pin: warning: --host 0.0.0.0: whoever reaches this computer there can watch\n"
+        port = int(told[1].split(":")[-1].split("/")[0])
+        assert can_connect("127.0.0.1", port)
+        assert can_connect("127.0.0.2", port)  # as asked for
+        host = f"127.0.0.1:{port}"
+        connection, status = ask_to_watch(host, f"http://{host}")
+        assert status == 101
+        time.sleep(2.0)
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=60)
+        connection.close()
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 1
+    assert complaint.strip().splitlines()[-1] == "rnc-pin: error: interrupted; results so far are in out"
+    run = rnc.Trajectory.load(tmp_path / "out" / "trajectory.npz")
+    assert run.outcome is rnc.Outcome.INTERRUPTED
+    assert 0.5 < run.time[-1] < 9.0
+    assert not can_connect("127.0.0.1", port)
 
 
 def test_the_live_view_keeps_to_its_speed(robot):
@@ -310,26 +301,11 @@ def test_the_live_view_keeps_to_its_speed(robot):
         live = LiveView(robot, speed=speed, open_browser=False)
         begin = time.monotonic()
         for t in np.arange(0.0, 1.001, 0.01):
-            live(t, q)
+            live(sample(t, q))
         taken[speed] = time.monotonic() - begin
         live.close()
     assert taken[2.0] >= 0.45  # the last picture is due up to 1/30 s before the end
     assert taken[0.0] < 0.45
-
-
-def test_a_recording_has_even_frames_on_the_trajectory(robot, run):
-    frames = sample_configurations(robot, run)
-    # Every fourth sample of 0.01 s is a frame of 0.04 s.
-    np.testing.assert_allclose(frames, run.q[::4], atol=1e-12)
-
-
-def test_frames_between_samples_stay_on_the_manifold():
-    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
-    turns = np.stack([robot.configuration({"root_joint": [0, 0, 3 * t]}) for t in (0.0, 1.0)])
-    frames = sample_configurations(robot, SimpleNamespace(time=np.array([0.0, 1.0]), q=turns))
-    assert len(frames) == RATE + 1
-    np.testing.assert_allclose(np.hypot(frames[:, 2], frames[:, 3]), 1.0, atol=1e-12)
-    np.testing.assert_allclose(np.unwrap(np.arctan2(frames[:, 3], frames[:, 2])), np.linspace(0, 3, 26), atol=1e-9)
 
 
 def test_a_robot_without_geometry_cannot_be_drawn(robot):
@@ -340,38 +316,23 @@ def test_a_robot_without_geometry_cannot_be_drawn(robot):
     assert listening() == before
 
 
-def test_an_unknown_frame_has_no_trail(robot, run, tmp_path):
-    with pytest.raises(rnc.ModelError, match="did you mean 'tip'"):
-        record_html(robot, run, tmp_path / "page.html", trail=["tpi"])
-    assert list(tmp_path.iterdir()) == []
+def test_a_visualizer_that_is_not_known_is_refused(monkeypatch):
+    monkeypatch.setenv("PINOCCHIO_VIEWER", "vizer")
+    with pytest.raises(rnc.ConfigurationError, match=r"PINOCCHIO_VIEWER=vizer: .*did you mean 'viser'"):
+        chosen_screen()
 
 
-# ---------------------------------------------------------------------- plots
-
-
-def ink(path):
-    """Share of pixels that are not white, of a PNG."""
-    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-    return float((image.imread(path)[..., :3] < 0.99).any(axis=-1).mean())
-
-
-def test_a_plot_of_outputs(run, tmp_path):
-    path = plot_outputs(run, ["tip_x", "tip_y", "platform"], tmp_path / "plot.png", "Tip & platform")
-    assert image.imread(path).shape[:2] == (720, 1280)
-    assert 0.02 < ink(path) < 0.5
-
-
-def test_an_overview(run, tmp_path):
-    path = plot_overview(run, tmp_path / "overview.png", "All")
-    assert image.imread(path).shape[:2] == (1280, 1280)
-    assert 0.02 < ink(path) < 0.5
-
-
-def test_every_comparison_is_drawn(run, tmp_path):
-    others = {f"run {k}": replace(run, x2=run.x2 + 0.1 * k) for k in range(1, 6)}
-    shots = []
-    for count in range(6):
-        shown = dict(list(others.items())[:count])
-        path = plot_outputs(run, ["tip_x"], tmp_path / f"{count}.png", comparisons=shown)
-        shots.append(image.imread(path)[..., :3])
-    assert [count for count, (one, other) in enumerate(pairwise(shots), 1) if changed(one, other) < 1000] == []
+def test_the_store_keeps_the_last_word_and_an_order_that_works():
+    store = SceneStore()
+    for key in (("a", "set_transform"), ("", "set_animation"), ("a", "set_object"), ("a/b", "set_object")):
+        store.put(key, b"first")
+    store.put(("a", "set_transform"), b"second")
+    assert list(store.items()) == [
+        (("a", "set_object"), b"first"),
+        (("a", "set_transform"), b"second"),
+        (("a/b", "set_object"), b"first"),
+        (("", "set_animation"), b"first"),
+    ]
+    store.put(("ab", "set_object"), b"")
+    store.put(("a", "delete"), b"")
+    assert [path for (path, _), _ in store.items()] == ["ab", ""]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from rnc_pin.frame_velocity import OwnAxisVelocity
+from rnc_pin.kinematics import Kinematics
 from rnc_pin.robot import Robot
 from rnc_pin.rows import Rows
 
@@ -32,3 +35,7 @@ class _NoSideSlipRow(OwnAxisVelocity, Rows):
         super().__init__(robot.frame_id(kind.frame), kind.axis)
         self.names = (f"no_side_slip({kind.frame}.{kind.axis})",)
         self.units = ("m/s",)
+
+    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        placement = state.placement(self._frame)
+        return placement.translation[None].copy(), placement.rotation[:, self._axis][None].copy()

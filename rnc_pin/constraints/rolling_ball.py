@@ -69,3 +69,7 @@ class _RollingBallRows(Rows):
 
     def residual(self, state: Kinematics) -> np.ndarray:
         return np.array([0.0, 0.0, state.placement(self._frame).translation[2] - self._radius])
+
+    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact = state.placement(self._frame).translation - np.array([0.0, 0.0, self._radius])
+        return np.tile(contact, (3, 1)), np.eye(3)

@@ -114,6 +114,10 @@ class RollingRows(Rows):
         contact = acceleration.linear + pin.skew(acceleration.angular) @ arm + pin.skew(spin) @ arm_dot
         return directions_dot @ slip + directions @ contact
 
+    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        _, directions, arm, _ = self.contact(state)
+        return np.tile(state.placement(self.frame).translation + arm, (3, 1)), directions
+
     def residual(self, state: Kinematics) -> np.ndarray:
         _, _, arm, _ = self.contact(state)
         return np.array([0.0, 0.0, state.placement(self.frame).translation[2] + arm[2]])

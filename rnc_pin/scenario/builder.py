@@ -102,7 +102,11 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
-        notes={"controller": _described(controller), **setting.notes},
+        notes={
+            "controller": _described(controller),
+            "task": {"primary": list(task.primary_names), "redundant": list(task.redundant_names)},
+            **setting.notes,
+        },
     )
 
 
@@ -138,6 +142,10 @@ def _plan_path(scenario: Scenario, setting: Setting) -> None:
             forward_only=settings.trailer is not None or bool(settings.forward_only),
         )
         setting.references["primary"] = path.reference
+        # For the pictures: the poses, whose they are, and which trailer should follow.
+        trailing = None if settings.trailer is None else settings.trailer.frame
+        poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+        setting.notes["path"] = {"frame": settings.frame, "trailer": trailing, "poses": poses}
         if settings.trailer is not None:
             trailer = settings.trailer
             setting.slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)

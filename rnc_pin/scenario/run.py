@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import Outcome, Trajectory, simulate, summarize
-
-Observer = Callable[[float, np.ndarray], None]
+from rnc_pin.simulation import Observer, Outcome, Sample, Trajectory, simulate, summarize
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
 
     Args:
         plan: what to run.
-        observer: called with (t, q) at every sample of the run itself.
+        observer: called with every ``Sample`` of the run itself.
         progress: called with the simulated time so far [s], of all runs together.
 
     Returns:
@@ -102,11 +98,11 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
     """
 
     def watch(base: float, inner: Observer | None) -> Observer:
-        def call(t: float, q: np.ndarray) -> None:
+        def call(sample: Sample) -> None:
             if progress is not None:
-                progress(base + t)
+                progress(base + sample.time)
             if inner is not None:
-                inner(t, q)
+                inner(sample)
 
         return call
 
@@ -180,6 +176,7 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
     written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
     if not pictures or len(trajectory.time) < 2:
         return written
+    from rnc_pin.visualization.plot_style import save
     from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview
 
     scenario = plan.experiment.scenario
@@ -188,19 +185,21 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
         shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
         path = folder.file(f"{name}.png")
         if settings.quantity == "outputs":
-            written.append(plot_outputs(trajectory, settings.outputs, path, settings.title, shown))
+            figure = plot_outputs(trajectory, settings.outputs, settings.title, shown)
         else:
-            written.append(plot_learning(trajectory, settings.quantity, path, settings.title, shown))
-    written.append(plot_overview(trajectory, folder.file("overview.png"), scenario.title))
+            figure = plot_learning(trajectory, settings.quantity, settings.title, shown)
+        written.append(save(figure, path))
+    written.append(save(plot_overview(trajectory, scenario.title), folder.file("overview.png")))
     visual = plan.experiment.reduced.robot.visual_model
     if visual is not None and len(visual.geometryObjects):
-        from rnc_pin.visualization.recording import record_html
+        from rnc_pin.scenario.replay import view_of
+        from rnc_pin.visualization.recording import Recording
 
-        view = scenario.view
         title = scenario.title or plan.name
-        page = folder.file("animation.html")
-        robot = plan.experiment.reduced.robot
-        written.append(record_html(robot, trajectory, page, view.trail, view.camera, view.target, view.ground, title))
+        view = view_of(scenario)
+        view = replace(view, hide=[*view.hide, "compared"])  # there for who asks
+        recording = Recording(plan.experiment.reduced, trajectory, view, title, result.comparisons)
+        written.append(recording.save(folder.file("animation.html")))
     return written
 
 

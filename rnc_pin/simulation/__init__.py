@@ -3,18 +3,21 @@
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.rollout import kinematic_rollout
-from rnc_pin.simulation.simulate import sample_count, simulate
+from rnc_pin.simulation.simulate import Observer, Sample, output_names, sample_count, simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
 __all__ = [
     "Margin",
     "Margins",
+    "Observer",
     "Outcome",
+    "Sample",
     "Trajectory",
     "free_motion",
     "kinematic_rollout",
     "margins_along",
+    "output_names",
     "preflight",
     "sample_count",
     "simulate",

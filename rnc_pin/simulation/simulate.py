@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +20,19 @@ from rnc_pin.simulation.trajectory import Outcome, Trajectory
 _MOST_SAMPLES = 10_000_000
 _ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
 
-Observer = Callable[[float, np.ndarray], None]
+
+class Sample(NamedTuple):
+    """What an observer is told once a sample. Arrays are not written to afterwards."""
+
+    time: float
+    """[s]"""
+    measurement: Measurement
+    command: Command
+    T: np.ndarray
+    """Actuator inputs that act (p,)."""
+
+
+Observer = Callable[[Sample], None]
 OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
 
 
@@ -76,7 +88,7 @@ def simulate(
         position_limits: end the run where a joint leaves its range.
         controller_state: resume from this state instead of a fresh one.
         speed_limit: a reduced velocity beyond this counts as diverged.
-        observer: called with (t, q) at every sample.
+        observer: called with every ``Sample``.
         meta: kept with the trajectory.
 
     Returns:
@@ -114,7 +126,7 @@ def simulate(
             T = plant.saturate(_inputs(reduced, q, command))
             record.add(t, measurement, command, T, y)
             if observer is not None:
-                observer(t, q)
+                observer(Sample(t, measurement, command, T))
             if sample + 1 < record.capacity:
                 rate = plant.rate(T)
                 for _ in range(substeps):
@@ -215,7 +227,7 @@ class Record:
             position_residual=np.abs(reduced.position_residual(q)).max(axis=-1, initial=0.0),
             singular_value=np.asarray(reduced.smallest_singular_value(q)),
             meta={
-                **_names(reduced),
+                **output_names(reduced),
                 "goals": goals["x1"] + goals["x2"],
                 "dt": dt,
                 "versions": versions(),
@@ -234,7 +246,9 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
     x2_desired[:, columns] = x2[0, columns] + np.vstack([np.zeros(rates.shape[1]), np.cumsum(steps, axis=0)])
 
 
-def _names(reduced: ReducedModel) -> dict[str, Any]:
+def output_names(reduced: ReducedModel) -> dict[str, Any]:
+    """Names, units and angularity of what a model's runs consist of, as ``Trajectory.meta`` has them."""
+
     def coordinate(unit: str) -> str:
         return unit.removesuffix("/s") if unit.endswith("/s") else unit
 

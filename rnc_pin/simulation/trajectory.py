@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -15,6 +16,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Outcome(StrEnum):
@@ -75,6 +79,18 @@ class Trajectory:
     def coordinates(self, kind: str) -> Coordinates:
         """What the outputs "x1" or "x2" live on."""
         return Coordinates(self.meta["angular"][kind], self.meta.get("rotations", {}).get(kind, ()))
+
+    def plot(self, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None) -> Figure:
+        """Outputs, errors, inputs and distance from singularity over time, as a Matplotlib figure.
+
+        Args:
+            title: above the plots.
+            comparisons: other runs by label, dashed.
+        """
+        # The one look upwards in the layers: plotting is asked of a run, and imported only then.
+        from rnc_pin.visualization.plots import plot_run
+
+        return plot_run(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""

@@ -1,62 +1,85 @@
-"""A trajectory as one HTML file that plays anywhere, offline."""
+"""A trajectory as one HTML page that plays anywhere, offline."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
-
+from rnc_pin.errors import InputError
+from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
 from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization.scene import Scene
-
-RATE = 25.0  # frames per second
-
-
-def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:
-    """Configurations (frames, nq) at an even rate, interpolated on the manifold."""
-    time = trajectory.time
-    wanted = np.arange(0.0, time[-1] + 0.5 / rate, 1.0 / rate).clip(max=time[-1])
-    index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
-    frames = []
-    for t, i in zip(wanted, index, strict=True):
-        j = min(i + 1, len(time) - 1)
-        fraction = 0.0 if time[j] <= time[i] else float((t - time[i]) / (time[j] - time[i]))
-        frames.append(pin.interpolate(robot.model, trajectory.q[i], trajectory.q[j], fraction))
-    return np.stack(frames)
+from rnc_pin.visualization.scene_server import SceneWindow
+from rnc_pin.visualization.show import Show, Subject, View
+from rnc_pin.visualization.stage import Stage
+from rnc_pin.visualization.state import RATE, recorded_states
 
 
-def record_html(
-    robot: Robot,
-    trajectory: Trajectory,
-    path: str | Path,
-    trail: Sequence[str] = (),
-    camera: Sequence[float] | None = None,
-    target: Sequence[float] = (0.0, 0.0, 0.0),
-    ground: float | None = 0.0,
-    title: str = "rnc_pin",
-) -> Path:
-    """Write an animation that needs nothing but a browser.
+class Recording:
+    """An animation that needs nothing but a browser. In a notebook, the last line of a cell shows it.
 
     Args:
-        robot: what moved.
+        model: what moved; a reduced model shows its constraints and its null motion too.
         trajectory: how it moved.
-        path: of the HTML file.
-        trail: frames whose paths are drawn.
-        camera: position of the camera in the world [m].
-        target: what it looks at [m].
-        ground: height of the grid [m]; None for no grid.
+        view: what is drawn, and from where.
         title: of the page.
+        comparisons: other runs of the same robot by label, shown as pale robots in the same scene.
+        aside: set them beside it instead.
+
+    Raises:
+        ModelError: the robot has no geometry to draw, or no such frame.
+        InputError: nothing to play, or a run of another robot.
     """
-    scene = Scene(robot, camera=camera, target=target, ground=ground)
-    scene.animate(sample_configurations(robot, trajectory), RATE, trail)
-    html = scene.window.get_scene().replace("<title> MeshCat </title>", "<title>MeshCat</title>")
-    html = html.replace("<title>MeshCat</title>", f"<title>{escape(title)}</title>")
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(html.strip(), encoding="utf-8")
-    partial.replace(path)
-    return path
+
+    def __init__(
+        self,
+        model: ReducedModel | Robot,
+        trajectory: Trajectory,
+        view: View | None = None,
+        title: str = "rnc_pin",
+        comparisons: Mapping[str, Trajectory] | None = None,
+        aside: bool = False,
+    ) -> None:
+        others = dict(comparisons or {})
+        robot = model.robot if isinstance(model, ReducedModel) else model
+        for label, each in {title: trajectory, **others}.items():
+            if each.q.shape[1] != robot.nq:
+                raise InputError(f"'{label}': configurations have {each.q.shape[1]} entries, the robot {robot.nq}")
+            if len(each.time) < 2:
+                raise InputError(f"'{label}': holds {len(each.time)} samples, nothing to play")
+        states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
+        goals = trajectory.meta.get("goals", [])
+        subject = Subject(model, trajectory.meta, goals, trajectory, others, aside)
+        self.duration = float(trajectory.time[-1])
+        self._stage = Stage(SceneWindow(title), RATE)
+        show = Show(subject, view or View(), self._stage, states[0])
+        frames, chips = [], []
+        for self._stage.frame, state in enumerate(states):
+            show.update(state)
+            values, colors = show.board.figures(state)
+            frames.append([float(f"{value:.4g}") for value in values])
+            chips.append(colors)
+        heading = title if title != "rnc_pin" else ""
+        self._stage.board(heading, show.board.labels(), show.legend(), frames=frames, chips=chips, rate=RATE)
+        self._stage.play()
+
+    def html(self, begin: float | None = None) -> str:
+        """The page.
+
+        Args:
+            begin: stand still at this time [s] instead of playing at once.
+        """
+        return self._stage.window.page(begin)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page; nothing half-written is left on failure."""
+        path = Path(path)
+        partial = path.with_name(path.name + ".partial")
+        partial.write_text(self.html(), encoding="utf-8")
+        partial.replace(path)
+        return path
+
+    def _repr_html_(self) -> str:
+        page = escape(self.html(), quote=True)
+        return f'<iframe srcdoc="{page}" style="width: 100%; height: 480px; border: 0"></iframe>'

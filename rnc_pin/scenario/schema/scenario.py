@@ -15,6 +15,11 @@ from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
 
+Layer = Literal[
+    "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
+    "margin", "compared",
+]  # fmt: skip
+
 
 class SimulationSettings(Strict):
     """How long, how finely, and what of the real machine takes part."""
@@ -64,13 +69,15 @@ class View(Strict):
     """What the animation shows besides the robot."""
 
     trail: list[str] = []
-    """Frames whose paths are drawn."""
+    """Frames whose paths are drawn; by default those that have goals."""
     camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
-    """Where the camera is [m]."""
+    """Position in the world [m]; by default where the whole motion is in the picture."""
     target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
     """Point that the camera looks at [m]."""
     ground: float | None = 0.0
-    """Height of the grid [m]; null for none."""
+    """Height of the grid and of wheel tracks [m]; null for neither."""
+    hide: list[Layer] = ["constraint directions", "null motion"]
+    """What is off at first; the page's legend and controls switch it on."""
 
 
 class Scenario(Strict):

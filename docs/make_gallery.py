@@ -1,0 +1,115 @@
+"""Make docs/gallery.md and the pictures of the documentation: run scenarios, plot them, photograph their animations.
+
+Needs Chromium and Playwright (``pip install '.[test]'``). ``python docs/make_gallery.py`` does all built-in scenarios,
+``python docs/make_gallery.py car tiago`` some again. With ``--recordings FOLDER`` it keeps the animations, too.
+"""
+
+import argparse
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pinocchio as pin
+from PIL import Image
+
+from rnc_pin.scenario.loading import built_in_names
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.replay import view_of
+from rnc_pin.scenario.run import Plan, Result, execute, plan, write
+from rnc_pin.visualization.capture import take_pictures
+from rnc_pin.visualization.recording import Recording
+
+DOCS = Path(__file__).parent
+IMAGES = DOCS / "images"
+FACTS = DOCS / "gallery.json"
+SIZE = (1000, 600)
+HEAD = """# Gallery
+
+Every built-in scenario, as `rnc-pin run NAME` shows it. Made by `python docs/make_gallery.py`; the animations are a
+command away, and play offline in any browser. In the pictures: dashed is what is asked for, solid what was done, grey
+the tracks of wheels, orange arrows the forces of the constraints, and the ball above the hand or axle turns from blue
+to red near a singularity.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenarios", nargs="*", help="built-in names; all by default")
+    parser.add_argument("--recordings", type=Path, help="keep the animations in this folder")
+    arguments = parser.parse_args()
+    IMAGES.mkdir(exist_ok=True)
+    facts = json.loads(FACTS.read_text()) if FACTS.is_file() else {}
+    for name in arguments.scenarios or built_in_names():
+        prepared = plan(name)
+        result = execute(prepared)
+        facts[name] = picture(prepared, result, arguments.recordings)
+        print(f"{name}: {facts[name]}", flush=True)
+    facts = {name: facts[name] for name in built_in_names() if name in facts}
+    FACTS.write_text(json.dumps(facts, indent=1) + "\n")
+    (DOCS / "gallery.md").write_text("\n".join([HEAD, *page(facts)]))
+
+
+def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
+    """Write what shows one scenario, and say what the page needs to know."""
+    name, scenario = prepared.name, prepared.experiment.scenario
+    with TemporaryDirectory() as scratch:
+        folder = OutputFolder(Path(scratch) / "run")
+        write(prepared, result, folder)
+        plots = [f"{plot}.png" for plot in scenario.plots]
+        for plot in plots:
+            shrink(Image.open(folder.path / plot), IMAGES / plot, colors=128)
+        animation = (folder.path / "animation.html").read_bytes()
+    if recordings is not None:
+        recordings.mkdir(parents=True, exist_ok=True)
+        (recordings / f"{name}.html").write_bytes(animation)
+    reduced, run, title = prepared.experiment.reduced, result.trajectory, scenario.title or name
+    recording = Recording(reduced, run, view_of(scenario), title)
+    for shot in take_pictures(recording, [telling_moment(prepared, result)], SIZE):
+        shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
+    errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}
+    return {
+        "title": title,
+        "outcome": str(run.outcome),
+        "size": round(len(animation) / 1e6, 1),
+        "plots": plots,
+        "error": errors,
+    }
+
+
+def telling_moment(prepared: Plan, result: Result) -> float:
+    """When the robot has come half of its way [s]."""
+    model, q = prepared.experiment.reduced.robot.model, result.trajectory.q
+    steps = [
+        np.linalg.norm(pin.difference(model, one, other)) for one, other in zip(q[:-10:10], q[10::10], strict=False)
+    ]
+    way = np.cumsum(steps)
+    return float(result.trajectory.time[10 * int(np.searchsorted(way, 0.5 * way[-1]))])
+
+
+def shrink(image: Image.Image, path: Path, colors: int | None = None) -> None:
+    """Write a PNG of at most 1000 pixels across; a plot needs no more than 128 colours."""
+    image = image.convert("RGB")
+    image.thumbnail((1000, 1000), Image.Resampling.LANCZOS)
+    if colors is not None:
+        image = image.quantize(colors, dither=Image.Dither.NONE)
+    image.save(path, optimize=True)
+
+
+def page(facts: dict) -> Iterator[str]:
+    """The page, scenario by scenario."""
+    for name, fact in facts.items():
+        yield f"## {fact['title']}\n"
+        yield f"![{fact['title']}](images/{name.replace('-', '_')}.png)\n"
+        errors = ", ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in fact["error"].items())
+        told = f"Final errors [m, rad]: {errors}." if errors else ""
+        yield f"    rnc-pin run {name}\n"
+        yield f"{told} The animation is a file of {fact['size']:g} MB.\n".lstrip()
+        if fact["plots"]:
+            yield " ".join(f"![{plot.removesuffix('.png')}](images/{plot})" for plot in fact["plots"]) + "\n"
+
+
+if __name__ == "__main__":
+    main()

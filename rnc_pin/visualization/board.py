@@ -1,0 +1,105 @@
+"""Figures at the corner of the page: time, errors of whatever has a goal, distance from singularity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.visualization.poses import Poses
+from rnc_pin.visualization.state import Names, State
+
+_MOST_ERRORS = 5
+_BEHIND = 20.0  # [m]
+
+
+class Row(NamedTuple):
+    """A figure on the board."""
+
+    label: str
+    unit: str
+    value: Callable[[State], float]
+    color: Callable[[State], np.ndarray] | None = None
+
+
+class Board:
+    """What the board says.
+
+    Args:
+        names: of the outputs.
+        goals: outputs that have goals.
+        poses: where things are.
+        plan: the path that was planned, as ``Trajectory.meta`` has it, or nothing.
+        margin: whether states know their distance from singularity.
+    """
+
+    def __init__(self, names: Names, goals: Sequence[str], poses: Poses, plan: Mapping[str, Any], margin: bool) -> None:
+        errors: list[Row] = []
+        told: set[tuple[str, int]] = set()
+
+        def tell(label: str, unit: str, columns: Sequence[tuple[str, int]]) -> None:
+            told.update(columns)
+            errors.append(Row(f"error of {_words(label)}", unit, _size_of_error(names, columns)))
+
+        for frame, places in names.tracked(goals, poses.robot).items():
+            tell(frame, "m", list(places.values()))
+        for name in goals:
+            column = names.column(name)
+            if column is None or column in told:
+                continue
+            kind, k = column
+            if k in names.coordinates[kind].rotations:
+                tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
+            else:
+                tell(name, names.units[kind][k], [column])
+        self.rows = [Row("time", "s", lambda state: state.time), *errors[:_MOST_ERRORS], *_off_track(plan, poses)]
+        if margin:
+            self.rows.append(
+                Row("singularity margin", "", lambda state: state.margin, lambda state: margin_color(state.margin))
+            )
+
+    def labels(self) -> list[dict[str, Any]]:
+        """What the rows are called."""
+        return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
+
+    def figures(self, state: State) -> tuple[list[float], list[str | None]]:
+        """Values and colours of the rows at a state."""
+        values = [float(row.value(state)) for row in self.rows]
+        chips = [None if row.color is None else _hex(row.color(state)) for row in self.rows]
+        return values, chips
+
+
+def _off_track(plan: Mapping[str, Any], poses: Poses) -> list[Row]:
+    trailer = plan.get("trailer")
+    if not trailer:
+        return []
+    # Before the start the path goes straight on backwards, as far as the trailer is behind.
+    points = continued_back(np.array(plan["poses"]), _BEHIND)
+    point = poses.point(trailer)
+    return [
+        Row(f"{_words(trailer)} off the path", "m", lambda state: float(distances(point(state)[None, :2], points)[0]))
+    ]
+
+
+def margin_color(margin: float) -> np.ndarray:
+    """Blue far from a singularity, vermillion near it, (3,), for the smallest singular value of E on a log scale."""
+    stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
+    where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
+    return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _hex(color: np.ndarray) -> str:
+    return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in color)
+
+
+def _size_of_error(names: Names, columns: Sequence[tuple[str, int]]) -> Callable[[State], float]:
+    def value(state: State) -> float:
+        return float(np.linalg.norm([names.error(state, kind)[k] for kind, k in columns]))
+
+    return value

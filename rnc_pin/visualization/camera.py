@@ -1,0 +1,50 @@
+"""Where to look from, so that all of it is in the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+FIELD_OF_VIEW = 50.0  # [deg], from the bottom of the picture to its top
+GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
+ASPECT = 1.6
+_FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest is for figures, legend and player
+_CENTERINGS = 4
+
+
+def with_plan(points: np.ndarray, meta: Mapping[str, Any], height: float) -> np.ndarray:
+    """Points (N, 3), and those of the planned path at this height, where there is one."""
+    plan = meta.get("path")
+    if not plan:
+        return points
+    path = np.array(plan["poses"])[:, :2]
+    return np.concatenate([points, np.column_stack([path, np.full(len(path), height)])])
+
+
+def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A camera that has points in the picture, as large as it goes.
+
+    Args:
+        points: (N, 3) [m].
+        forward: the gaze, (3,), of any length; not straight up or down.
+
+    Returns:
+        Where the camera is and what it looks at, (3,) each.
+    """
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, forward)])
+    half = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([ASPECT, 1.0])
+    target = (points.min(axis=0) + points.max(axis=0)) / 2
+    for centerings_left in reversed(range(_CENTERINGS)):
+        away = points - target
+        beside, depth = away @ axes.T, away @ forward
+        distance = max(float((np.abs(beside) / (_FILLED * half) - depth[:, None]).max()), 0.2)
+        if centerings_left:
+            # What is nearer looks larger, so the middle of the picture is not the middle of the points.
+            seen = beside / (distance + depth)[:, None]
+            target = target + 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * distance @ axes
+    return target - forward * distance, target

@@ -1,0 +1,151 @@
+"""Pictures and videos of a recording, from a browser that nobody sees: Playwright, Chromium and, for videos, ffmpeg."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from rnc_pin.visualization.recording import Recording
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_FLAGS = (
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    "--disable-background-networking",
+)
+VIDEOS = (".mp4", ".gif")
+_LONGEST_WAIT = 60_000  # [ms] for a page to be drawn, by a processor that has other things to do
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """A headless Chromium under Playwright.
+
+    Raises:
+        ConfigurationError: one of them is not installed.
+    """
+    executable = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if executable is None:
+        raise ConfigurationError(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        raise ConfigurationError("Playwright is not installed; pip install 'rnc_pin[video]'") from None
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS))
+        try:
+            yield launched
+        finally:
+            launched.close()
+
+
+def take_pictures(
+    recording: Recording, times: Iterable[float], size: tuple[int, int] = (1280, 720), kind: str = "png"
+) -> Iterator[bytes]:
+    """Pictures of a recording at some times.
+
+    Args:
+        recording: what to take pictures of.
+        times: [s].
+        size: width and height [pixels].
+        kind: "png" or "jpeg".
+
+    Raises:
+        ConfigurationError: no browser to do it.
+    """
+    with TemporaryDirectory() as scratch, browser() as launched:
+        path = Path(scratch) / "page.html"
+        path.write_text(recording.html(begin=0.0), encoding="utf-8")
+        page = launched.new_page(viewport={"width": size[0], "height": size[1]})
+        page.goto(path.as_uri())
+        page.wait_for_function("window.ready === true", timeout=_LONGEST_WAIT)
+        page.evaluate("document.body.classList.add('still')")
+        quality = {} if kind == "png" else {"quality": 92}
+        for time in times:
+            page.evaluate(f"viewer.animator.seek({float(time)!r})")
+            page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            yield page.screenshot(type=kind, timeout=_LONGEST_WAIT, **quality)
+
+
+def write_frames(
+    recording: Recording, folder: str | Path, rate: float = 25.0, size: tuple[int, int] = (1280, 720)
+) -> list[Path]:
+    """Write one PNG a frame, ``frame_00000.png`` and so on, into a folder that is made.
+
+    Args:
+        recording: what to take pictures of.
+        folder: where to.
+        rate: frames per second.
+        size: width and height [pixels].
+    """
+    folder = Path(folder)
+    written = []
+    for k, picture in enumerate(take_pictures(recording, _times(recording, rate), size)):
+        folder.mkdir(parents=True, exist_ok=True)
+        written.append(folder / f"frame_{k:05d}.png")
+        written[-1].write_bytes(picture)
+    return written
+
+
+def write_video(
+    recording: Recording, path: str | Path, rate: float = 25.0, size: tuple[int, int] = (1280, 720)
+) -> Path:
+    """Write an MP4 or a GIF; nothing half-written is left on failure.
+
+    Args:
+        recording: what to show.
+        path: ends in ``.mp4`` or ``.gif``.
+        rate: frames per second.
+        size: width and height [pixels], even numbers.
+
+    Raises:
+        ConfigurationError: another ending, or ffmpeg or a browser is missing.
+    """
+    path = Path(path)
+    if path.suffix not in VIDEOS:
+        raise ConfigurationError(f"{path}: expected a name that ends in {' or '.join(VIDEOS)}")
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames can be had without")
+    partial = path.with_name(f".partial-{path.name}")
+    command = [ffmpeg, "-loglevel", "error", "-y", "-f", "image2pipe", "-framerate", f"{rate:g}", "-i", "-"]
+    command += [*_encoding(path.suffix), str(partial)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdin is not None
+    assert process.stderr is not None
+    try:
+        for picture in take_pictures(recording, _times(recording, rate), size, "jpeg"):
+            process.stdin.write(picture)
+        process.stdin.close()
+        complaint = process.stderr.read().decode(errors="replace")
+        if process.wait():
+            raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split()) or 'failed'}")
+        partial.replace(path)
+    except BrokenPipeError:
+        complaint = process.stderr.read().decode(errors="replace")
+        raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split())}") from None
+    finally:
+        process.kill()
+        process.wait()
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def _encoding(suffix: str) -> Sequence[str]:
+    if suffix == ".gif":
+        palette = "split[a][b];[a]palettegen=max_colors=128[p];[b][p]paletteuse=dither=bayer:bayer_scale=4"
+        return ["-vf", palette, "-loop", "0"]
+    return ["-c:v", "libx264", "-preset", "medium", "-crf", "22", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+
+
+def _times(recording: Recording, rate: float) -> np.ndarray:
+    return np.arange(0.0, recording.duration + 0.5 / rate, 1.0 / rate).clip(max=recording.duration)

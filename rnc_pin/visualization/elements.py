@@ -1,0 +1,243 @@
+"""What is drawn of a run besides the robot. Each element is on a layer, which the viewer's controls switch on and off.
+
+Elements are told states in their order, live or frame by frame of a recording, and do not know which.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import NamedTuple
+
+import meshcat.geometry as mg
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robot import Robot
+from rnc_pin.visualization.stage import Stage
+from rnc_pin.visualization.state import State
+
+# Okabe and Ito
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    *(0x000000, 0xE69F00, 0x56B4E9, 0x009E73),
+    *(0xF0E442, 0x0072B2, 0xD55E00, 0xCC79A7),
+)
+GREY = 0x7A8794
+
+
+class Entry(NamedTuple):
+    """A line of the legend."""
+
+    label: str
+    layer: str
+    color: int
+    sign: str = "line"
+    """"line", "dashed", "arrow" or "dot"."""
+
+
+class Element(ABC):
+    """Something drawn.
+
+    Attributes:
+        entry: its line in the legend; elements of one layer share one.
+        costly: whether it may lag behind in a live view.
+    """
+
+    entry: Entry
+    costly = False
+
+    def build(self, stage: Stage) -> None:  # noqa: B027, some have nothing to build
+        """Draw what is there from the start."""
+
+    @abstractmethod
+    def update(self, stage: Stage, state: State) -> None:
+        """Show a state."""
+
+
+class Still(Element):
+    """A path that is known beforehand."""
+
+    def __init__(self, entry: Entry, name: str, points: np.ndarray, width: float) -> None:
+        self.entry, self._name, self._points, self._width = entry, name, points, width
+
+    def build(self, stage: Stage) -> None:
+        dashed = self.entry.sign == "dashed"
+        stage.path(f"{self.entry.layer}/{self._name}", self._points, self.entry.color, self._width, dashed)
+
+    def update(self, stage: Stage, state: State) -> None:
+        pass
+
+
+class Trail(Element):
+    """A path that grows as it is travelled, in pieces.
+
+    Args:
+        entry: of the legend.
+        name: of the path.
+        point: where it is at a state, (3,).
+        width: [m].
+        piece: pictures to a piece.
+    """
+
+    def __init__(self, entry: Entry, name: str, point: Callable[[State], np.ndarray], width: float, piece: int) -> None:
+        self.entry, self._name, self._point, self._width, self._piece = entry, name, point, width, max(piece, 1)
+        self._points: list[np.ndarray] = []
+        self._count = 0
+
+    def update(self, stage: Stage, state: State) -> None:
+        self._points.append(np.array(self._point(state)))
+        if len(self._points) <= self._piece:
+            return
+        node = f"{self.entry.layer}/{self._name}/{self._count:03d}"
+        stage.path(node, np.stack(self._points), self.entry.color, self._width, self.entry.sign == "dashed")
+        stage.appear(node)
+        self._points, self._count = self._points[-1:], self._count + 1
+
+
+class Triad(Element):
+    """Three axes at a pose, (4, 4); black ones for a goal."""
+
+    def __init__(self, entry: Entry, name: str, pose: Callable[[State], np.ndarray], size: float) -> None:
+        self.entry, self._node, self._pose, self._size = entry, f"{entry.layer}/{name}", pose, size
+
+    def build(self, stage: Stage) -> None:
+        size = self._size
+        for axis, color in enumerate((VERMILLION, GREEN, BLUE)):
+            shape = [0.06 * size] * 3
+            shape[axis] = size
+            offset = np.eye(4)
+            offset[axis, 3] = size / 2
+            stage.mesh(f"{self._node}/{'xyz'[axis]}", mg.Box(shape), color)
+            stage.root[f"{self._node}/{'xyz'[axis]}"].set_transform(offset)
+        stage.mesh(f"{self._node}/point", mg.Sphere(0.14 * size), self.entry.color)
+
+    def update(self, stage: Stage, state: State) -> None:
+        stage.place(self._node, self._pose(state))
+
+
+class Arrow(Element):
+    """An arrow from a point along a vector, both (3,) [m]; next to nothing where the vector is zero."""
+
+    def __init__(
+        self, entry: Entry, name: str, vector: Callable[[State], tuple[np.ndarray, np.ndarray]], width: float
+    ) -> None:
+        self.entry, self._node, self._vector, self._width = entry, f"{entry.layer}/{name}", vector, width
+
+    def build(self, stage: Stage) -> None:
+        stage.mesh(f"{self._node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
+        stage.mesh(f"{self._node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
+
+    def update(self, stage: Stage, state: State) -> None:
+        point, vector = self._vector(state)
+        length = float(np.linalg.norm(vector))
+        width = self._width
+        if not length > 0.2 * width:  # NaN too
+            for part in ("shaft", "head"):
+                stage.place(f"{self._node}/{part}", _pillar(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
+            return
+        along = vector / length
+        head = min(3.5 * width, length)
+        shaft = max(length - head, 1e-4)
+        stage.place(f"{self._node}/shaft", _pillar(point + along * shaft / 2, along, shaft, width / 2))
+        stage.place(f"{self._node}/head", _pillar(point + along * (shaft + head / 2), along, head, 0.4 * head))
+
+
+class Bar(Element):
+    """A thin rod about a point, both ways along a unit vector: a direction in which nothing may move."""
+
+    def __init__(
+        self,
+        entry: Entry,
+        name: str,
+        line: Callable[[State], tuple[np.ndarray, np.ndarray]],
+        length: float,
+        width: float,
+    ) -> None:
+        self.entry, self._node, self._line = entry, f"{entry.layer}/{name}", line
+        self._length, self._width = length, width
+
+    def build(self, stage: Stage) -> None:
+        stage.mesh(self._node, mg.Cylinder(1.0, 1.0), self.entry.color)
+
+    def update(self, stage: Stage, state: State) -> None:
+        point, along = self._line(state)
+        stage.place(self._node, _pillar(point, along, self._length, self._width / 2))
+
+
+class Lamp(Element):
+    """A ball that changes its colour."""
+
+    def __init__(
+        self,
+        entry: Entry,
+        name: str,
+        point: Callable[[State], np.ndarray],
+        color: Callable[[State], np.ndarray],
+        size: float,
+    ) -> None:
+        self.entry, self._node = entry, f"{entry.layer}/{name}"
+        self._point, self._color, self._size = point, color, size
+
+    def build(self, stage: Stage) -> None:
+        stage.mesh(self._node, mg.Sphere(self._size), self.entry.color)
+
+    def update(self, stage: Stage, state: State) -> None:
+        placement = np.eye(4)
+        placement[:3, 3] = self._point(state)
+        stage.place(self._node, placement)
+        stage.paint(self._node, self._color(state))
+
+
+class Ghost(Element):
+    """The robot once more, somewhere else: pale, or as it is and set aside.
+
+    Args:
+        entry: of the legend.
+        name: of the ghost.
+        robot: whose it is.
+        configuration: where it is at a state, (nq,).
+        source: group of the parts that it copies.
+        opacity: 1 for the robot's own colours.
+        offset: moved by this in the world, (3,) [m].
+    """
+
+    def __init__(
+        self,
+        entry: Entry,
+        name: str,
+        robot: Robot,
+        configuration: Callable[[State], np.ndarray],
+        source: str,
+        opacity: float = 0.35,
+        offset: np.ndarray | None = None,
+    ) -> None:
+        self.entry, self._node, self._source, self._opacity = entry, f"{entry.layer}/{name}", source, opacity
+        self._robot, self._configuration = robot, configuration
+        self._offset = np.zeros(3) if offset is None else offset
+        assert robot.visual_model is not None
+        self._visual = robot.visual_model
+        self._data, self._shapes = robot.model.createData(), self._visual.createData()
+
+    def build(self, stage: Stage) -> None:
+        color = None if self._opacity >= 1.0 else self.entry.color
+        for shape in self._visual.geometryObjects:
+            stage.copy(f"{self._node}/{shape.name}", f"{self._source}/{shape.name}", color, self._opacity)
+
+    def update(self, stage: Stage, state: State) -> None:
+        q = self._configuration(state)
+        pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
+        for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
+            matrix = placement.homogeneous.copy()
+            matrix[:3, :3] *= shape.meshScale
+            matrix[:3, 3] += self._offset
+            stage.place(f"{self._node}/{shape.name}", matrix)
+
+
+def _pillar(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
+    """Where a cylinder of unit height and radius goes, which has its axis along y."""
+    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    side /= np.linalg.norm(side)
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = radius * side, height * along, radius * np.cross(side, along)
+    matrix[:3, 3] = middle
+    return matrix

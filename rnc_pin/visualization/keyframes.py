@@ -1,0 +1,79 @@
+"""Keyframes of an animation, as Meshcat's viewer takes them: parts that move, change colour or appear."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_STILL = 1e-7
+
+
+class Keyframes:
+    """Collects what parts do, frame by frame.
+
+    Args:
+        rate: frames per second.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.rate = rate
+        self._frames: dict[str, list[int]] = {}
+        self._matrices: dict[str, list[np.ndarray]] = {}
+        self._tracks: dict[str, list[dict[str, Any]]] = {}
+        self._colors: dict[str, tuple[list[int], list[np.ndarray]]] = {}
+
+    def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
+        """Put a part somewhere, (4, 4), which may scale it."""
+        self._frames.setdefault(path, []).append(frame)
+        self._matrices.setdefault(path, []).append(matrix)
+
+    def paint(self, path: str, frame: int, color: np.ndarray) -> None:
+        """Give an object a colour, (3,) in [0, 1]."""
+        frames, colors = self._colors.setdefault(path + "/<object>", ([], []))
+        frames.append(frame)
+        colors.append(color)
+
+    def appear(self, path: str, frame: int) -> None:
+        """Show a part from this frame on."""
+        keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
+        self._tracks.setdefault(path, []).append({"name": ".visible", "type": "boolean", "keys": keys})
+
+    def command(self) -> dict[str, Any]:
+        """The command that plays it."""
+        for path, matrices in self._matrices.items():
+            self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices)))
+        for path, (frames, colors) in self._colors.items():
+            track = _track(".material.color", "color", frames, np.stack(colors))
+            self._tracks.setdefault(path, []).append(track)
+        clips = [
+            {"path": path, "clip": {"fps": self.rate, "name": "default", "tracks": tracks}}
+            for path, tracks in self._tracks.items()
+        ]
+        options = {"play": True, "repetitions": 1}
+        return {"type": "set_animation", "path": "", "animations": clips, "options": options}
+
+    @staticmethod
+    def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, Any]]:
+        columns = matrices[:, :3, :3]
+        scale = np.linalg.norm(columns, axis=1)
+        turn = Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
+        # q and -q are one rotation; between neighbours of one sign the way is short.
+        signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
+        turn[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
+        tracks = [
+            _track(".position", "vector3", frames, matrices[:, :3, 3]),
+            _track(".quaternion", "quaternion", frames, turn),
+        ]
+        if np.abs(scale - 1.0).max() > _STILL:
+            tracks.append(_track(".scale", "vector3", frames, scale))
+        return tracks
+
+
+def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, Any]:
+    """Keys of one property; where it rests, the first and the last will do."""
+    moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _STILL
+    kept = np.r_[True, moves] | np.r_[moves, True]
+    keys = [{"time": int(frames[i]), "value": values[i].tolist()} for i in np.flatnonzero(kept)]
+    return {"name": name, "type": kind, "keys": keys}

@@ -1,0 +1,71 @@
+"""The page: Meshcat's viewer, and beside it a board with figures and a legend, and a player."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Iterable
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import meshcat
+
+VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><title>{title}</title><style>
+{style}</style></head>
+<body>
+<div id="meshcat-pane"></div>
+<div id="board"></div>
+<div id="foot">
+<div id="legend"></div>
+<div id="player" hidden>
+<button id="play" title="play or pause">▶</button>
+<input id="slider" type="range" min="0" max="1" step="0.001" value="0" aria-label="time">
+<output id="clock"></output>
+<select id="speed" title="speed"><option value="0.1">0.1 x</option><option value="0.25">0.25 x</option>
+<option value="0.5">0.5 x</option><option value="1" selected>1 x</option><option value="2">2 x</option>
+<option value="4">4 x</option></select>
+</div>
+</div>
+{scripts}
+</body>
+</html>
+"""
+
+
+def live_page(title: str) -> str:
+    """A page that draws what comes over its web socket; it asks its server for ``main.min.js``."""
+    scripts = (
+        f'<script src="main.min.js"></script>\n<script>{_part("page.js")}</script>\n<script>viewer.connect();</script>'
+    )
+    return _PAGE.format(title=escape(title), style=_part("page.css"), scripts=scripts)
+
+
+def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = None) -> str:
+    """A page that needs nothing but a browser.
+
+    Args:
+        title: of the page.
+        commands: drawing commands in their order, the animation last.
+        begin: stand still at this time [s] instead of playing at once.
+    """
+    text = base64.b64encode(gzip.compress(bundle(commands), 9, mtime=0)).decode("ascii")
+    start = f'play_recording("{text}"' + (")" if begin is None else f", {begin!r})")
+    parts = (VIEWER.read_text(encoding="utf-8"), _part("page.js"), start)
+    scripts = "\n".join(f"<script>{part}</script>" for part in parts)
+    return _PAGE.format(title=escape(title), style=_part("page.css"), scripts=scripts)
+
+
+def bundle(commands: Iterable[bytes]) -> bytes:
+    """Commands in one piece, each after its size."""
+    return b"".join(len(data).to_bytes(4, "little") + data for data in commands)
+
+
+@cache
+def _part(name: str) -> str:
+    return files(__package__).joinpath("page", name).read_text(encoding="utf-8")

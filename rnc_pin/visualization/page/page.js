@@ -1,0 +1,174 @@
+// What Meshcat's viewer does not have: a gaze, copies of parts, a board with figures and a legend, a player.
+"use strict";
+var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
+viewer.gui.domElement.style.zIndex = 1;
+
+(function () {
+  const element = (tag, parent, text) => {
+    const made = document.createElement(tag);
+    if (text !== undefined) made.textContent = text;
+    return parent.appendChild(made);
+  };
+  const split = (path) => path.split("/").filter((part) => part.length > 0);
+  const node = (path) => viewer.scene_tree.find(split(path));
+
+  // ---- commands of ours, beside Meshcat's own
+
+  function look(command) {
+    // The camera's own axes have y up.
+    const turned = ([x, y, z]) => [x, z, -y];
+    viewer.camera.position.set(...turned(command.position));
+    viewer.camera.fov = command.fov;
+    viewer.camera.far = command.far;
+    viewer.controls.target.set(...turned(command.target));
+    viewer.controls.update();
+    const [x, y, z] = command.target;
+    node("/Lights").object.position.set(x, y, z);
+  }
+
+  function copy(command) {
+    const pale = (material) => {
+      const made = material.clone();
+      made.transparent = true;
+      made.opacity = command.opacity;
+      made.depthWrite = command.opacity > 0.99;
+      if (made.color) made.color.setHex(command.color);
+      return made;
+    };
+    const made = node(command.source + "/<object>").object.clone();
+    if (command.color !== null && made.material) {
+      made.material = Array.isArray(made.material) ? made.material.map(pale) : pale(made.material);
+    }
+    made.castShadow = false;
+    viewer.set_object(split(command.path), made);
+  }
+
+  let cells = [], series = null;
+
+  function board(command) {
+    const home = document.getElementById("board");
+    home.replaceChildren();
+    if (command.title) element("h1", home, command.title);
+    const table = element("table", home);
+    cells = command.rows.map((row) => {
+      const line = element("tr", table);
+      const name = element("td", line, row.label);
+      const value = element("td", line);
+      value.className = "value";
+      let chip = null;
+      if (row.chip) {
+        chip = document.createElement("span");
+        chip.className = "chip";
+        name.prepend(chip);
+      }
+      return { value, chip, unit: row.unit };
+    });
+    const legend = document.getElementById("legend");
+    legend.replaceChildren();
+    for (const entry of command.legend) {
+      const button = element("button", legend);
+      const sign = element("i", button);
+      sign.className = entry.sign;
+      sign.style[entry.sign === "dot" ? "background" : "borderColor"] = entry.color;
+      sign.style.color = entry.color;
+      element("span", button, entry.label);
+      button.title = "show or hide";
+      const target = () => node(entry.path);
+      button.classList.toggle("off", !entry.visible);
+      button.addEventListener("click", () => {
+        const controller = target().vis_controller;
+        controller.setValue(!target().object.visible);
+        button.classList.toggle("off", !target().object.visible);
+      });
+    }
+    series = command.frames ? command : null;
+  }
+
+  function figure(value, unit) {
+    if (value === null || Number.isNaN(value)) return "–";
+    const size = Math.abs(value);
+    const text = size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(size >= 1 ? 2 : 4);
+    return unit ? text + " " + unit : text;
+  }
+
+  function figures(values, chips) {
+    cells.forEach((cell, k) => {
+      cell.value.textContent = figure(values[k], cell.unit);
+      if (cell.chip && chips && chips[k]) cell.chip.style.background = chips[k];
+    });
+  }
+
+  const own = { look, copy, board, figures: (command) => figures(command.values, command.chips) };
+  const theirs = viewer.handle_command.bind(viewer);
+  viewer.handle_command = (command) => {
+    if (own[command.type]) {
+      own[command.type](command);
+      viewer.set_dirty();
+    } else {
+      theirs(command);
+    }
+  };
+
+  // Commands come in bundles, each after its size.
+  function handle_bundle(bytes) {
+    const view = new DataView(bytes.buffer, bytes.byteOffset);
+    for (let at = 0; at < bytes.length;) {
+      const size = view.getUint32(at, true);
+      viewer.handle_command_bytearray(bytes.subarray(at + 4, at + 4 + size));
+      at += 4 + size;
+    }
+  }
+  viewer.handle_command_message = (message) => handle_bundle(new Uint8Array(message.data));
+
+  // ---- a recording: all commands at once, then a player
+
+  async function unpack(text) {
+    const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  function start_player(begin) {
+    const animator = viewer.animator;
+    const seek = animator.seek.bind(animator);
+    animator.seek = (time) => {
+      seek(time);
+      animator.display_progress(Math.max(0, Math.min(time, animator.duration)));
+    };
+    const [button, slider, clock, speed] = ["play", "slider", "clock", "speed"].map((id) => document.getElementById(id));
+    slider.max = animator.duration;
+    button.addEventListener("click", () => (animator.playing ? animator.pause() : animator.play()));
+    slider.addEventListener("input", () => {
+      animator.pause();
+      animator.seek(Number(slider.value));
+    });
+    speed.addEventListener("change", () => { animator.mixer.timeScale = Number(speed.value); });
+    document.getElementById("player").hidden = false;
+    let shown = -1;
+    const refresh = () => {
+      button.textContent = animator.playing ? "❚❚" : "▶";
+      if (animator.time !== shown) {
+        shown = animator.time;
+        slider.value = shown;
+        clock.value = shown.toFixed(2) + " / " + animator.duration.toFixed(2) + " s";
+        if (series) {
+          const frame = Math.min(Math.round(shown * series.rate), series.frames.length - 1);
+          figures(series.frames[frame], series.chips && series.chips[frame]);
+        }
+      }
+    };
+    const draw = viewer.animate.bind(viewer);
+    viewer.animate = () => { refresh(); draw(); };
+    if (begin !== null) {
+      animator.pause();
+      animator.seek(begin);
+    }
+    refresh();
+  }
+
+  window.play_recording = async (text, begin = null) => {
+    handle_bundle(await unpack(text));
+    start_player(begin);
+    window.ready = true;
+  };
+})();

@@ -1,0 +1,142 @@
+"""One print-ready style for all plots: readable in grey, and by people who see colours differently."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from io import BytesIO
+from itertools import cycle
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from rnc_pin.simulation import Trajectory
+
+# Okabe and Ito, in an order in which neighbours differ in lightness too.
+COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+MARKERS = "os^Dvp"
+DOTS = (0, (1, 1.6))
+DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
+_NAMED = 9  # lines in a legend
+_MARKS = 7  # markers on a line
+STYLE: dict[Any, Any] = {
+    "font.size": 10.0,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 11.0,
+    "axes.titleweight": "bold",
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 5.0,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "figure.dpi": 200,
+    "savefig.dpi": 200,
+    "figure.constrained_layout.use": True,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+}
+
+P = ParamSpec("P")
+
+
+class PrintFigure(Figure):
+    """A figure that notebooks show by themselves."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw in this style, whatever else the process plots."""
+
+    @wraps(draw)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure; the ending of the name says what: .png, .pdf, .svg."""
+    with mpl.rc_context(STYLE):
+        figure.savefig(path)
+    return Path(path)
+
+
+def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, label: str, **others: Any) -> Line2D:
+    """Draw the k-th of so many series: its colour, and its marker at places of its own."""
+    step = max(1, len(time) // _MARKS)
+    style = {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)], "label": label, **others}
+    start = (2 * k + 1) * step // (2 * max(count, 1))
+    return axes.plot(time, values, markevery=(start, step), markeredgecolor="white", markeredgewidth=0.6, **style)[0]
+
+
+def dashes(labels: Iterable[str]) -> Iterable[tuple[Any, str]]:
+    """A dash pattern for each label."""
+    return zip(cycle(DASHES), labels, strict=False)
+
+
+def dashed(labels: Iterable[str], width: float) -> list[Line2D]:
+    """Entries of a legend for runs that are compared."""
+    return [Line2D([], [], color="0.3", ls=style, lw=width, label=label) for style, label in dashes(labels)]
+
+
+def desired_entry() -> Line2D:
+    """Entry of a legend for what is desired."""
+    return Line2D([], [], color="black", ls=DOTS, lw=1.3, label="desired")
+
+
+def legend_below(axes: Axes, handles: Sequence[Line2D]) -> None:
+    """A legend under the axis of time."""
+    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(4, len(handles)))
+
+
+def legend_beside(axes: Axes, handles: Sequence[Line2D] | None = None) -> None:
+    """A legend to the right, for axes one above the other."""
+    shown = list(handles) if handles is not None else axes.get_legend_handles_labels()[0]
+    title = None
+    if len(shown) > _NAMED:  # or it would leave the axes no room
+        title = f"largest of {len(shown)}"
+        shown = sorted(shown, key=lambda line: -float(np.max(np.abs(line.get_ydata()), initial=0.0)))[:_NAMED]
+    if shown:
+        axes.legend(handles=shown, loc="center left", bbox_to_anchor=(1.01, 0.5), title=title)
+
+
+def words(name: str) -> str:
+    """A name as people read it."""
+    return name.replace("_", " ")
+
+
+def quantity(units: Sequence[str]) -> str:
+    """Label of an axis for values in these units."""
+    kinds = {"m": "position", "rad": "angle"}
+    return " / ".join(dict.fromkeys(f"{kinds.get(unit, 'value')} [{unit}]" if unit else "value" for unit in units))
+
+
+def series(trajectory: Trajectory, name: str) -> tuple[np.ndarray, np.ndarray, str]:
+    """Actual and desired values of an output, and its unit."""
+    for kind in ("x2", "x1"):
+        names = trajectory.meta["names"][kind]
+        if name in names:
+            column = names.index(name)
+            unit = trajectory.meta["units"][kind][column]
+            return getattr(trajectory, kind)[:, column], getattr(trajectory, f"{kind}_desired")[:, column], unit
+    raise KeyError(name)
+
+
+def outputs_of(trajectory: Trajectory) -> list[str]:
+    """Names of all outputs of a run, those with goals first."""
+    names = [*trajectory.meta["names"]["x2"], *trajectory.meta["names"]["x1"]]
+    return sorted(names, key=lambda name: name not in trajectory.meta["goals"])

@@ -1,0 +1,122 @@
+"""Where things are at a state: frames, parts, wheels, and how large it all is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.robot import Robot
+from rnc_pin.rows import RowStack
+from rnc_pin.visualization.state import State
+
+Point = Callable[[State], np.ndarray]
+
+_ENDLESS = 1e3  # [m]
+
+
+class Poses:
+    """Kinematics of a robot, computed once a state however many ask.
+
+    Args:
+        robot: the robot.
+        rows: constraint rows whose lines of action are asked for.
+    """
+
+    def __init__(self, robot: Robot, rows: RowStack | None = None) -> None:
+        self.robot = robot
+        self._rows = rows
+        self._state = Kinematics(robot)
+        self._data = robot.model.createData()
+        self._q: np.ndarray | None = None
+        self._lines_q: np.ndarray | None = None
+        self._lines = np.empty((2, 0, 3))
+
+    def _data_at(self, q: np.ndarray) -> pin.Data:
+        if q is not self._q:
+            pin.framesForwardKinematics(self.robot.model, self._data, q)
+            self._q = q
+        return self._data
+
+    def frame(self, name: str) -> Callable[[State], pin.SE3]:
+        """Placement of a frame, as a function of the state."""
+        index = self.robot.frame_id(name)
+        return lambda state: self._data_at(state.q).oMf[index]
+
+    def point(self, name: str) -> Point:
+        """Origin of a frame, (3,), as a function of the state."""
+        placement = self.frame(name)
+        return lambda state: placement(state).translation
+
+    def path(self, name: str, configurations: np.ndarray) -> np.ndarray:
+        """Origins (N, 3) of a frame along configurations (N, nq)."""
+        index = self.robot.frame_id(name)
+        return np.stack([self._data_at(q).oMf[index].translation.copy() for q in configurations])
+
+    def lines(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Lines of action of the constraint rows: points and directions, (m, 3) each."""
+        if state.q is not self._lines_q and self._rows is not None:
+            self._state.set_position(state.q)
+            self._lines = np.stack(self._rows.lines_of_action(self._state))
+            self._lines_q = state.q
+        return self._lines[0], self._lines[1]
+
+    # ------------------------------------------------------------------ size
+
+    def corners(self, q: np.ndarray) -> np.ndarray:
+        """Corners (N, 3) of a box about every part [m]; parts without end, such as planes, have none."""
+        visual = self.robot.visual_model
+        assert visual is not None
+        data = self._data_at(q)
+        found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
+        for shape in visual.geometryObjects:
+            shape.geometry.computeLocalAABB()
+            box = shape.geometry.aabb_local
+            if np.abs([box.min_, box.max_]).max() < _ENDLESS:
+                corners = np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1)
+                placement = data.oMi[shape.parentJoint] * shape.placement
+                found.append((placement.rotation @ corners).T + placement.translation)
+        return np.concatenate(found) if found else np.zeros((1, 3))
+
+    # ------------------------------------------------------------------ wheels
+
+    def wheels(self, state: State, ground: float) -> dict[str, Point]:
+        """Points that leave tracks: wheels drawn as cylinders on an axle that may not slip, else where rows act.
+
+        A wheel is a cylinder with its axis on a row's line of action, and its lowest point near the ground.
+        """
+        points, directions = self.lines(state)
+        tracks: dict[str, Point] = {}
+
+        def on_ground(joint: int, local: np.ndarray) -> Point:
+            def point(state: State) -> np.ndarray:
+                place = self._data_at(state.q).oMi[joint].act(local)
+                return np.array([place[0], place[1], ground])
+
+            return point
+
+        def where_row_acts(row: int) -> Point:
+            return lambda state: np.r_[self.lines(state)[0][row][:2], ground]
+
+        data = self._data_at(state.q)
+        for row, (point, along) in enumerate(zip(points, directions, strict=True)):
+            if np.isnan(point).any() or abs(along[2]) > 0.5:
+                continue
+            found = False
+            for shape in self.robot.visual_model.geometryObjects if self.robot.visual_model else ():
+                if not isinstance(shape.geometry, coal.Cylinder):
+                    continue
+                placement = data.oMi[shape.parentJoint] * shape.placement
+                radius = shape.geometry.radius
+                level = np.array([1.0, 1.0, 0.0])
+                aside = np.cross((placement.translation - point) * level, along)
+                on_axle = abs(placement.rotation[:, 2] @ along) > 0.99 and np.linalg.norm(aside) < 0.05 * radius
+                if on_axle and abs(placement.translation[2] - radius - ground) < 0.25 * radius:
+                    tracks[shape.name] = on_ground(shape.parentJoint, shape.placement.translation)
+                    found = True
+            if not found and not any(np.linalg.norm(track(state)[:2] - point[:2]) < 1e-6 for track in tracks.values()):
+                tracks[f"row {row}"] = where_row_acts(row)
+        return tracks

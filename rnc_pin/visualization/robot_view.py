@@ -1,0 +1,59 @@
+"""The robot itself, drawn by Pinocchio's visualizer for Meshcat."""
+
+from __future__ import annotations
+
+import numpy as np
+from pinocchio.visualize import BaseVisualizer, MeshcatVisualizer
+
+from rnc_pin.errors import ModelError
+from rnc_pin.robot import Robot
+from rnc_pin.visualization.stage import Stage
+
+
+def drawable(robot: Robot) -> None:
+    """Refuse a robot that has nothing to draw.
+
+    Raises:
+        ModelError: it has no visual geometry, or a mesh cannot be read.
+    """
+    visual = robot.visual_model
+    if visual is None or not len(visual.geometryObjects):
+        raise ModelError(f"robot '{robot.name}' has no visual geometry to draw")
+
+
+class RobotView:
+    """A robot on a stage.
+
+    Args:
+        robot: the robot.
+        stage: where it is drawn.
+
+    Attributes:
+        parts: group of its parts.
+    """
+
+    def __init__(self, robot: Robot, stage: Stage) -> None:
+        drawable(robot)
+        # Without collision geometry: nobody sees it, and meshes would be in the page twice.
+        self.visualizer: BaseVisualizer = MeshcatVisualizer(robot.model, None, robot.visual_model)
+        self.visualizer.initViewer(viewer=stage.root)
+        self.visualizer.loadViewerModel(rootNodeName="robot")
+        self.visualizer.viewer = _Placer(stage)
+        self.parts = "robot/visuals"
+
+    def display(self, q: np.ndarray) -> None:
+        """Show a configuration."""
+        self.visualizer.display(q)
+
+
+class _Placer:
+    """Stands where the visualizer has Meshcat's tree, so that the stage hears of every movement."""
+
+    def __init__(self, stage: Stage, name: str = "") -> None:
+        self._stage, self._name = stage, name
+
+    def __getitem__(self, name: str) -> _Placer:
+        return _Placer(self._stage, name)
+
+    def set_transform(self, matrix: np.ndarray) -> None:
+        self._stage.place(self._name, np.asarray(matrix))

@@ -1,0 +1,354 @@
+"""What is shown of a run of any robot: chosen from the names of its outputs, its constraints and its goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.simulation import Trajectory
+from rnc_pin.visualization import elements as e
+from rnc_pin.visualization.board import Board, margin_color
+from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
+from rnc_pin.visualization.null_motion import NullMotion
+from rnc_pin.visualization.poses import Poses
+from rnc_pin.visualization.robot_view import RobotView
+from rnc_pin.visualization.stage import Stage
+from rnc_pin.visualization.state import Names, State
+
+LAYERS = ("path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
+          "margin", "compared")  # fmt: skip
+_TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
+_GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
+_LAG = 6  # pictures of a live view between two of what is costly
+
+
+@dataclass(frozen=True)
+class View:
+    """How a run is looked at, for any robot.
+
+    Attributes:
+        trail: frames whose paths are drawn; by default those that have goals.
+        camera: position of the camera in the world [m]; found from the motion by default.
+        target: what it looks at [m].
+        ground: height of the grid and of wheel tracks [m]; None for neither.
+        hide: layers that are off at first; the viewer's controls switch them on.
+    """
+
+    trail: Sequence[str] = ()
+    camera: Sequence[float] | None = None
+    target: Sequence[float] = (0.0, 0.0, 0.0)
+    ground: float | None = 0.0
+    hide: Sequence[str] = ("null motion", "constraint directions")
+
+    def __post_init__(self) -> None:
+        for layer in self.hide:
+            if layer not in LAYERS:
+                raise ConfigurationError(f"view.hide: no layer '{layer}'{nearest(layer, LAYERS)}")
+
+
+@dataclass
+class Subject:
+    """A run to be shown, over or under way.
+
+    Attributes:
+        model: what moves; a reduced model shows its constraints and its null motion too.
+        meta: names, units and angularity of its outputs, as ``Trajectory.meta`` has them.
+        goals: outputs that have goals.
+        trajectory: the run, where it is over.
+        comparisons: runs beside it, by label.
+        aside: set the runs that it is compared with beside it instead of into it.
+    """
+
+    model: ReducedModel | Robot
+    meta: Mapping[str, Any]
+    goals: Sequence[str]
+    trajectory: Trajectory | None = None
+    comparisons: Mapping[str, Trajectory] = field(default_factory=dict)
+    aside: bool = False
+
+
+class Show:
+    """A robot on a stage with everything that is drawn around it.
+
+    Args:
+        subject: what to show.
+        view: how to look at it.
+        stage: where.
+        first: the first state.
+
+    Raises:
+        ModelError: nothing to draw, or no such frame.
+    """
+
+    def __init__(self, subject: Subject, view: View, stage: Stage, first: State) -> None:
+        self.subject, self.view, self.stage = subject, view, stage
+        model = subject.model
+        self.reduced = model if isinstance(model, ReducedModel) else None
+        self.robot = model.robot if isinstance(model, ReducedModel) else model
+        self.names = Names.of(subject.meta)
+        self.robot_view = RobotView(self.robot, stage)
+        self.poses = Poses(self.robot, self.reduced.constraints if self.reduced else None)
+        run = subject.trajectory
+        moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
+        self.size = float(np.clip(np.linalg.norm(np.ptp(self.poses.corners(first.q), axis=0)) / 2, 0.05, 20.0))
+        self._offset = np.zeros(3)
+        self._pictures = 0
+        corners = np.concatenate([self.poses.corners(q) for q in moments])
+        self._look(with_plan(corners, subject.meta, view.ground or 0.0))
+        self.tracked = self.names.tracked(subject.goals, self.robot)
+        self.elements = self._elements(first)
+        self.board = Board(
+            self.names, subject.goals, self.poses, subject.meta.get("path") or {}, self.reduced is not None
+        )
+        for element in self.elements:
+            element.build(stage)
+        for entry in self.legend():
+            if not entry["visible"]:
+                stage.hide(entry["path"])
+
+    def update(self, state: State) -> None:
+        """Show a state."""
+        self.robot_view.display(state.q)
+        self._pictures += 1
+        for element in self.elements:
+            if element.costly and self.stage.keyframes is None and self._pictures % _LAG != 1:
+                continue
+            element.update(self.stage, state)
+
+    def legend(self) -> list[dict[str, Any]]:
+        """Lines of the legend, one a layer."""
+        entries = {element.entry.layer: element.entry for element in self.elements}
+        return [
+            {
+                "label": entry.label,
+                "path": f"/meshcat/{layer}",
+                "color": f"#{entry.color:06x}",
+                "sign": entry.sign,
+                "visible": layer.split("/")[0] not in self.view.hide,
+            }
+            for layer, entry in entries.items()
+        ]
+
+    # ------------------------------------------------------------------ camera
+
+    def _look(self, points: np.ndarray) -> None:
+        view = self.view
+        given = None if view.camera is None else np.array(view.camera, dtype=float)
+        forward = np.array(GAZE) if given is None else np.array(view.target, dtype=float) - given
+        if self.subject.aside:
+            away = np.array([forward[0], forward[1], 0.0]) / max(float(np.hypot(*forward[:2])), 1e-9)
+            self._offset = away * 1.2 * float(np.ptp(points @ away))
+            steps = range(len(self.subject.comparisons) + 1)
+            points = np.concatenate([points + k * self._offset for k in steps])
+        if given is None or self.subject.aside:
+            camera, target = fitting_camera(points, forward)
+        else:
+            camera, target = given, np.array(view.target, dtype=float)
+        self.stage.look(camera, target)
+        if view.ground is not None:
+            radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+            self.stage.grid(view.ground, target, max(10.0, 2.5 * radius))
+
+    # ------------------------------------------------------------------ elements
+
+    def _elements(self, first: State) -> list[e.Element]:
+        found: list[e.Element] = []
+        for part in (self._plan, self._references, self._paths, self._tracks, self._constraints, self._null_motion,
+                     self._margin, self._compared):  # fmt: skip
+            found += part(first)
+        return found
+
+    @property
+    def _width(self) -> float:
+        return 0.012 * self.size
+
+    @property
+    def _piece(self) -> int:
+        run = self.subject.trajectory
+        return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
+
+    def _plan(self, first: State) -> list[e.Element]:
+        plan = self.subject.meta.get("path")
+        if not plan or self.view.ground is None:
+            return []
+        points = np.column_stack([np.array(plan["poses"])[:, :2], np.full(len(plan["poses"]), self._floor)])
+        return [e.Still(e.Entry("planned path", "plan", e.BLACK, "dashed"), plan["frame"], points, self._width)]
+
+    @property
+    def _floor(self) -> float:
+        """A little above the ground, or tracks and grid would flicker."""
+        return (self.view.ground or 0.0) + 0.004 * self.size
+
+    def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[State], np.ndarray]:
+        actual = self.poses.frame(frame)
+        turned = self._desired_attitude(frame)
+
+        def pose(state: State) -> np.ndarray:
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state).translation
+            for axis, (kind, column) in columns.items():
+                value = getattr(state, f"{kind}_desired")[column]
+                if np.isfinite(value):
+                    matrix[axis, 3] = value
+            return matrix
+
+        return pose
+
+    def _desired_attitude(self, frame: str) -> Callable[[State], np.ndarray]:
+        """The goal's axes (3, 3): of the attitude where that has a goal, of the heading, or the world's."""
+        for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
+            column = self.names.column(name)
+            if name in self.subject.goals and column is not None:
+                return _attitude(*column, size)
+        return _resting(np.eye(3))
+
+    def _references(self, first: State) -> list[e.Element]:
+        found: list[e.Element] = []
+        run = self.subject.trajectory
+        line = e.Entry("reference", "reference", e.BLACK, "dashed")
+        goal = e.Entry("goal", "goal", e.BLACK, "dot")
+        for frame, columns in self.tracked.items():
+            pose = self._desired(frame, columns)
+            planned = self.subject.meta.get("path", {}).get("frame") == frame and self.view.ground is not None
+            if run is None:
+                if not planned:
+                    found.append(e.Trail(line, frame, _origin(pose), 0.8 * self._width, self._piece))
+                found.append(e.Triad(goal, frame, pose, 0.16 * self.size))
+                continue
+            wanted = {axis: getattr(run, f"{kind}_desired")[:, column] for axis, (kind, column) in columns.items()}
+            every = slice(None, None, max(1, len(run.time) // 400))
+            points = self.poses.path(frame, run.q[every])
+            for axis, values in wanted.items():
+                points[:, axis] = values[every]
+            if not planned and np.ptp(points, axis=0).max() > 2 * self._width:
+                found.append(e.Still(line, frame, points, 0.8 * self._width))
+            late = slice(-max(2, len(run.time) // 50), None)
+            if all(np.ptp(values[late]) < 1e-6 for values in wanted.values()):
+                last = first._replace(q=run.q[-1], x1_desired=run.x1_desired[-1], x2_desired=run.x2_desired[-1])
+                pose = _resting(pose(last))
+            found.append(e.Triad(goal, frame, pose, 0.16 * self.size))
+        return found
+
+    def _paths(self, first: State) -> list[e.Element]:
+        frames = self.view.trail or list(self.tracked)
+        found: list[e.Element] = []
+        for frame, color in zip(frames, _repeated(_TRAILS, len(frames)), strict=True):
+            entry = e.Entry(f"path of {frame.replace('_', ' ')}", f"path/{frame}", color)
+            found.append(e.Trail(entry, frame, self.poses.point(frame), self._width, self._piece))
+        return found
+
+    def _tracks(self, first: State) -> list[e.Element]:
+        if self.view.ground is None or self.reduced is None or not self.reduced.m:
+            return []
+        entry = e.Entry("wheel tracks", "tracks", e.GREY)
+        wheels = self.poses.wheels(first, self._floor)
+        return [e.Trail(entry, str(k), wheel, self._width, self._piece) for k, wheel in enumerate(wheels.values())]
+
+    def _constraints(self, first: State) -> list[e.Element]:
+        if self.reduced is None or not self.reduced.m:
+            return []
+        points, _ = self.poses.lines(first)
+        drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
+        run = self.subject.trajectory
+        largest = _Largest(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
+        direction = e.Entry("constraint direction", "constraint directions", e.SKY)
+        force = e.Entry("constraint force", "constraint forces", e.ORANGE, "arrow")
+        found: list[e.Element] = []
+        for row in drawn:
+
+            def line(state: State, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
+                points, directions = self.poses.lines(state)
+                return points[row], directions[row]
+
+            def vector(state: State, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
+                points, directions = self.poses.lines(state)
+                # Multipliers stand with the inertia: the ground pushes the other way.
+                value = -state.multipliers[row]
+                return points[row], directions[row] * value / largest(abs(value)) * 0.7 * self.size
+
+            found.append(e.Bar(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
+            found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
+        return found
+
+    def _null_motion(self, first: State) -> list[e.Element]:
+        task = self.subject.meta.get("task", {})
+        free = task.get("redundant") or [name for name in self.names.names["x2"] if name not in self.subject.goals]
+        if self.reduced is None or not free:
+            return []
+        entry = e.Entry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
+        motion = NullMotion(self.reduced, free[0])
+        ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.robot_view.parts, 0.3)
+        ghost.costly = True
+        return [ghost]
+
+    def _margin(self, first: State) -> list[e.Element]:
+        frames = [*(self.view.trail or self.tracked)]
+        if self.reduced is None or not frames:
+            return []
+        entry = e.Entry("singularity margin", "margin", e.BLUE, "dot")
+        origin, above = self.poses.point(frames[0]), np.array([0.0, 0.0, 0.14 * self.size])
+
+        def point(state: State) -> np.ndarray:
+            return origin(state) + above
+
+        return [e.Lamp(entry, "lamp", point, lambda state: margin_color(state.margin), 0.035 * self.size)]
+
+    def _compared(self, first: State) -> list[e.Element]:
+        found: list[e.Element] = []
+        others = self.subject.comparisons
+        for k, (label, color) in enumerate(zip(others, _repeated(_GHOSTS, len(others)), strict=True)):
+            offset = self._offset * (k + 1)
+            entry = e.Entry(label, f"compared/{k}", color)
+            opacity = 1.0 if self.subject.aside else 0.4
+            found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.robot_view.parts, opacity, offset))
+            for frame in self.view.trail or self.tracked:
+                path = self.poses.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
+                found.append(e.Still(entry, f"path of {frame}", path, 0.7 * self._width))
+        return found
+
+
+def _attitude(kind: str, first: int, size: int) -> Callable[[State], np.ndarray]:
+    """Axes (3, 3) from a desired rotation vector, or from a heading alone."""
+
+    def axes(state: State) -> np.ndarray:
+        value = getattr(state, f"{kind}_desired")[first : first + size]
+        if not np.isfinite(value).all():
+            return np.eye(3)
+        return np.asarray(pin.exp3(value if size == 3 else np.array([0.0, 0.0, value[0]])))
+
+    return axes
+
+
+def _resting(pose: np.ndarray) -> Callable[[State], np.ndarray]:
+    return lambda state: pose
+
+
+def _origin(pose: Callable[[State], np.ndarray]) -> Callable[[State], np.ndarray]:
+    return lambda state: pose(state)[:3, 3]
+
+
+def _other(k: int) -> Callable[[State], np.ndarray]:
+    return lambda state: state.others[k]
+
+
+class _Largest:
+    """The largest value so far, which others are measured by."""
+
+    def __init__(self, value: float) -> None:
+        self._value = max(value, 1e-9)
+
+    def __call__(self, value: float) -> float:
+        if value > self._value:
+            self._value = value
+        return self._value
+
+
+def _repeated(colors: Sequence[int], count: int) -> list[int]:
+    return [colors[k % len(colors)] for k in range(count)]

@@ -1,0 +1,127 @@
+"""Where a robot is shown: a scene in which parts are placed, painted and drawn, live or as keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import meshcat
+import meshcat.geometry as mg
+import numpy as np
+
+from rnc_pin.visualization.camera import FIELD_OF_VIEW
+from rnc_pin.visualization.keyframes import Keyframes
+from rnc_pin.visualization.scene_server import SceneWindow
+
+_MOST_DOTS = 2000
+
+
+class Stage:
+    """A Meshcat scene. Parts move at once; in a recording, from frame to frame.
+
+    Args:
+        window: where to draw; a window that nothing listens to by default.
+        rate: frames per second of a recording; None for a live scene.
+    """
+
+    def __init__(self, window: SceneWindow | None = None, rate: float | None = None) -> None:
+        self.window = window or SceneWindow()
+        self.root = meshcat.Visualizer(window=self.window)
+        self.root["/Background"].set_property("top_color", [0.96, 0.975, 0.99])
+        self.root["/Background"].set_property("bottom_color", [0.85, 0.885, 0.925])
+        for name in ("/Axes", "/Grid"):
+            self.root[name].set_property("visible", False)
+        self.keyframes = None if rate is None else Keyframes(rate)
+        self.frame = 0
+
+    # ------------------------------------------------------------------ what moves
+
+    def place(self, name: str, matrix: np.ndarray) -> None:
+        """Put a part somewhere, (4, 4), which may scale it."""
+        path = f"/meshcat/{name}"
+        if self.keyframes is None or self.frame == 0:
+            self.window.place(path, matrix)
+        if self.keyframes is not None:
+            self.keyframes.place(path, self.frame, matrix)
+
+    def paint(self, name: str, color: np.ndarray) -> None:
+        """Give a part a colour, (3,) in [0, 1]."""
+        if self.keyframes is None:
+            self.root[name].set_property("color", [*map(float, color), 1.0])
+        else:
+            self.keyframes.paint(f"/meshcat/{name}", self.frame, color)
+
+    def appear(self, name: str) -> None:
+        """Show a part from now on."""
+        if self.keyframes is not None:
+            self.keyframes.appear(f"/meshcat/{name}", self.frame)
+
+    def play(self) -> None:
+        """Put the recorded motion on the stage."""
+        if self.keyframes is not None:
+            self.window.post(self.keyframes.command(), single=True)
+
+    # ------------------------------------------------------------------ what is there
+
+    def look(self, camera: np.ndarray, target: np.ndarray) -> None:
+        """Look from one point of the world at another, (3,) each [m]."""
+        far = max(100.0, 10.0 * float(np.linalg.norm(camera - target)))
+        gaze = {"position": camera.tolist(), "target": target.tolist(), "fov": FIELD_OF_VIEW, "far": far}
+        self.window.post({"type": "look", "path": "/Cameras", **gaze})
+
+    def hide(self, name: str) -> None:
+        """Switch a part off; the viewer's controls switch it on again."""
+        self.root[name].set_property("visible", False)
+
+    def copy(self, name: str, source: str, color: int | None = None, opacity: float = 1.0) -> None:
+        """Draw another part once more, at no cost in size; in a colour of its own, or as it is."""
+        command = {"color": color, "opacity": opacity, "source": f"/meshcat/{source}"}
+        self.window.post({"type": "copy", "path": f"/meshcat/{name}", **command})
+
+    def mesh(self, name: str, shape: mg.Geometry, color: int, opacity: float = 1.0) -> None:
+        """Draw a shape."""
+        material = mg.MeshLambertMaterial(color=color, opacity=opacity, transparent=opacity < 1.0)
+        self.root[name].set_object(shape, material)
+
+    def path(self, name: str, points: np.ndarray, color: int, width: float, dashed: bool = False) -> None:
+        """Draw a path through points (N, 3) [m]; a name with slashes groups paths in Meshcat's controls."""
+        # WebGL draws every line one pixel wide, so a path is a row of dots, close enough to touch.
+        length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        dots = max(2, min(_MOST_DOTS, int(length[-1] / (0.4 * width)) + 1))
+        along = np.linspace(0.0, length[-1], dots)
+        if dashed:
+            along = along[np.mod(along, 6.0 * width) < 3.2 * width]
+        vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
+        shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
+        colors = np.tile(shade[:, None], (1, len(along)))
+        self.root[name].set_object(mg.PointCloud(vertices, colors, size=width))
+
+    def grid(self, height: float, center: np.ndarray, half: float) -> None:
+        """Draw a square grid on the ground."""
+        pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
+        self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
+
+    def board(
+        self, title: str, rows: Sequence[dict[str, Any]], legend: Sequence[dict[str, Any]], **series: Any
+    ) -> None:
+        """Figures and legend at the corner of the page."""
+        content = {"title": title, "rows": list(rows), "legend": list(legend), **series}
+        self.window.post({"type": "board", "path": "/board", **content}, single=True)
+
+    def figures(self, values: Sequence[float], chips: Sequence[str | None]) -> None:
+        """What the board says now, live."""
+        self.window.post({"type": "figures", "path": "/board", "values": list(values), "chips": list(chips)})
+
+
+def _grid(height: float, center: np.ndarray, half: float, pitch: float) -> mg.LineSegments:
+    """A grid of short segments: renderers may drop a line that passes behind the camera, as Meshcat's own grid does."""
+    count = int(np.ceil(half / pitch))
+    ticks = (np.arange(-count, count + 1) * pitch).astype(np.float32)
+    along, across = np.meshgrid(ticks[:-1], ticks, indexing="ij")
+    starts, ends = along.ravel(), along.ravel() + np.float32(pitch)
+    lines, level = across.ravel(), np.full(along.size, height, dtype=np.float32)
+    parallel = np.stack([np.stack([starts, lines, level]), np.stack([ends, lines, level])], axis=-1)
+    crossing = parallel[[1, 0, 2]]
+    points = np.concatenate([parallel, crossing], axis=1).reshape(3, -1)
+    points[:2] += center.astype(np.float32)[:, None]
+    return mg.LineSegments(mg.PointsGeometry(points), mg.LineBasicMaterial(color=0xA9B4BF))

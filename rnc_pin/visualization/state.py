@@ -1,0 +1,130 @@
+"""What there is to draw at one time, whether it comes from a run under way or from one that is over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.coordinates import Coordinates
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.simulation import Sample, Trajectory
+
+RATE = 25.0  # pictures per second of a recording
+
+
+class State(NamedTuple):
+    """One moment of a run; NaN where there is no goal."""
+
+    time: float
+    q: np.ndarray
+    v2: np.ndarray
+    x1: np.ndarray
+    x2: np.ndarray
+    x1_desired: np.ndarray
+    x2_desired: np.ndarray
+    multipliers: np.ndarray
+    margin: float
+    others: tuple[np.ndarray, ...] = ()
+    """Configurations of the runs that this one is compared with."""
+
+
+class Names(NamedTuple):
+    """Names and units of the outputs, and what they live on, as ``Trajectory.meta`` has them."""
+
+    names: Mapping[str, Sequence[str]]
+    units: Mapping[str, Sequence[str]]
+    coordinates: Mapping[str, Coordinates]
+
+    @classmethod
+    def of(cls, meta: Mapping[str, Any]) -> Names:
+        """Those of a trajectory, or of ``output_names(reduced)``."""
+        rotations = meta.get("rotations", {})
+        coordinates = {kind: Coordinates(angular, rotations.get(kind, ())) for kind, angular in meta["angular"].items()}
+        return cls(meta["names"], meta["units"], coordinates)
+
+    def error(self, state: State, kind: str) -> np.ndarray:
+        """Desired less actual values of the outputs "x1" or "x2" at a state."""
+        return self.coordinates[kind].difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
+
+    def column(self, name: str) -> tuple[str, int] | None:
+        """Where an output stands: "x1" or "x2", and its position; None where there is none of this name."""
+        for kind in ("x2", "x1"):
+            if name in self.names[kind]:
+                return kind, list(self.names[kind]).index(name)
+        return None
+
+    def tracked(self, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
+        """Frames with goals for their position: for each coordinate, where its goal stands among the outputs."""
+        frames: dict[str, dict[int, tuple[str, int]]] = {}
+        for name in goals:
+            frame, _, axis = name.rpartition("_")
+            column = self.column(name)
+            if axis in ("x", "y", "z") and robot.model.existFrame(frame) and column is not None:
+                frames.setdefault(frame, {})["xyz".index(axis)] = column
+        return frames
+
+
+def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:
+    """Configurations (frames, nq) at an even rate, interpolated on the manifold."""
+    return _configurations(robot, trajectory, _even_times(trajectory, rate))
+
+
+def recorded_states(
+    robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
+) -> Iterator[State]:
+    """States at an even rate; what other runs have is held where they are over."""
+    times = _even_times(trajectory, rate)
+    configurations = _configurations(robot, trajectory, times)
+    beside = [_configurations(robot, other, times) for other in others]
+    nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
+    t = trajectory
+    for frame, i in enumerate(nearest):
+        yield State(
+            float(times[frame]),
+            configurations[frame],
+            *(t.v2[i], t.x1[i], t.x2[i], t.x1_desired[i], t.x2_desired[i], t.multipliers[i]),
+            float(t.singular_value[i]),
+            tuple(each[frame] for each in beside),
+        )
+
+
+def live_state(reduced: ReducedModel, sample: Sample) -> State:
+    """The state at a sample of a run under way."""
+    measurement, command = sample.measurement, sample.command
+    q, v2 = measurement.q, measurement.v2
+
+    def goal(name: str, size: int) -> np.ndarray:
+        value = getattr(command, name)
+        return np.full(size, np.nan) if value is None else np.asarray(value, dtype=float)
+
+    return State(
+        sample.time,
+        q,
+        v2,
+        measurement.x1,
+        measurement.x2,
+        goal("x1_desired", reduced.vertical.size),
+        goal("x2_desired", reduced.r),
+        reduced.multipliers(q, v2, sample.T),
+        float(reduced.smallest_singular_value(q)),
+    )
+
+
+def _even_times(trajectory: Trajectory, rate: float) -> np.ndarray:
+    end = trajectory.time[-1]
+    return np.arange(0.0, end + 0.5 / rate, 1.0 / rate).clip(max=end)
+
+
+def _configurations(robot: Robot, trajectory: Trajectory, wanted: np.ndarray) -> np.ndarray:
+    time = trajectory.time
+    index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
+    frames = []
+    for t, i in zip(wanted, index, strict=True):
+        j = min(i + 1, len(time) - 1)
+        fraction = 0.0 if time[j] <= time[i] else float((t - time[i]) / (time[j] - time[i]))
+        frames.append(pin.interpolate(robot.model, trajectory.q[i], trajectory.q[j], min(fraction, 1.0)))
+    return np.stack(frames)

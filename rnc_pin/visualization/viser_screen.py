@@ -1,0 +1,93 @@
+"""The robot, its paths and its figures in viser, for those who set ``PINOCCHIO_VIEWER=viser``."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from pinocchio.visualize import BaseVisualizer, ViserVisualizer
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.reduction import ReducedModel
+from rnc_pin.robot import Robot
+from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
+from rnc_pin.visualization.poses import Poses
+from rnc_pin.visualization.robot_view import drawable
+from rnc_pin.visualization.show import View
+from rnc_pin.visualization.state import State
+
+_PIECE = 15  # pictures to a piece of a path
+_COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
+
+
+class ViserScreen:
+    """A page of viser, served by this process; see ``MeshcatScreen``.
+
+    Raises:
+        ConfigurationError: viser is not installed.
+    """
+
+    def __init__(self, model: ReducedModel | Robot, view: View, meta: Mapping[str, Any], host: str, title: str) -> None:
+        try:
+            import viser
+        except ImportError:
+            raise ConfigurationError(
+                "PINOCCHIO_VIEWER=viser: viser is not installed; pip install 'rnc_pin[viser]'"
+            ) from None
+        robot = model.robot if isinstance(model, ReducedModel) else model
+        drawable(robot)
+        self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
+        self.url = f"http://{host}:{self._server.get_port()}"
+        self._visualizer: BaseVisualizer = ViserVisualizer(robot.model, pin.GeometryModel(), robot.visual_model)
+        self._visualizer.initViewer(viewer=self._server)
+        self._visualizer.loadViewerModel(rootNodeName="robot")
+        self._poses, self._view, self._meta = Poses(robot), view, meta
+        self._trails = {frame: self._poses.point(frame) for frame in view.trail}
+        self._points: dict[str, list[np.ndarray]] = {frame: [] for frame in view.trail}
+        self._pieces = 0
+        self._figures = self._server.gui.add_markdown(title)
+        self._placed = False
+
+    @property
+    def browsers(self) -> int:
+        """How many look on."""
+        return len(self._server.get_clients())
+
+    def open(self) -> None:
+        """Show the page in the user's browser."""
+        webbrowser.open(self.url, new=2)
+
+    def draw(self, state: State) -> None:
+        """Show a state."""
+        if not self._placed:
+            self._place(state)
+        self._visualizer.display(state.q)
+        self._figures.content = f"time {state.time:.2f} s, singularity margin {state.margin:.3f}"
+        for (frame, point), color in zip(self._trails.items(), _COLORS * len(self._trails), strict=False):
+            points = self._points[frame]
+            points.append(np.array(point(state)))
+            if len(points) > _PIECE:
+                segments = np.stack([points[:-1], points[1:]], axis=1)
+                self._server.scene.add_line_segments(f"path/{frame}/{self._pieces}", segments, color)
+                self._points[frame] = points[-1:]
+                self._pieces += 1
+
+    def _place(self, state: State) -> None:
+        view = self._view
+        points = with_plan(self._poses.corners(state.q), self._meta, view.ground or 0.0)
+        camera, target = fitting_camera(points, np.array(GAZE))
+        if view.camera is not None:
+            camera, target = np.array(view.camera, dtype=float), np.array(view.target, dtype=float)
+        self._server.initial_camera.position = camera
+        self._server.initial_camera.look_at = target
+        if view.ground is not None:
+            height = (float(target[0]), float(target[1]), view.ground)
+            self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
+        self._placed = True
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.stop()

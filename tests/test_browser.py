@@ -1,0 +1,285 @@
+"""Recordings and live pages in a real browser: what is drawn, what plays, what can be switched."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from browsing import PATIENCE, changed, children, listening, opened, picture, place, visit, vivid
+from rnc_pin.control import Command
+from rnc_pin.measurement import Measurement
+from rnc_pin.scenario.replay import view_of
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.simulation import Sample, tracking_errors
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.screens import chosen_screen
+from rnc_pin.visualization.show import View
+from rnc_pin.visualization.state import RATE, sample_configurations
+
+SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
+VIEW = View(trail=["tip"], ground=-1.3)
+
+
+def eventually(condition):
+    """Whether a condition comes true before patience runs out."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with opened() as launched:
+        yield launched
+
+
+@pytest.fixture(scope="module")
+def space_robot():
+    """Three seconds of the paper's figure 4: plan and result."""
+    prepared = plan("space-robot", {"simulation.duration": 3.0, "simulation.dt": 0.01})
+    return prepared, execute(prepared)
+
+
+@pytest.fixture(scope="module")
+def fire_truck():
+    prepared = plan("fire-truck", {"simulation.duration": 6.0, "simulation.dt": 0.01})
+    return prepared, execute(prepared)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return rnc.Robot.from_urdf("space_robot.urdf")
+
+
+def expected_place(robot, q, name):
+    geometry = robot.visual_model
+    data, shapes = robot.model.createData(), geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
+    return shapes.oMg[geometry.getGeometryId(name)].translation
+
+
+def loaded(browser, recording, path, begin=None):
+    """The page of a recording, read from a file with the network cut."""
+    path.write_text(recording.html(begin), encoding="utf-8")
+    page, problems = visit(browser, path.as_uri(), offline=True)
+    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+    return page, problems
+
+
+def row(page, label):
+    """A figure on the board."""
+    return page.evaluate(
+        "label => [...document.querySelectorAll('#board tr')]"
+        ".find(line => line.cells[0].textContent === label).cells[1].textContent",
+        label,
+    )
+
+
+def test_a_recording_plays_in_a_browser_without_a_network(browser, robot, space_robot, tmp_path):
+    run = space_robot[1].trajectory
+    title = "Tip & <platform>"
+    recording = Recording(space_robot[0].experiment.reduced, run, VIEW, title)
+    page, problems = loaded(browser, recording, tmp_path / "page.html")
+    assert page.title() == title
+    page.wait_for_function("viewer.animator.time > 0.1", timeout=1000 * PATIENCE)  # it starts by itself
+    page.evaluate("viewer.animator.pause()")
+    assert page.evaluate("viewer.animator.duration") == pytest.approx(3.0)
+    shots, trails = [], []
+    frames = sample_configurations(robot, run)
+    for frame in (0, 70, 0):
+        page.evaluate(f"viewer.animator.seek({frame / RATE})")
+        shots.append(picture(page))
+        there = place(page, "robot", "visuals", "tip_0")
+        np.testing.assert_allclose(there, expected_place(robot, frames[frame], "tip_0"), atol=SINGLE_PRECISION)
+        pieces = "Object.values(viewer.scene_tree.find(['meshcat', 'path', 'tip', 'tip']).children)"
+        trails.append(page.evaluate(f"{pieces}.filter(piece => piece.object.visible).length"))
+    assert all(vivid(shot) > 1000 for shot in shots)
+    assert changed(shots[0], shots[1]) > 1000
+    assert changed(shots[0], shots[2]) < 100  # or the comparison above would mean nothing
+    assert trails[0] == trails[2] < 3 < 30 < trails[1]
+    assert problems == []
+    page.context.close()
+
+
+def test_the_player_plays_scrubs_and_changes_speed(browser, space_robot, tmp_path):
+    recording = Recording(space_robot[0].experiment.reduced, space_robot[1].trajectory, VIEW)
+    page, problems = loaded(browser, recording, tmp_path / "page.html", begin=1.0)
+    assert page.evaluate("viewer.animator.time") == pytest.approx(1.0)
+    assert page.text_content("#clock") == "1.00 / 3.00 s"
+    page.evaluate("const s = document.getElementById('slider'); s.value = 2.5; s.dispatchEvent(new Event('input'))")
+    assert page.evaluate("viewer.animator.time") == pytest.approx(2.5)
+    page.wait_for_function("document.getElementById('clock').value === '2.50 / 3.00 s'", timeout=1000 * PATIENCE)
+    page.select_option("#speed", "0.1")
+    assert page.evaluate("viewer.animator.mixer.timeScale") == pytest.approx(0.1)
+    page.click("#play")
+    page.wait_for_function("viewer.animator.time > 2.52", timeout=1000 * PATIENCE)
+    page.click("#play")
+    assert page.evaluate("viewer.animator.playing") is False
+    assert problems == []
+    page.context.close()
+
+
+def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
+    prepared, result = fire_truck
+    experiment, run = prepared.experiment, result.trajectory
+    recording = Recording(experiment.reduced, run, view_of(experiment.scenario), "Truck", result.comparisons)
+    page, problems = loaded(browser, recording, tmp_path / "page.html", begin=4.0)
+    # The viewer's own controls list what is there.
+    layers = {"robot", "ground", "plan", "goal", "path", "tracks", "constraint directions", "constraint forces"}
+    assert layers | {"null motion", "margin", "compared"} <= set(children(page))
+    assert len(children(page, "tracks")) == 6
+    assert len(children(page, "constraint forces")) == 3
+    assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
+    # The board says what the run says.
+    i = 400
+    position = [tracking_errors(run)[name][i] for name in ("tractor_x", "tractor_y")]
+    assert row(page, "time") == "4.00 s"
+    assert row(page, "error of tractor") == f"{np.hypot(*position):.4f} m"
+    assert row(page, "singularity margin") == f"{run.singular_value[i]:.4f}"
+    assert float(row(page, "rear axle off the path").split()[0]) < 0.02
+    # A force is where its axle is, and as long as its multiplier says.
+    data = experiment.reduced.robot.model.createData()
+    pin.framesForwardKinematics(experiment.reduced.robot.model, data, run.q[i])
+    scales = []
+    for k, frame in enumerate(("front_axle", "tractor_axle", "rear_axle")):
+        axle = data.oMf[experiment.reduced.robot.frame_id(frame)]
+        head = np.array(place(page, "constraint forces", str(k), "head"))
+        away = head - axle.translation
+        np.testing.assert_allclose(np.cross(away, axle.rotation[:, 1]), 0.0, atol=1e-4)
+        scales.append(float(away @ axle.rotation[:, 1]) * run.multipliers[i, k])
+    assert max(scales) < 0.0  # against the multiplier, which stands with the inertia
+    # Switched on from the legend.
+    before = picture(page)
+    page.click("text=null motion")
+    assert page.evaluate("viewer.scene_tree.find(['meshcat', 'null motion']).object.visible") is True
+    assert changed(before, picture(page)) > 30
+    # Whose figures move as the animation does.
+    page.evaluate("viewer.animator.seek(0.0)")
+    page.wait_for_function("document.querySelector('#board td.value').textContent === '0.0000 s'")
+    assert problems == []
+    page.context.close()
+
+
+def test_runs_are_compared_in_one_scene(browser, space_robot, tmp_path):
+    prepared, result = space_robot
+    reduced, (label, other) = prepared.experiment.reduced, next(iter(result.comparisons.items()))
+    for aside in (False, True):
+        recording = Recording(reduced, result.trajectory, VIEW, "Both", {label: other}, aside)
+        page, problems = loaded(browser, recording, tmp_path / f"{aside}.html", begin=3.0)
+        ghost, robot = (
+            np.array(place(page, *path, "tip_0")) for path in (("compared", "0", "robot"), ("robot", "visuals"))
+        )
+        wanted = expected_place(reduced.robot, other.q[-1], "tip_0")
+        apart = np.linalg.norm(ghost - wanted)
+        assert apart > 1.0 if aside else apart < SINGLE_PRECISION
+        mine = expected_place(reduced.robot, result.trajectory.q[-1], "tip_0")
+        np.testing.assert_allclose(robot, mine, atol=SINGLE_PRECISION)
+        material = "viewer.scene_tree.find(['meshcat', 'compared', '0', 'robot', 'tip_0', '<object>']).object.material"
+        assert page.evaluate(f"{material}.opacity") == pytest.approx(1.0 if aside else 0.4)
+        shown = picture(page)
+        page.evaluate("viewer.scene_tree.find(['meshcat', 'compared']).set_property('visible', false)")
+        page.evaluate("viewer.set_dirty()")
+        assert changed(shown, picture(page)) > 1000
+        assert problems == []
+        page.context.close()
+
+
+def test_the_live_page_follows_the_robot_and_may_be_closed(browser, robot):
+    start, later = (robot.configuration({"joint_1": angle, "joint_2": 1.0}) for angle in (-0.5, 1.0))
+    live = LiveView(robot, VIEW, speed=0.0, open_browser=False)
+    try:
+        live(at(0.0, start))
+        page, problems = visit(browser, live.url)
+        assert live.wait_for_browser(PATIENCE)
+        assert eventually(lambda: vivid(picture(page)) > 1000)
+        before = picture(page)
+        live(at(1.0, later))
+        assert eventually(lambda: changed(before, picture(page)) > 1000)
+        assert eventually(lambda: row(page, "time") == "1.00 s")
+        assert problems == []
+        with ThreadPoolExecutor(1) as pool:
+            moving = pool.submit(keep_moving, live, np.linspace(2.0, 20.0, 200), later)
+            page.context.close()
+            moving.result()
+        assert eventually(lambda: not live.wait_for_browser(0.0))
+        live(at(30.0, later))
+        # Who comes later sees where the robot is by then, and its path.
+        page, problems = visit(browser, live.url)
+        assert live.wait_for_browser(PATIENCE)
+        wanted = expected_place(robot, later, "tip_0")
+        there = ("robot", "visuals", "tip_0")
+        assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
+        assert eventually(lambda: "000" in children(page, "path", "tip", "tip"))
+        assert eventually(lambda: vivid(picture(page)) > 1000)
+        assert problems == []
+        page.context.close()
+    finally:
+        live.close()
+    assert live.problem is None
+
+
+def at(t, q):
+    return Sample(t, Measurement(q=q), Command(), np.empty(0))
+
+
+def keep_moving(live, times, q):
+    for t in times:
+        live(at(t, q + 0.1 * np.sin(t)))
+        time.sleep(0.005)
+
+
+def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_truck):
+    prepared, _ = fire_truck
+    experiment = prepared.experiment
+    view = view_of(experiment.scenario)
+    live = LiveView(experiment.reduced, view, experiment.notes, speed=2.0, open_browser=False, title="Truck")
+    short = replace(prepared, comparisons={}, experiment=experiment)
+    try:
+        page, problems = visit(browser, live.url)
+        assert live.wait_for_browser(PATIENCE)
+        result = execute(short, live)
+        assert {"plan", "goal", "path", "tracks", "constraint forces", "margin"} <= set(children(page))
+        assert eventually(lambda: float(row(page, "time").split()[0]) > 5.5)
+        assert float(row(page, "error of tractor").split()[0]) < 0.01
+        assert page.text_content("#board h1") == "Truck"
+        live.close()  # which shows the last sample, if it has not been shown
+        wanted = expected_place(experiment.reduced.robot, result.trajectory.q[-1], "tractor_1")
+        there = ("robot", "visuals", "tractor_1")
+        assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
+        assert problems == []
+        page.context.close()
+    finally:
+        live.close()
+    assert live.problem is None
+
+
+def test_viser_shows_the_robot_where_it_is_asked_for(browser, robot, monkeypatch):
+    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
+    monkeypatch.setenv("PINOCCHIO_VIEWER", "viser")
+    before = listening()
+    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, screen=chosen_screen())
+    try:
+        assert {address for address, _ in listening() - before} == {"0100007F"}
+        page, problems = visit(browser, live.url + "/")
+        start, later = (robot.configuration({"joint_1": angle, "joint_2": 1.0}) for angle in (-0.5, 1.5))
+        for t in np.arange(0.0, 1.0, 0.05):
+            live(at(t, start))
+            time.sleep(0.04)
+        assert live.wait_for_browser(PATIENCE)
+        assert eventually(lambda: vivid(picture(page)) > 1000)
+        shot = picture(page)
+        live(at(2.0, later))
+        assert eventually(lambda: changed(shot, picture(page)) > 1000)
+        assert [problem for problem in problems if not problem.startswith(("ws:", live.url))] == []
+        page.context.close()
+    finally:
+        live.close()
+    assert live.problem is None

@@ -1,0 +1,287 @@
+"""What is drawn, without a browser: places, directions, keyframes, the null motion, and what any robot needs."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.kinematics import Kinematics
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.simulation import output_names
+from rnc_pin.visualization.board import Board, margin_color
+from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, GAZE, fitting_camera
+from rnc_pin.visualization.elements import _pillar
+from rnc_pin.visualization.keyframes import Keyframes
+from rnc_pin.visualization.null_motion import NullMotion
+from rnc_pin.visualization.poses import Poses
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.show import View
+from rnc_pin.visualization.state import RATE, Names, State, recorded_states, sample_configurations
+
+INVISIBLE = 2e-3  # [m or rad]; midpoint steps are off by the square of their length, 0.044
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return rnc.Robot.from_urdf("space_robot.urdf")
+
+
+@pytest.fixture(scope="module")
+def truck():
+    """Two seconds of the fire truck: its model and the run."""
+    prepared = plan("fire-truck", {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}})
+    return prepared.experiment.reduced, execute(prepared).trajectory
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Three seconds of the paper's figure 4."""
+    options = {"simulation.duration": 3.0, "simulation.dt": 0.01, "comparisons": {}}
+    return execute(plan("space-robot", options)).trajectory
+
+
+# ---------------------------------------------------------------------- frames of a recording
+
+
+def test_a_recording_has_even_frames_on_the_trajectory(robot, run):
+    frames = sample_configurations(robot, run)
+    # Every fourth sample of 0.01 s is a frame of 0.04 s.
+    np.testing.assert_allclose(frames, run.q[::4], atol=1e-12)
+
+
+def test_frames_between_samples_stay_on_the_manifold():
+    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+    turns = np.stack([robot.configuration({"root_joint": [0, 0, 3 * t]}) for t in (0.0, 1.0)])
+    frames = sample_configurations(robot, SimpleNamespace(time=np.array([0.0, 1.0]), q=turns))
+    assert len(frames) == RATE + 1
+    np.testing.assert_allclose(np.hypot(frames[:, 2], frames[:, 3]), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.unwrap(np.arctan2(frames[:, 3], frames[:, 2])), np.linspace(0, 3, 26), atol=1e-9)
+
+
+def test_a_run_that_is_over_stands_still_beside_one_that_goes_on(robot, run):
+    short = SimpleNamespace(time=run.time[:101], q=run.q[:101])
+    states = list(recorded_states(robot, run, others=[short]))
+    np.testing.assert_allclose([state.time for state in states], np.arange(0, 3.001, 0.04))
+    np.testing.assert_allclose(states[10].others[0], run.q[40], atol=1e-12)
+    np.testing.assert_array_equal(states[-1].others[0], run.q[100])
+    np.testing.assert_array_equal(states[-1].x1_desired, run.x1_desired[-1])
+
+
+def test_keyframes_are_the_transforms_that_went_in():
+    generator = np.random.default_rng(0)
+    frames = Keyframes(25.0)
+    wanted = []
+    for frame in range(20):
+        matrix = np.eye(4)
+        # Turning on and on: quaternions must not jump to the other sign.
+        matrix[:3, :3] = Rotation.from_rotvec([0, 0, 0.5 * frame]).as_matrix() * generator.uniform(0.1, 3.0, 3)
+        matrix[:3, 3] = generator.normal(size=3)
+        wanted.append(matrix)
+        frames.place("a", frame, matrix)
+        frames.place("rests", frame, wanted[0])
+    clips = {clip["path"]: {track["name"]: track for track in clip["clip"]["tracks"]} for clip in
+             frames.command()["animations"]}  # fmt: skip
+    values = {name: np.array([key["value"] for key in track["keys"]]) for name, track in clips["a"].items()}
+    rebuilt = Rotation.from_quat(values[".quaternion"]).as_matrix() * values[".scale"][:, None, :]
+    np.testing.assert_allclose(rebuilt, np.stack(wanted)[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(values[".position"], np.stack(wanted)[:, :3, 3])
+    assert (np.sum(values[".quaternion"][1:] * values[".quaternion"][:-1], axis=1) > 0).all()
+    assert [len(track["keys"]) for track in clips["rests"].values()] == [2, 2, 2]
+
+
+# ---------------------------------------------------------------------- where things act
+
+
+@pytest.mark.parametrize("name", ["fire_truck", "tiago"])
+def test_lines_of_action_are_where_and_along_what_a_row_holds(name):
+    """A row times a velocity is the velocity of the point there, along the line."""
+    reduced = getattr(systems, name)()
+    state, generator = Kinematics(reduced.robot), np.random.default_rng(1)
+    frames = {row: row.split("(")[1].split(".")[0].rstrip(")") for row in reduced.constraints.names}
+    for _ in range(5):
+        q = reduced.robot.random_configuration(generator)
+        v = generator.normal(size=reduced.robot.nv)
+        state.set_position(q)
+        A = reduced.constraints.evaluate(state)
+        points, directions = reduced.constraints.lines_of_action(state)
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+        for row, name_of_row in enumerate(reduced.constraints.names):
+            frame = reduced.robot.frame_id(frames[name_of_row])
+            J = state.jacobian(frame)
+            arm = points[row] - state.placement(frame).translation
+            moved = J[:3] @ v + np.cross(J[3:] @ v, arm)
+            np.testing.assert_allclose(directions[row] @ moved, A[row] @ v, atol=1e-10)
+
+
+def test_a_momentum_acts_on_no_point():
+    reduced = systems.space_robot()
+    state = Kinematics(reduced.robot)
+    state.set_position(reduced.robot.configuration())
+    points, directions = reduced.constraints.lines_of_action(state)
+    assert np.isnan(points).all()
+    assert np.isnan(directions).all()
+
+
+def test_wheels_leave_tracks(truck):
+    reduced, run = truck
+    first = next(recorded_states(reduced.robot, run))
+    poses = Poses(reduced.robot, reduced.constraints)
+    wheels = poses.wheels(first, -0.13)
+    where = np.sort([wheel(first) for wheel in wheels.values()], axis=0)
+    # Three axles at -9, -8 and -7, wheels 0.24 to 0.26 beside the middle, on the ground.
+    np.testing.assert_allclose(where[:, 0], [-9, -9, -8, -8, -7, -7], atol=1e-9)
+    np.testing.assert_allclose(where[:, 1] - 3.0, [-0.26, -0.24, -0.24, 0.24, 0.24, 0.26], atol=1e-9)
+    np.testing.assert_allclose(where[:, 2], -0.13)
+
+
+def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
+    reduced, run = truck
+    first = next(recorded_states(reduced.robot, run))
+    tracks = Poses(rnc.Robot(reduced.robot.model), reduced.constraints).wheels(first, 0.0)
+    np.testing.assert_allclose(np.sort([track(first)[0] for track in tracks.values()]), [-9, -8, -7], atol=1e-9)
+
+
+def test_an_arrow_goes_from_a_point_along_a_vector():
+    along = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
+    matrix = _pillar(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
+    top, bottom, side = (matrix @ np.array([*point, 1.0]) for point in ([0, 0.5, 0], [0, -0.5, 0], [1, 0, 0]))
+    np.testing.assert_allclose(top[:3], [1, 2, 3] + 2 * along)
+    np.testing.assert_allclose(bottom[:3], [1, 2, 3] - 2 * along)
+    np.testing.assert_allclose(np.linalg.norm(side[:3] - [1, 2, 3]), 0.1)
+    assert np.linalg.det(matrix[:3, :3]) > 0
+
+
+# ---------------------------------------------------------------------- null motion, board, camera
+
+
+@pytest.mark.parametrize(("name", "output"), [("space_robot", "joint_1"), ("mobile_manipulator", "base_yaw")])
+def test_null_motion_moves_one_output_and_no_other(name, output):
+    reduced = getattr(systems, name)()
+    names = list(reduced.reducing.names)
+    q = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.6})
+    moved = NullMotion(reduced, output)(q)
+    change = reduced.outputs(moved)[1] - reduced.outputs(q)[1]
+    expected = np.zeros(len(names))
+    expected[names.index(output)] = 0.35
+    np.testing.assert_allclose(change[~reduced.reducing.quasi], expected[~reduced.reducing.quasi], atol=INVISIBLE)
+    # Along it the constraints hold: compare with small straight steps.
+    straight = q
+    for _ in range(2000):
+        E_inverse, _, _ = reduced.stack(straight)
+        v = E_inverse[:, reduced.m + names.index(output)]
+        straight = pin.integrate(reduced.robot.model, straight, v * 0.35 / 2000)
+    np.testing.assert_allclose(moved, straight, atol=INVISIBLE)
+
+
+def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
+    reduced = systems.fire_truck()
+    vertical = list(reduced.vertical.names)
+    names = Names.of(output_names(reduced))
+    goals = ["tractor_x", "tractor_y", "trailer_yaw"]
+    board = Board(names, goals, Poses(reduced.robot), {}, margin=True)
+    assert [each["label"] for each in board.labels()] == [
+        "time", "error of tractor", "error of trailer yaw", "singularity margin"]  # fmt: skip
+    actual, desired = dict.fromkeys(vertical, 0.0), dict.fromkeys(vertical, np.nan)
+    actual |= {"tractor_x": 1.0, "tractor_y": 2.0, "trailer_yaw": 3.1}
+    desired |= {"tractor_x": 1.3, "tractor_y": 1.6, "trailer_yaw": -3.1}
+    x1, x1_desired = (np.array([values[name] for name in vertical]) for values in (actual, desired))
+    state = State(1.5, reduced.robot.configuration(), *np.zeros((6, 3)), 0.25)
+    state = state._replace(x1=x1, x1_desired=x1_desired)
+    np.testing.assert_allclose(board.figures(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
+
+
+def test_the_board_measures_attitudes_on_the_sphere():
+    robot = rnc.Robot.from_example("panda", base="free")
+    meta = {
+        "names": {"x2": [f"panda_hand_orientation_{axis}" for axis in "xyz"], "x1": []},
+        "units": {"x2": ["rad"] * 3, "x1": []},
+        "angular": {"x2": [False] * 3, "x1": []},
+        "rotations": {"x2": [0]},
+    }
+    names = Names.of(meta)
+    board = Board(names, meta["names"]["x2"], Poses(robot), {}, margin=False)
+    state = State(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
+    state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
+    assert [each["label"] for each in board.labels()] == ["time", "error of panda hand orientation"]
+    np.testing.assert_allclose(board.figures(state)[0][1], 2 * np.pi - 6.0)
+
+
+def test_colours_warn_of_a_singularity():
+    far, near, there = margin_color(0.6), margin_color(0.01), margin_color(0.0)
+    assert far[2] > far[0]  # blue
+    assert near[0] > near[2]  # orange to vermillion
+    np.testing.assert_array_equal(there, margin_color(float("nan")))
+
+
+def test_the_whole_motion_is_in_the_picture():
+    points = np.random.default_rng(0).uniform([-8.0, -0.3, 0.0], [1.3, 3.5, 0.7], (50, 3))
+    camera, target = fitting_camera(points, np.array(GAZE))
+    forward = (target - camera) / np.linalg.norm(target - camera)
+    np.testing.assert_allclose(forward, np.array(GAZE) / np.linalg.norm(GAZE))
+    right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
+    half = np.tan(np.deg2rad(FIELD_OF_VIEW / 2))
+    depth = (points - camera) @ forward
+    assert (depth > 0).all()
+    across = (points - camera) @ right / (depth * half * ASPECT)
+    along = (points - camera) @ np.cross(right, forward) / (depth * half)
+    assert max(np.abs(across).max(), np.abs(along).max()) < 0.9
+    assert max(np.abs(across).max() / 0.8, np.abs(along).max() / 0.58) > 0.999  # as large as it goes
+    assert abs(across.max() + across.min()) < 0.05  # in the middle
+    assert abs(along.max() + along.min()) < 0.05
+
+
+# ---------------------------------------------------------------------- any robot
+
+
+@pytest.mark.parametrize("name", ["free_flying_panda", "tiago", "leaning_wheel"])
+def test_any_robot_with_geometry_is_recorded(name, tmp_path):
+    """Meshes, a free base, and a run that knows no scenario."""
+    reduced = getattr(systems, name)()
+    if reduced.robot.visual_model is None or not len(reduced.robot.visual_model.geometryObjects):
+        with pytest.raises(rnc.ModelError, match="no visual geometry"):
+            Recording(reduced, two_samples(reduced))
+        return
+    page = Recording(reduced, two_samples(reduced), View(ground=None)).save(tmp_path / "page.html")
+    assert page.stat().st_size > 900_000
+
+
+def two_samples(reduced):
+    class Idle:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            return rnc.control.Command(T=np.zeros(reduced.p)), None
+
+    q = reduced.robot.configuration()
+    try:
+        return rnc.simulate(reduced, Idle(), q, duration=0.02, dt=0.01)
+    except rnc.SingularityError:
+        q = reduced.robot.random_configuration(np.random.default_rng(0))
+        return rnc.simulate(reduced, Idle(), q, duration=0.02, dt=0.01)
+
+
+def test_the_papers_recordings_are_small(truck, run, robot, tmp_path):
+    reduced, trajectory = truck
+    assert Recording(reduced, trajectory, View(trail=["rear_axle"])).save(tmp_path / "a.html").stat().st_size < 5e6
+    assert [each.name for each in tmp_path.iterdir()] == ["a.html"]
+
+
+def test_an_unknown_frame_has_no_trail(robot, run, tmp_path):
+    with pytest.raises(rnc.ModelError, match="did you mean 'tip'"):
+        Recording(robot, run, View(trail=["tpi"]))
+
+
+def test_an_unknown_layer_cannot_be_hidden():
+    with pytest.raises(rnc.ConfigurationError, match="no layer 'gaol'; did you mean 'goal'"):
+        View(hide=["gaol"])
+
+
+def test_a_run_of_another_robot_is_refused(run):
+    truck = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+    with pytest.raises(rnc.InputError, match="configurations have 4 entries, the robot 7"):
+        Recording(truck, run)
