@@ -258,6 +258,8 @@ def two_samples(reduced):
             return rnc.control.Command(T=np.zeros(reduced.p)), None
 
     q = reduced.robot.configuration()
+    if reduced.assembly.size:
+        q = reduced.assembled(q)
     try:
         return rnc.simulate(reduced, Idle(), q, duration=0.02, dt=0.01)
     except rnc.SingularityError:
