@@ -49,7 +49,19 @@ class SimulationError(RncError):
 
 
 class DivergenceError(SimulationError):
-    """The state left every sensible bound."""
+    """The state left every sensible bound.
+
+    Attributes:
+        time: simulation time [s], or None outside a simulation.
+    """
+
+    def __init__(self, what: str, *, time: float | None = None) -> None:
+        self.what, self.time = what, time
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        when = "" if self.time is None else f" at t = {self.time:.3f} s"
+        return f"diverged{when}: {self.what}"
 
 
 class LimitError(SimulationError):

@@ -10,7 +10,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import Command
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from systems import ALL, random_states, space_robot, space_robot_in_joints
+from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 DATA = Path(__file__).parent / "data"
@@ -240,3 +240,12 @@ def test_pickles_are_not_loaded(tmp_path):
     np.savez(path, time=np.array([print], dtype=object))
     with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
         rnc.Trajectory.load(path)
+
+
+@pytest.mark.parametrize("speed", [1e9, np.inf, np.nan])
+def test_a_step_without_bound_is_said_rather_than_taken(speed):
+    """A planar base, whose chart would be singular or not a number there."""
+    reduced = mobile_manipulator()
+    integrator = LieRungeKutta4(reduced.robot)
+    with pytest.raises(rnc.DivergenceError, match=r"one step of 0\.1 s would move by"):
+        integrator.step(lambda q, y: (np.full(5, speed), y), reduced.robot.configuration(), np.zeros(1), 0.1)

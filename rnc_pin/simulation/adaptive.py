@@ -65,8 +65,9 @@ class AdaptiveIntegrator:
             short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
             if solver.status == "failed" or short > _PATIENCE:
                 raise DivergenceError(
-                    f"no step is short enough at t = {solver.t:.6g} s: the motion runs into a singularity, or the "
-                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows"
+                    "no step is short enough: the motion runs into a singularity, or the "
+                    f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",
+                    time=float(solver.t),
                 )
             between = solver.dense_output()
             while due < len(times) and times[due] < solver.t:

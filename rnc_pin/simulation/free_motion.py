@@ -83,7 +83,7 @@ def free_motion(
         for t, q_t, y_t in integrator.run(times, pin.normalize(reduced.robot.model, q), y):
             v2 = y_t[:r]
             if not np.abs(v2).max() < speed_limit:
-                raise DivergenceError(f"diverged at t = {t:.3f} s: reduced velocities reached {np.abs(v2).max():.3g}")
+                raise DivergenceError(f"reduced velocities reached {np.abs(v2).max():.3g}", time=t)
             T = at(t, q_t, v2)
             record.add(t, reduced.measure(q_t, v2, y_t[r : 2 * r]), Command(T=T), T, y_t)
     except SimulationError as error:

@@ -7,10 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.errors import DivergenceError
 from rnc_pin.robot import Robot
 from rnc_pin.simulation.chart import Chart
 
 Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+_FARTHEST = 100.0**2  # square of a step [rad or m] that no motion takes
 
 
 class LieRungeKutta4:
@@ -35,11 +38,16 @@ class LieRungeKutta4:
             q: configuration (nq,).
             y: everything else that moves, in a linear space.
             h: step [s].
+
+        Raises:
+            DivergenceError: a step that goes farther than any chart reaches.
         """
         slope, y_slope = rate(q, y)
         u_sum, y_sum = slope, y_slope
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             u = (fraction * h) * slope
+            if not u.dot(u) < _FARTHEST:  # nor is infinity or NaN
+                raise DivergenceError(f"one step of {h:g} s would move by {np.sqrt(u.dot(u)):.3g} rad or m")
             v, y_slope = rate(pin.integrate(self._model, q, u), y + (fraction * h) * y_slope)
             slope = self._chart.rate(q, u, v)
             u_sum = u_sum + weight * slope

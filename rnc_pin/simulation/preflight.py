@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.control import KinematicController, RedundancyController
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import DivergenceError, SimulationError, SingularityError
 from rnc_pin.planning import TaskReference
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
@@ -45,7 +45,7 @@ class Margins:
 
     stack: Margin
     A4: Margin | None
-    singular: SingularityError | None
+    singular: SimulationError | None
     time: np.ndarray
     q: np.ndarray
 
@@ -107,10 +107,10 @@ def margins_along(
     Raises:
         SingularityError: the initial configuration is singular.
     """
-    singular: SingularityError | None = None
+    singular: SimulationError | None = None
     try:
         times, path = kinematic_rollout(reduced, controller, q0, duration, dt)
-    except SingularityError as error:
+    except (SingularityError, DivergenceError) as error:
         if error.trajectory is None:
             raise
         singular = error

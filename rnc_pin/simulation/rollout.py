@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
@@ -23,8 +23,8 @@ def kinematic_rollout(
         dt: step [s]; the dynamics play no part, so it can be coarse.
 
     Raises:
-        SingularityError: the reference runs into a singular configuration; says when, with the roll-out so far
-            in ``error.trajectory``.
+        SingularityError, DivergenceError: the reference runs into a singular configuration, or asks for rates without
+            bound next to one; says when, with the roll-out so far in ``error.trajectory``.
     """
     integrator = LieRungeKutta4(reduced.robot)
     r = reduced.r
@@ -47,7 +47,7 @@ def kinematic_rollout(
             state, t = state_next, sample * dt
             times.append(t)
             path.append(q)
-    except SingularityError as error:
+    except (SingularityError, DivergenceError) as error:
         error.time = t
         error.trajectory = np.array(times), np.stack(path)
         raise

@@ -117,7 +117,7 @@ def simulate(
             t = sample * dt
             v2 = y[: reduced.r]
             if not np.abs(v2).max() < speed_limit:
-                raise DivergenceError(f"diverged at t = {t:.3f} s: reduced velocities reached {np.abs(v2).max():.3g}")
+                raise DivergenceError(f"reduced velocities reached {np.abs(v2).max():.3g}", time=t)
             beyond = plant.joint_beyond_range(q)
             if beyond:
                 raise LimitError(f"{beyond} at t = {t:.3f} s")
@@ -136,7 +136,7 @@ def simulate(
     except KeyboardInterrupt:
         outcome = Outcome.INTERRUPTED
     except (SimulationError, ConstraintError, InputError) as error:
-        if isinstance(error, SingularityError) and error.time is None:
+        if isinstance(error, SingularityError | DivergenceError) and error.time is None:
             error.time = t
         outcome = next((value for kind, value in OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
         information.update(outcome=outcome, message=str(error))

@@ -79,7 +79,11 @@ def _off_track(plan: Mapping[str, Any], poses: Poses) -> list[Row]:
     points = continued_back(np.array(plan["poses"]), _BEHIND)
     point = poses.point(trailer)
     return [
-        Row(f"{_words(trailer)} off the path", "m", lambda state: float(distances(point(state)[None, :2], points)[0]))
+        Row(
+            f"{_words(trailer)} off the planned path",
+            "m",
+            lambda state: float(distances(point(state)[None, :2], points)[0]),
+        )
     ]
 
 
