@@ -118,3 +118,8 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
         return f"; did you mean '{close[0]}{ending}'?"
     shown = ", ".join(choice + ending for choice in choices[:12]) + (", ..." if len(choices) > 12 else "")
     return f"; expected one of: {shown}"
+
+
+def few(names: Sequence[str], most: int = 3) -> str:
+    """The first names and how many more there are: ``a, b, c and 4 more``."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

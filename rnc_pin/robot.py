@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin import urdf_files
-from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.errors import ModelError, ModelWarning, few, nearest
 from rnc_pin.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.sources.description import ROOT_JOINTS
 
@@ -323,9 +323,8 @@ class Robot:
             if inertia.mass == 0 and tensor.any():
                 raise ModelError(f"body behind joint '{name}' has rotational inertia but zero mass")
         if impossible:
-            shown = ", ".join(impossible[:3]) + (f" and {len(impossible) - 3} more" if len(impossible) > 3 else "")
             warnings.warn(
-                f"robot '{self.name}': no body has the rotational inertia behind {shown}: "
+                f"robot '{self.name}': no body has the rotational inertia behind {few(impossible)}: "
                 "the largest principal moment exceeds the sum of the others",
                 ModelWarning,
                 stacklevel=2,

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.actuators import Actuation, Actuators
 from rnc_pin.assembly import Assembly
-from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError
+from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.independence import select_independent
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.reduction import ReducedModel
@@ -199,9 +199,8 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
                 loose.append(f"{joint} (of {of})")
                 break
     if loose:
-        shown = ", ".join(loose[:3]) + (f" and {len(loose) - 3} more" if len(loose) > 3 else "")
         warnings.warn(
-            f"robot '{robot.name}': joints that should mimic others move independently: {shown}; "
+            f"robot '{robot.name}': joints that should mimic others move independently: {few(loose)}; "
             "couple them with JointCoupling, or lock them with those that they follow",
             ModelWarning,
             stacklevel=3,

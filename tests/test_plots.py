@@ -67,6 +67,13 @@ def test_any_run_plots_itself(run):
     assert labelled == ["tip x", "tip y", "desired", "slower"]
 
 
+def test_a_run_plots_itself_with_another_library(run):
+    pytest.importorskip("plotly")
+    assert run.plot("Space robot", backend="plotly").layout.title.text == "Space robot"
+    with pytest.raises(rnc.ConfigurationError, match=r"no plotting backend 'plotli'; did you mean 'plotly'\?"):
+        run.plot(backend="plotli")
+
+
 def test_what_is_learnt_is_plotted():
     options = {"simulation.duration": 0.2, "simulation.dt": 0.01, "comparisons": {}}
     learning = execute(plan("space-robot-uncertain", options)).trajectory

@@ -6,8 +6,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -15,10 +16,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.coordinates import Coordinates
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, nearest
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+# By name, as a plug-in would be: a run knows no pictures, and loads what draws them when it is asked to.
+_PLOTTERS = {
+    "matplotlib": ("rnc_pin.visualization.plots", "plot_run"),
+    "plotly": ("rnc_pin.visualization.interactive", "interactive_figure"),
+}
 
 
 class Outcome(StrEnum):
@@ -80,17 +84,30 @@ class Trajectory:
         """What the outputs "x1" or "x2" live on."""
         return Coordinates(self.meta["angular"][kind], self.meta.get("rotations", {}).get(kind, ()))
 
-    def plot(self, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None) -> Figure:
-        """Outputs, errors, inputs and distance from singularity over time, as a Matplotlib figure.
+    def plot(
+        self,
+        title: str | None = None,
+        comparisons: Mapping[str, Trajectory] | None = None,
+        backend: str = "matplotlib",
+    ) -> Any:
+        """Outputs, errors, inputs and distance from singularity over time.
 
         Args:
             title: above the plots.
             comparisons: other runs by label, dashed.
-        """
-        # The one look upwards in the layers: plotting is asked of a run, and imported only then.
-        from rnc_pin.visualization.plots import plot_run
+            backend: "matplotlib" for print, "plotly" for a page to zoom in (the extra ``interactive``).
 
-        return plot_run(self, title, comparisons)
+        Returns:
+            A figure of that library.
+
+        Raises:
+            ConfigurationError: another backend, or one that is not installed.
+            InputError: the run has fewer than two samples.
+        """
+        if backend not in _PLOTTERS:
+            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), _PLOTTERS)}")
+        module, function = _PLOTTERS[backend]
+        return getattr(import_module(module), function)(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""
