@@ -1,9 +1,13 @@
 """Shapes in annotations are checked while tests run; the command line as a fixture."""
 
 import sys
+from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
+
+# For benchmarks.validation; last, so that it is the installed rnc_pin that is tested.
+sys.path.append(str(Path(__file__).parent.parent))
 
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.

@@ -169,6 +169,22 @@ def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
     assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.sec"),
+        (
+            {"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}},
+            "reference.vertical: is not",
+        ),
+    ],
+)
+def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        plan_of(changes, tmp_path)
+    assert words in str(caught.value)
+
+
 def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
     ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
     drawn, again, other = (

@@ -275,3 +275,25 @@ def test_lists_and_one_configuration_for_many_velocities_are_welcome():
     batch = reduced.forward_dynamics(q.tolist(), v2, T)
     assert batch.shape == (5, 3)
     np.testing.assert_allclose(batch[3], reduced.forward_dynamics(q, v2[3].tolist(), T[3].tolist()), rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("joint", "units"),
+    [
+        (pin.JointModelPX(), ("kg m/s",)),
+        (pin.JointModelRZ(), ("N m s",)),
+        (pin.JointModelPlanar(), ("kg m/s", "kg m/s", "N m s")),
+        (pin.JointModelSpherical(), ("N m s",) * 3),
+        (pin.JointModelTranslation(), ("kg m/s",) * 3),
+        (pin.JointModelFreeFlyer(), ("kg m/s",) * 3 + ("N m s",) * 3),
+    ],
+    ids=lambda value: value.shortname() if isinstance(value, pin.JointModel) else "",
+)
+def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    base = model.addJoint(0, joint, pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(base, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units

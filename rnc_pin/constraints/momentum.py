@@ -50,33 +50,44 @@ class MomentumConservation:
     def bind(self, robot: Robot) -> Rows:
         rows = robot.velocity_indices(self.joint)
         _check_symmetry(robot, self.joint, rows)
+        joint = robot.joint_id(self.joint)
+        units = _units(robot.model.joints[joint])
         if self.momentum is None or not np.any(self.momentum):
-            return _MomentumRows(self.joint, rows)
+            return _MomentumRows(self.joint, rows, units)
         value = np.atleast_1d(np.array(self.momentum, dtype=float))
         size = rows.stop - rows.start
         if value.shape != (size,) or not np.isfinite(value).all():
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' takes {size} finite number{'s' * (size > 1)}, found {self.momentum}"
             )
-        joint = robot.joint_id(self.joint)
         kind = robot.model.joints[joint].shortname()
         if size == 1 or kind == "JointModelTranslation":
-            return _MomentumRows(self.joint, rows, value)
+            return _MomentumRows(self.joint, rows, units, value)
         if kind not in _TURNING or robot.model.parents[joint] != 0:
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' can only be zero: where a joint of type {kind} that does not hang "
                 "on the world keeps a momentum that is not zero is not known"
             )
-        return _WorldMomentumRows(self.joint, rows, value, robot)
+        return _WorldMomentumRows(self.joint, rows, units, value, robot)
+
+
+def _units(joint: pin.JointModel) -> tuple[str, ...]:
+    """Of the momentum conjugate to each velocity of a joint."""
+    straight, turning = ("kg m/s",), ("N m s",)
+    kind = joint.shortname()
+    if kind == "JointModelFreeFlyer":
+        return straight * 3 + turning * 3
+    if kind == "JointModelPlanar":
+        return straight * 2 + turning
+    slides = kind.startswith(("JointModelP", "JointModelTranslation"))
+    return (straight if slides else turning) * joint.nv
 
 
 class _MomentumRows(Rows):
-    def __init__(self, joint: str, rows: slice, value: np.ndarray | None = None) -> None:
+    def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray | None = None) -> None:
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))
-        self.units = ("N m s",) if size == 1 else ("kg m/s",) * (size - size // 2) + ("N m s",) * (size // 2)
-        if size == 3:  # planar: x, y, yaw
-            self.units = ("kg m/s", "kg m/s", "N m s")
+        self.units = units
         self.conserved = self._rows = rows
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
@@ -99,8 +110,8 @@ class _MomentumRows(Rows):
 class _WorldMomentumRows(_MomentumRows):
     """The same momentum, carried from the body's axes to those of the frame in which the joint sits."""
 
-    def __init__(self, joint: str, rows: slice, value: np.ndarray, robot: Robot) -> None:
-        super().__init__(joint, rows, value)
+    def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray, robot: Robot) -> None:
+        super().__init__(joint, rows, units, value)
         self._joint = robot.joint_id(joint)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
         along = _TURNING[robot.model.joints[self._joint].shortname()]

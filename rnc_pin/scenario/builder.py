@@ -82,6 +82,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     x1, x2 = reduced.outputs(q0)
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
     references: dict[str, Reference] = {}
+    given = tuple(name for name in starts if getattr(scenario.reference, name) is not None)
     for name, start in starts.items():
         settings = getattr(scenario.reference, name)
         try:
@@ -89,7 +90,9 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             references[name] = Hold(start) if settings is None else settings.build(start, coordinates)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    setting = Setting(scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight)
+    setting = Setting(
+        scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight, given
+    )
     _plan_path(scenario, setting)
     controller = build_controller(setting)
     _check_plots(scenario, reduced)

@@ -53,6 +53,8 @@ class Setting:
     references: dict[str, Reference]
     q0: np.ndarray
     preflight: str = "warn"
+    given: tuple[str, ...] = ()
+    """References that the scenario gives; the others hold what they start with."""
     slithering: SlitheringReference | None = None
     """Instead of ``references["vertical"]``: what follows from the path that is driven."""
     watched: tuple[np.ndarray, Reference] | None = None
@@ -91,6 +93,7 @@ def build_controller(setting: Setting) -> Controller:
         ConfigurationError: a setting does not belong to it, or has the wrong length.
     """
     _refuse_strangers(setting.settings)
+    _refuse_unread(setting)
     return _TYPES[setting.settings.type](setting)
 
 
@@ -258,6 +261,14 @@ _TYPES: dict[str, Callable[[Setting], Controller]] = {
     "steering": _steering,
     "two_phase": _two_phase,
 }
+_READ = {  # references that a type follows; vertical ones left alone are what reducing_outputs is there to show
+    "redundancy": {"primary", "vertical"},
+    "reducing_outputs": {"primary", "redundant", "vertical"},
+    "jacobian_transpose": {"primary"},
+    "uncertain_redundancy": {"primary", "vertical"},
+    "steering": {"primary", "vertical"},
+    "two_phase": {"primary"},
+}
 _VELOCITY_GAINS = {"k", "k21", "bandwidth", "adaptation", "held"}
 _OWN = {  # settings that some types have and others do not
     "redundancy": {*_VELOCITY_GAINS, "k3", "secondary"},
@@ -267,6 +278,16 @@ _OWN = {  # settings that some types have and others do not
     "steering": {*_VELOCITY_GAINS, "k3", "k4"},
     "two_phase": {"platform", "adaptation", "held"},
 }
+
+
+def _refuse_unread(setting: Setting) -> None:
+    """A reference that the controller does not read would be ignored in silence."""
+    kind, secondary = setting.settings.type, setting.settings.secondary
+    read = _READ[kind] | ({"redundant"} if secondary is not None and secondary.posture is not None else set())
+    for name in setting.given:
+        if name not in read:
+            advice = "; controller.secondary.posture would" if kind == "redundancy" else ""
+            raise ConfigurationError(f"reference.{name}: is not followed by a controller of type '{kind}'{advice}")
 
 
 def _refuse_strangers(settings: ControllerSettings) -> None:
