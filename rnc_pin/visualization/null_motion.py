@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.reduction import ReducedModel
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 _STEPS = 8
+_NOTHING_ELSE = np.zeros(0)
 
 
 class NullMotion:
@@ -23,18 +24,17 @@ class NullMotion:
     def __init__(self, reduced: ReducedModel, output: str, far: float = 0.35) -> None:
         self._reduced, self._step = reduced, far / _STEPS
         self._column = list(reduced.reducing.names).index(output)
+        self._integrator = LieRungeKutta4(reduced.robot)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """The configuration at the end of it, or as far as it goes before a singularity (midpoint rule)."""
-        model, step = self._reduced.robot.model, self._step
+        """The configuration at the end of it, or as far as it goes before a singularity."""
         for _ in range(_STEPS):
             try:
-                half = pin.integrate(model, q, 0.5 * step * self._direction(q))
-                q = pin.integrate(model, q, step * self._direction(half))
-            except SingularityError:
+                q, _ = self._integrator.step(self._rate, q, _NOTHING_ELSE, self._step)
+            except (SingularityError, DivergenceError):
                 break
         return q
 
-    def _direction(self, q: np.ndarray) -> np.ndarray:
+    def _rate(self, q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         E_inverse, _, _ = self._reduced.stack(q)
-        return E_inverse[:, self._reduced.m + self._column].copy()
+        return E_inverse[:, self._reduced.m + self._column].copy(), nothing
