@@ -389,3 +389,16 @@ def test_user_rows_with_a_residual_keep_their_position():
     for q, v2 in zip(run.q[::100], run.v2[::100, 0], strict=True):
         expected = -(q[0] * v2**2 + 9.81 * q[0]) / (1 + q[0] ** 2)
         assert reduced.forward_dynamics(q, [v2], [0.0])[0] == pytest.approx(expected, rel=1e-10, abs=1e-10)
+
+
+def test_the_dead_centre_of_a_four_bar_is_found_on_the_closed_loop():
+    """Moved by its rocker it is singular where crank and coupler are in line."""
+    robot = four_bar_robot()
+    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")], ["crank"])
+    reduced = system.reduce([rnc.JointPosition("rocker")])
+    found = [each for each in rnc.analyze(reduced, samples=32).singularities if each.matrix == "E"]
+    assert found
+    for each in found:
+        assert each.located
+        assert abs(np.sin(each.configuration["coupler"])) < 1e-9
+        assert np.abs(reduced.position_residual(robot.configuration(each.configuration))).max() < 1e-10

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.linear_algebra import unit_rows
 from rnc_pin.reduction import ReducedModel
 from rnc_pin.robot import Robot
@@ -54,7 +54,7 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
     def matrix(q: np.ndarray) -> np.ndarray:
         return unit_rows(reduced.stacked_rows(q))
 
-    return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced.robot, configurations)
+    return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced, configurations)
 
 
 def task_singularities(
@@ -73,7 +73,7 @@ def task_singularities(
         return _sign(matrix(q)) * _sign(reduced.stacked_rows(q))
 
     square = len(rows) == len(task.redundant)
-    return _search("A4", matrix, sign if square else lambda q: 1.0, tracked, reduced.robot, configurations)
+    return _search("A4", matrix, sign if square else lambda q: 1.0, tracked, reduced, configurations)
 
 
 def _sign(matrix: np.ndarray) -> float:
@@ -81,7 +81,7 @@ def _sign(matrix: np.ndarray) -> float:
 
 
 def _search(
-    what: str, matrix: MatrixOf, sign: SignOf, names: Sequence[str], robot: Robot, configurations: np.ndarray
+    what: str, matrix: MatrixOf, sign: SignOf, names: Sequence[str], reduced: ReducedModel, configurations: np.ndarray
 ) -> list[Singularity]:
     """Points on singular surfaces; where none was found, the worst samples."""
     samples: list[tuple[np.ndarray, np.ndarray]] = []
@@ -98,14 +98,14 @@ def _search(
         left, values, _ = np.linalg.svd(value)
         weights = np.abs(left[:, len(values) - 1])
         rows = tuple(name for name, weight in zip(names, weights, strict=True) if weight > _TAKES_PART * weights.max())
-        return Singularity(what, rows, float(values[-1]), located, robot.joint_values(q))
+        return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q))
 
     points: list[Singularity] = []
-    for low, high in _pairs([q for q, _ in samples], sign, robot):
+    for low, high in _pairs([q for q, _ in samples], sign, reduced.robot):
         try:
-            q = _between(sign, robot.model, low, high)
+            q = _between(sign, reduced, low, high)
             point = found(q, matrix(q), True)
-        except SingularityError:  # the way leads through where the matrix is undefined
+        except (SingularityError, ConstraintError):  # the way leads where the matrix is undefined, or a loop opens
             continue
         if point.smallest_singular_value < _VANISHES * scale:
             points.append(point)
@@ -136,13 +136,17 @@ def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tu
     return [(q, many[int(np.argmin(row))]) for q, row in zip(few, distances, strict=False)]
 
 
-def _between(sign: SignOf, model: pin.Model, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Where on the way from low to high the determinant changes its sign."""
+def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Where on the way from low to high the determinant changes its sign, with holonomic rows satisfied all along."""
+
+    def way(share: float) -> np.ndarray:
+        return reduced.assembly.project(pin.interpolate(reduced.robot.model, low, high, share))
+
     before, start, end = sign(low), 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = (start + end) / 2
-        if sign(pin.interpolate(model, low, high, middle)) == before:
+        if sign(way(middle)) == before:
             start = middle
         else:
             end = middle
-    return pin.interpolate(model, low, high, start)
+    return way(start)
