@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import PATIENCE, changed, children, listening, opened, picture, place, visit, vivid
+from browsing import PATIENCE, changed, children, eventually, listening, opened, picture, place, visit, vivid
 from rnc_pin.control import Command
 from rnc_pin.measurement import Measurement
 from rnc_pin.scenario.replay import view_of
@@ -23,16 +23,6 @@ from rnc_pin.visualization.state import RATE, sample_configurations
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)
-
-
-def eventually(condition):
-    """Whether a condition comes true before patience runs out."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.05)
-    return False
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,9 @@
 """Drafted scenarios: what they guess, and that they run as they are."""
 
-import sys
-
 import numpy as np
 import pytest
 import yaml
 
-from rnc_pin.cli import main
 from rnc_pin.scenario.draft import draft
 from rnc_pin.scenario.loading import read_yaml
 from rnc_pin.scenario.run import execute, plan
@@ -259,17 +256,6 @@ def test_a_file_is_named_from_where_the_draft_is(tmp_path):
 
 
 # ---------------------------------------------------------------------- the command
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
 
 
 def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch):

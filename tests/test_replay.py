@@ -1,23 +1,8 @@
 """``rnc-pin replay`` with several runs, and what it writes besides the page."""
 
-import sys
-
 import pytest
 
-from rnc_pin.cli import main
-
 SHORT = ["--set", "simulation.duration=0.5", "--set", "simulation.dt=0.01"]
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ending:
-            main()
-        return ending.value.code, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from browsing import listening
+from browsing import PATIENCE, eventually, listening
 from rnc_pin.control import Command
 from rnc_pin.measurement import Measurement
 from rnc_pin.scenario.run import execute, plan
@@ -28,7 +28,6 @@ from rnc_pin.visualization.scene_server import SceneWindow, is_loopback
 from rnc_pin.visualization.scene_store import SceneStore
 from rnc_pin.visualization.screens import chosen_screen
 
-PATIENCE = 15.0  # [s]; on a busy machine
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
 
@@ -51,16 +50,6 @@ def robot():
 def sample(t, q):
     """What an observer of a bare robot is told."""
     return Sample(t, Measurement(q=q), Command(), np.empty(0))
-
-
-def eventually(condition):
-    """Whether a condition comes true before patience runs out."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.05)
-    return False
 
 
 # ---------------------------------------------------------------------- who can connect

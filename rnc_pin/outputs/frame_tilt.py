@@ -11,6 +11,7 @@ from rnc_pin.errors import SingularityError
 from rnc_pin.frame_velocity import axis_index
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.linear_algebra import complex_step
+from rnc_pin.outputs.spin_form import SpinFormRow
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputRows
 
@@ -36,7 +37,7 @@ class FrameTilt:
         return _TiltRow(self, robot)
 
 
-class _TiltRow(OutputRows):
+class _TiltRow(SpinFormRow):
     def __init__(self, kind: FrameTilt, robot: Robot) -> None:
         self.names = (f"{kind.frame}_tilt_{kind.axis}",)
         self.units = ("rad/s",)
@@ -72,15 +73,6 @@ class _TiltRow(OutputRows):
         dx, dy, dz = pin.skew(state.velocity(self._frame).angular) @ axis
         form = np.array([y, -x, 0.0]) / level
         return form, np.array([dy, -dx, 0.0]) / level + form * (z * dz / level**2)
-
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        return (form @ state.jacobian_dot(self._frame)[3:] + rate @ state.jacobian(self._frame)[3:])[None]
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        spin = state.velocity(self._frame).angular
-        return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
 
     def drift_gradient(self, state: Kinematics) -> np.ndarray:
         axis, motion = self._direction(state)[0], state.frame_gradients(self._frame)

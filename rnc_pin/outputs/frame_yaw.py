@@ -11,6 +11,7 @@ from rnc_pin.errors import SingularityError
 from rnc_pin.frame_velocity import axis_index
 from rnc_pin.kinematics import Kinematics
 from rnc_pin.linear_algebra import complex_step
+from rnc_pin.outputs.spin_form import SpinFormRow
 from rnc_pin.robot import Robot
 from rnc_pin.rows import OutputRows
 
@@ -35,7 +36,7 @@ class FrameYaw:
         return _YawRow(self, robot)
 
 
-class _YawRow(OutputRows):
+class _YawRow(SpinFormRow):
     def __init__(self, kind: FrameYaw, robot: Robot) -> None:
         self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
         self.units = ("rad/s",)
@@ -72,15 +73,6 @@ class _YawRow(OutputRows):
         rate = np.array([-dz * x - z * dx, -dz * y - z * dy, 0.0]) / square
         rate[:2] -= form[:2] * square_dot / square
         return form, rate
-
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        return (form @ state.jacobian_dot(self._frame)[3:] + rate @ state.jacobian(self._frame)[3:])[None]
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        spin = state.velocity(self._frame).angular
-        return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
 
     def drift_gradient(self, state: Kinematics) -> np.ndarray:
         heading, motion = state.placement(self._frame).rotation[:, self._axis], state.frame_gradients(self._frame)
