@@ -7,7 +7,7 @@ one, it becomes ``Rows``, with every name resolved.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -185,9 +185,7 @@ class RowStack:
 
     def jacobian_dot(self, state: Kinematics, out: np.ndarray) -> None:
         """Write Jdot(q, v) into ``out`` (size, nv)."""
-        for block, place, selection in self.places:
-            rows = block.jacobian_dot(state)
-            out[place] = rows if selection is None else rows[selection]
+        self._gather(out, lambda block: block.jacobian_dot(state))
 
     @property
     def affine(self) -> bool:
@@ -205,23 +203,23 @@ class RowStack:
 
     def rate(self, state: Kinematics, out: np.ndarray) -> None:
         """Write mu(q) into ``out`` (size,)."""
-        for block, place, selection in self.places:
-            rows = block.rate(state)
-            out[place] = rows if selection is None else rows[selection]
+        self._gather(out, lambda block: block.rate(state))
 
     def rate_dot(self, state: Kinematics, out: np.ndarray) -> None:
         """Write the rate of mu into ``out`` (size,)."""
-        for block, place, selection in self.places:
-            rows = block.rate_dot(state)
-            out[place] = rows if selection is None else rows[selection]
+        self._gather(out, lambda block: block.rate_dot(state))
 
     def evaluate(self, state: Kinematics) -> np.ndarray:
         """J(q), (size, nv), in a new array."""
         out = np.empty((self.size, state.model.nv))
-        for block, place, selection in self.places:
-            rows = block.jacobian(state)
-            out[place] = rows if selection is None else rows[selection]
+        self._gather(out, lambda block: block.jacobian(state))
         return out
+
+    def _gather(self, out: np.ndarray, of: Callable[[Rows], np.ndarray]) -> None:
+        """Write what every block says, cut down to its rows that count, into ``out`` (size, ...)."""
+        for block, place, selection in self.places:
+            rows = of(block)
+            out[place] = rows if selection is None else rows[selection]
 
     def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit vectors, (size, 3) each; NaN for rows that act on no point."""

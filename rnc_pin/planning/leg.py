@@ -52,11 +52,6 @@ class Leg:
     chart: float
 
     @property
-    def forwards(self) -> bool:
-        """Whether the car drives forwards along it."""
-        return bool(self._coefficients()[0] > 0)
-
-    @property
     def length(self) -> float:
         """Along the path [m]."""
         dx, factors = self._coefficients()
