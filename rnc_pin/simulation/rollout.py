@@ -35,7 +35,7 @@ def kinematic_rollout(
     def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         measurement = reduced.measure(p, v2, integrals)
         desired = target.step(t, measurement, state)[0].v2
-        return reduced.terms(p, desired).v, desired
+        return reduced.velocity(p, desired), desired
 
     try:
         for sample in range(1, round(duration / dt) + 1):
