@@ -1,6 +1,5 @@
 """rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio."""
 
-from rnc_pin.actuators import FrameForce, FrameTorque
 from rnc_pin.analysis import Linearization, Report, analyze, linearize
 from rnc_pin.constraints import (
     JointCoupling,
@@ -24,7 +23,11 @@ from rnc_pin.errors import (
     SimulationError,
     SingularityError,
 )
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.actuation import FrameForce, FrameTorque
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.model.task import Task
 from rnc_pin.outputs import (
     Distance,
     FrameOrientation,
@@ -36,11 +39,8 @@ from rnc_pin.outputs import (
     JointPosition,
     Output,
 )
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Outcome, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
-from rnc_pin.system import NonholonomicSystem
-from rnc_pin.task import Task
 
 __all__ = [
     "ConfigurationError",

@@ -12,7 +12,10 @@ sys.path.append(str(Path(__file__).parent.parent))
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.
 install_import_hook(
-    [f"rnc_pin.{module}" for module in ("reduction", "terms", "measurement", "simulation.trajectory")],
+    [
+        f"rnc_pin.{module}"
+        for module in ("model.reduction", "model.terms", "model.measurement", "simulation.trajectory")
+    ],
     "shape_checker.check",
 )
 
@@ -23,7 +26,7 @@ def call(monkeypatch, capsys):
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        from rnc_pin.cli import main
+        from rnc_pin.app.cli import main
 
         with pytest.raises(SystemExit) as end:
             main()

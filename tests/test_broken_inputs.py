@@ -11,7 +11,7 @@ import sys
 import pytest
 import yaml
 
-from rnc_pin.cli import main
+from rnc_pin.app.cli import main
 from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
 
 SPACE_ROBOT = with_options(

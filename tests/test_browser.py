@@ -11,7 +11,7 @@ import pytest
 import rnc_pin as rnc
 from browsing import PATIENCE, changed, children, eventually, listening, opened, picture, place, visit, vivid
 from rnc_pin.control import Command
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Sample, tracking_errors

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
+from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.loading import built_in_names, find_scenario
-from rnc_pin.urdf_files import shipped_directory
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 SHORT = ["--set", "simulation.duration=0.2"]
@@ -490,6 +490,6 @@ def test_debug_shows_where(arguments, call):
 
 
 def test_the_module_is_the_command_too(tmp_path):
-    command = [sys.executable, "-m", "rnc_pin.cli", "list", "--json"]
+    command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert sorted(parsed(process.stdout)) == built_in_names()

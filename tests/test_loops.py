@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import Command
-from rnc_pin.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from systems import (
     COUPLER,

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
-from rnc_pin.coordinates import Coordinates, left_jacobian
+from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Geodesic, Harmonic, Hold, MinimumJerk
 from rnc_pin.scenario.schema.references import MinimumJerkReference
 from systems import random_states

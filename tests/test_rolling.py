@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics
 from systems import bicycle, random_states
 from test_loops import Idle
 from tolerances import KKT, ROUNDING

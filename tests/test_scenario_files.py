@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.loading import (
     built_in_names,
     find_scenario,
@@ -17,7 +18,6 @@ from rnc_pin.scenario.loading import (
 )
 from rnc_pin.scenario.run import plan
 from rnc_pin.scenario.sweep import draw, drawn_keys
-from rnc_pin.urdf_files import shipped_directory
 
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
 SPACE_ROBOT = with_options(

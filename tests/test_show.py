@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import output_names
 from rnc_pin.visualization.board import Board, margin_color

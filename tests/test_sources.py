@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.sources.packages import Packages
-from rnc_pin.sources.xacro_files import check_expression
-from rnc_pin.urdf_files import shipped_directory
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro_files import check_expression
+from rnc_pin.robots.urdf_files import shipped_directory
 from tolerances import ROUNDING
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

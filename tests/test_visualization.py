@@ -19,7 +19,7 @@ import pytest
 import rnc_pin as rnc
 from browsing import PATIENCE, eventually, listening
 from rnc_pin.control import Command
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.live import LiveView
@@ -257,7 +257,17 @@ def test_a_picture_that_fails_does_not_take_the_run_along(robot):
 
 
 def test_interruption_keeps_what_was_simulated(tmp_path):
-    command = [sys.executable, "-m", "rnc_pin.cli", "run", "space-robot", "--show", "--no-browser", "--host", "0.0.0.0"]
+    command = [
+        sys.executable,
+        "-m",
+        "rnc_pin.app.cli",
+        "run",
+        "space-robot",
+        "--show",
+        "--no-browser",
+        "--host",
+        "0.0.0.0",
+    ]
     process = subprocess.Popen([*command, "--out", "out"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     try:
         told = [process.stderr.readline(), process.stderr.readline()]

@@ -12,9 +12,9 @@ from scipy.linalg import null_space, qr
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.rows import Rows
-from rnc_pin.urdf_files import example_urdfs
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.urdf_files import example_urdfs
 
 STATES = 3
 

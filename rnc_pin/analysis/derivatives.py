@@ -9,11 +9,11 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.actuators import Actuation
 from rnc_pin.analysis.differences import gradient_with_error
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.rows import Rows, RowStack
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.rows import Rows, RowStack
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import pinocchio as pin
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.reduction import ReducedModel
 
 _STEP = 0.01
 # Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.

@@ -14,8 +14,8 @@ import numpy as np
 import scipy.linalg
 
 from rnc_pin.analysis.growth import Growth, grow
-from rnc_pin.linear_algebra import unit_rows
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.reduction import ReducedModel
 
 _TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of nested differences
 

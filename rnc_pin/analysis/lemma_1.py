@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.linear_algebra import unit_rows
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.reduction import ReducedModel
 
 _STEP = 5e-4
 

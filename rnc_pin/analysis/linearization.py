@@ -14,9 +14,9 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.growth import frame_bracket
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.rows import OutputKind, OutputStack
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.rows import OutputKind, OutputStack
 
 _STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
 _CLOSED = 1e-8  # relative: how much of the motion may depend on what is left out

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.task import Task
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 
 _ZERO = 1e-9
 

@@ -13,9 +13,9 @@ from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
-from rnc_pin.independence import DroppedRow
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.task import Task
+from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 
 _GROWTH_SAMPLES = 3
 _LEMMA_TOLERANCE = 1e-6

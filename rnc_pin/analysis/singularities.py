@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.linear_algebra import unit_rows
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
-from rnc_pin.task import Task
+from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
+from rnc_pin.robots.robot import Robot
 
 _PAIRS = 8
 _HALVINGS = 50

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, ModelError
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import Rows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 _LARGEST_DENOMINATOR = 1000
 

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
-from rnc_pin.kinematics import OWN_AXES, Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import Rows
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 AnchorModel = Any  # pin.FrameAnchorConstraintModel or pin.PointAnchorConstraintModel
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.frame_velocity import OwnAxisVelocity
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import Rows
+from rnc_pin.model.frame_velocity import OwnAxisVelocity
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

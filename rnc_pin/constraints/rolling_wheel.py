@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.frame_velocity import axis_index
-from rnc_pin.kinematics import OWN_AXES, Kinematics
-from rnc_pin.linear_algebra import complex_step
-from rnc_pin.robot import Robot
-from rnc_pin.rows import Rows
+from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
 

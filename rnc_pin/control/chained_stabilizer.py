@@ -15,7 +15,7 @@ from scipy.signal import place_poles
 
 from rnc_pin.control.protocol import VelocityTarget
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
 
 
 class ChainedStabilizer:

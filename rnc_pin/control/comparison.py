@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.coordinates import Coordinates
+from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning.references import ReferencePoint
 
 

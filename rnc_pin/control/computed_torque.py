@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.protocol import Command, KinematicController, command_towards
-from rnc_pin.measurement import Measurement
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
 
 
 class ComputedTorque:

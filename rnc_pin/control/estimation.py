@@ -13,9 +13,9 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
-from rnc_pin.rows import RowStack
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.rows import RowStack
+from rnc_pin.robots.robot import Robot
 
 
 class Regressor(Protocol):

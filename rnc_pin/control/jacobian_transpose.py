@@ -9,9 +9,9 @@ import numpy as np
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.linear_algebra import apply_transposed
-from rnc_pin.measurement import Measurement
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
 
 
 class JacobianTransposeController:

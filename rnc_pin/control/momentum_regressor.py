@@ -11,8 +11,8 @@ import pinocchio as pin
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel
 from rnc_pin.errors import ConfigurationError, ModelError
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

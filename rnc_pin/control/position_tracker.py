@@ -10,10 +10,10 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, check_size, elapsed_time, spread
-from rnc_pin.coordinates import Coordinates, angle_difference
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.linear_algebra import apply
-from rnc_pin.measurement import Measurement
+from rnc_pin.math.coordinates import Coordinates, angle_difference
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
 
 

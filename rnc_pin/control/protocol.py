@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
 
 

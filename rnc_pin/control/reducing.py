@@ -6,9 +6,9 @@ import numpy as np
 
 from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
 from rnc_pin.planning.references import Reference
-from rnc_pin.reduction import ReducedModel
 
 
 class ReducingOutputController:

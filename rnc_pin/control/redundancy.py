@@ -8,10 +8,10 @@ from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.linear_algebra import apply, condition_number
-from rnc_pin.measurement import Measurement
+from rnc_pin.math.linear_algebra import apply, condition_number
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
-from rnc_pin.task import Task
 
 _LIMIT = 1e8
 

@@ -15,11 +15,11 @@ import pinocchio as pin
 from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import check_size
 from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.linear_algebra import apply_transposed
-from rnc_pin.measurement import Measurement
+from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.task import Task
 
 _NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float where a joint has none
 _STEP = 2e-5  # [rad or m]; of a central difference along the motion

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 from rnc_pin.planning.references import ReferencePoint
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.task import Task
 
 _ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
 _JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import Command, Controller
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.measurement import Measurement
+from rnc_pin.model.measurement import Measurement
 
 
 class SplitController:

@@ -8,11 +8,11 @@ from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.linear_algebra import apply
-from rnc_pin.measurement import Measurement
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.task import Task
 
 _A4_ZERO = 1e-9
 

@@ -10,8 +10,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.gains import VelocityGains
 from rnc_pin.control.protocol import Command, KinematicController, command_towards, elapsed_time
-from rnc_pin.linear_algebra import apply
-from rnc_pin.measurement import Measurement
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.measurement import Measurement
 
 
 class TrackerState(NamedTuple):

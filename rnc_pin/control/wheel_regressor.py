@@ -14,10 +14,10 @@ import pinocchio as pin
 from rnc_pin.constraints import RollingRows
 from rnc_pin.control.estimation import EstimatedModel
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
-from rnc_pin.rows import RowStack
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.rows import RowStack
+from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 6
 _SILENT = 1e-9  # entries of Y below which a parameter does not enter a row

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputRows, checked_rows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows, checked_rows
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

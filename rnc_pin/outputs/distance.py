@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import SingularityError
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.linear_algebra import complex_step
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputRows
+from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
 
 _TOGETHER = 1e-9
 

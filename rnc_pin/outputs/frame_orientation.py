@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputRows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.frame_velocity import axis_index
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputRows
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import SingularityError
-from rnc_pin.frame_velocity import axis_index
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.linear_algebra import complex_step
+from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows
 from rnc_pin.outputs.spin_form import SpinFormRow
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputRows
+from rnc_pin.robots.robot import Robot
 
 _VERTICAL = 1e-6
 

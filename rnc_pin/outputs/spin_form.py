@@ -6,8 +6,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.rows import OutputRows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputRows
 
 
 class SpinFormRow(OutputRows):

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from rnc_pin.coordinates import Coordinates, left_jacobian
+from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning.references import MinimumJerk, ReferencePoint
 
 

@@ -10,17 +10,17 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control import Controller, SlitheringReference
-from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.model.task import Task
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.planning.driven_path import continued_back, distances
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.simulation import sample_count
-from rnc_pin.system import NonholonomicSystem
-from rnc_pin.task import Task
 
 _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
 

@@ -29,11 +29,11 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
-from rnc_pin.reduction import ReducedModel
 from rnc_pin.scenario.schema import ControllerSettings, SimulationSettings
 from rnc_pin.simulation import Margins, margins_along
-from rnc_pin.task import Task
 
 _ROLLOUT_STEP = 0.05  # [s]; the region that gains are scaled to is smooth
 _OUTER_GAIN = 2.0  # the paper's k3 [1/s]

@@ -12,8 +12,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.robots.urdf_files import is_file
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.urdf_files import is_file
 
 _BUILT_IN = resources.files("rnc_pin.scenario") / "builtin"
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.integrate import DOP853
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.chart import Chart
 
 _SHORT = 1e-9  # of the whole duration: a step that gets nowhere

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import zeta
 
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 
 _SERIES_BELOW = 1.0  # [rad]: the closed forms cancel below, the series converges within 2 pi
 _TERMS = np.arange(1, 15)

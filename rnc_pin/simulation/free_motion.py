@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SimulationError, SingularityError
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.reduction import ReducedModel
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.simulate import OUTCOMES, Record, assembled_start

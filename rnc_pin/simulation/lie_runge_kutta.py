@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.chart import Chart
 
 Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

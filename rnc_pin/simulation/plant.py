@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.reduction import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import Rate
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.errors import DivergenceError, SimulationError, SingularityError
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
-from rnc_pin.reduction import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
-from rnc_pin.task import Task
 
 _K3 = 2.0
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.reduction import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 

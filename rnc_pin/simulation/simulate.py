@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from rnc_pin.control.protocol import Command, Controller
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, LimitError, SimulationError, SingularityError
-from rnc_pin.measurement import Measurement
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduction import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.trajectory import Outcome, Trajectory

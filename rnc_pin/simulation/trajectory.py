@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.math.coordinates import Coordinates
 
 # By name, as a plug-in would be: a run knows no pictures, and loads what draws them when it is asked to.
 _PLOTTERS = {

@@ -13,7 +13,7 @@ import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import State
 

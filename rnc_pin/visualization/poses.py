@@ -8,9 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import RowStack
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import RowStack
+from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.state import State
 
 Point = Callable[[State], np.ndarray]

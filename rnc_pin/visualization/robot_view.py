@@ -6,7 +6,7 @@ import numpy as np
 from pinocchio.visualize import BaseVisualizer, MeshcatVisualizer
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.stage import Stage
 
 

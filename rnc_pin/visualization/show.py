@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.coordinates import Coordinates
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Sample, Trajectory
 
 RATE = 25.0  # pictures per second of a recording

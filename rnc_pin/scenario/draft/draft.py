@@ -14,9 +14,12 @@ from pydantic import TypeAdapter
 
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError, RncError, nearest
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.linear_algebra import unit_rows
-from rnc_pin.robot import Robot
+from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.urdf_files import example_urdfs, is_file, shipped_directory
 from rnc_pin.scenario.builder import build_experiment, build_system
 from rnc_pin.scenario.draft.base import Entry, Mobility, on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.text import write_draft
@@ -24,9 +27,6 @@ from rnc_pin.scenario.draft.wheels import body_frame, find_drawn_axles, find_whe
 from rnc_pin.scenario.loading import checked, validate
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.robot import RobotSource
-from rnc_pin.sources.description import parse_xml
-from rnc_pin.system import NonholonomicSystem
-from rnc_pin.urdf_files import example_urdfs, is_file, shipped_directory
 
 _APART = 1e-3  # sine of the angle from the rows before it, below which an output adds no motion; wheels are small
 _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]

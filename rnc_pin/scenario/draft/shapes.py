@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 
 _CIRCLE = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
 

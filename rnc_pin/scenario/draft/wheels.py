@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.shapes import Shape, round_about, shapes
 
 _LEVEL = 0.1  # largest vertical part of an axle, and largest horizontal part of a swivel's axis

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Tag
 
-from rnc_pin.actuators import Actuator, FrameForce, FrameTorque
+from rnc_pin.model.actuation import Actuator, FrameForce, FrameTorque
 from rnc_pin.scenario.schema.base import BY_KIND, NAME, Axis, Positive, Strict
 
 

@@ -16,7 +16,7 @@ from rnc_pin.constraints import (
     RollingBall,
     RollingWheel,
 )
-from rnc_pin.rows import ConstraintKind
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.scenario.schema.base import BY_KIND, Axis, Numbers, Positive, Strict
 
 

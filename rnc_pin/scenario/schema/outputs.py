@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, Tag
 
+from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import (
     Distance,
     FrameOrientation,
@@ -16,7 +17,6 @@ from rnc_pin.outputs import (
     FrameYaw,
     JointPosition,
 )
-from rnc_pin.rows import OutputKind
 from rnc_pin.scenario.schema.base import BY_KIND, Axis, Strict
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field, Tag, model_validator
 
 from rnc_pin import planning
-from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.scenario.schema.base import BY_KIND, Numbers, Positive, Strict
 
 

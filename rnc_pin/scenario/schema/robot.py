@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.urdf_files import find_mjcf, find_urdf
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.urdf_files import find_mjcf, find_urdf
 
 
 class Attachment(Strict):

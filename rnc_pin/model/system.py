@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.actuators import Actuation, Actuators
-from rnc_pin.assembly import Assembly
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
-from rnc_pin.independence import select_independent
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.reduction import ReducedModel
-from rnc_pin.robot import Robot
-from rnc_pin.rows import ConstraintKind, OutputKind, OutputStack, Rows, RowStack
+from rnc_pin.model.actuation import Actuation, Actuators
+from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.independence import select_independent
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.rows import ConstraintKind, OutputKind, OutputStack, Rows, RowStack
+from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.linear_algebra import unit_rows
+from rnc_pin.math.linear_algebra import unit_rows
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
 

@@ -14,7 +14,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from rnc_pin.console import ProgressBar, print_json, print_report, print_spread, print_summary
+from rnc_pin.app.console import ProgressBar, print_json, print_report, print_spread, print_summary
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 
 _DONE, _FAILED, _USAGE = 0, 1, 2

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError
-from rnc_pin.frame_velocity import axis_index
-from rnc_pin.kinematics import OWN_AXES, Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import checked_rows
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.rows import checked_rows
+from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.actuators import Actuation
-from rnc_pin.assembly import Assembly
 from rnc_pin.errors import InputError, SingularityError
-from rnc_pin.independence import DroppedRow
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.linear_algebra import apply, condition_number, inverse, row_conditions, unit_rows
-from rnc_pin.robot import Robot
-from rnc_pin.rows import OutputStack, RowStack
+from rnc_pin.math.linear_algebra import apply, condition_number, inverse, row_conditions, unit_rows
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import OutputStack, RowStack
+from rnc_pin.robots.robot import Robot
 
 ArrayInput = Any  # whatever NumPy makes a float array of
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.reduction import ReducedModel
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.reduction import ReducedModel
 
 
 @dataclass(frozen=True)

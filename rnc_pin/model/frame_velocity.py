@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

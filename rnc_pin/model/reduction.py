@@ -23,7 +23,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.linear_algebra import (
+from rnc_pin.math.linear_algebra import (
     apply,
     apply_transposed,
     congruence,
@@ -31,9 +31,9 @@ from rnc_pin.linear_algebra import (
     product,
     solve_positive_definite,
 )
-from rnc_pin.measurement import Measurement
-from rnc_pin.stack import ArrayInput, Stack
-from rnc_pin.terms import Flow, LagrangianTerms, ReducedTerms
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.stack import ArrayInput, Stack
+from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
 
 
 class ReducedModel(Stack):

@@ -1,7 +1,7 @@
 """Robot descriptions: URDF, xacro and MJCF read with what Pinocchio leaves out of them said aloud."""
 
-from rnc_pin.sources.description import Description, Mimic
-from rnc_pin.sources.mjcf import read_mjcf
-from rnc_pin.sources.urdf import read_urdf
+from rnc_pin.robots.sources.description import Description, Mimic
+from rnc_pin.robots.sources.mjcf import read_mjcf
+from rnc_pin.robots.sources.urdf import read_urdf
 
 __all__ = ["Description", "Mimic", "read_mjcf", "read_urdf"]

@@ -25,7 +25,7 @@ from typing import Any
 from unittest import mock
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.sources.packages import Packages
+from rnc_pin.robots.sources.packages import Packages
 
 _ENDINGS = (".xacro",)
 _ALLOWED = (

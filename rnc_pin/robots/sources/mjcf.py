@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.sources.description import (
+from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
     Description,

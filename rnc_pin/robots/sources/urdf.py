@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.sources.description import (
+from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
     Description,
@@ -21,8 +21,8 @@ from rnc_pin.sources.description import (
     parse_xml,
     read_numbers,
 )
-from rnc_pin.sources.packages import Packages
-from rnc_pin.sources.xacro_files import expand, is_xacro
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro_files import expand, is_xacro
 
 
 def read_urdf(

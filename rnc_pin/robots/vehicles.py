@@ -37,9 +37,7 @@ def tractor_trailers_urdf(n: int) -> str:
         raise ModelError(f"a tractor has 0 to {_MOST} trailers, found {n!r}")
     parts = [*_tractor(), *(line for number in range(1, n + 1) for line in _trailer(number))]
     materials = [f'<material name="{name}"><color rgba="{rgba}"/></material>' for name, rgba in _COLORS.items()]
-    comment = (
-        f"A car with {n} trailers hitched on the axle before, written by rnc_pin.vehicles.tractor_trailers_urdf({n})."
-    )
+    comment = f"A car with {n} trailers hitched on the axle before, written by tractor_trailers_urdf({n})."
     body = "\n".join(f"  {line}" for line in [*materials, *parts])
     return f'<?xml version="1.0"?>\n<!-- {comment} -->\n<robot name="tractor_trailers_{n}">\n{body}\n</robot>\n'
 

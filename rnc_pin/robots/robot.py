@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin import urdf_files
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.sources import Description, Mimic, read_mjcf, read_urdf
-from rnc_pin.sources.description import ROOT_JOINTS
+from rnc_pin.robots import urdf_files
+from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
+from rnc_pin.robots.sources.description import ROOT_JOINTS
 
 Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
@@ -70,7 +70,7 @@ class Robot:
         """Load a URDF file, or a xacro file, which is expanded first.
 
         Expressions in a xacro file only compute values: what could run a program is refused, see
-        ``rnc_pin.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
+        ``rnc_pin.robots.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
         the model, because Pinocchio's Coriolis matrix does not know such joints; it is listed in ``mimics``.
 
         Args:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robot import Robot
+from rnc_pin.robots.robot import Robot
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL

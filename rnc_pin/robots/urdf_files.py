@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rnc_pin.errors import ModelError, nearest
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def shipped_directory() -> Path:

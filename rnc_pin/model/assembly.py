@@ -9,9 +9,9 @@ import pinocchio as pin
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
-from rnc_pin.rows import Rows
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 _EXACT = 1e-14  # a residual that cannot be made much smaller [m or rad]
 _GOOD = 1e-11  # one at which the rows count as satisfied

@@ -12,10 +12,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.coordinates import Coordinates
 from rnc_pin.errors import InputError
-from rnc_pin.kinematics import Kinematics
-from rnc_pin.robot import Robot
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.robots.robot import Robot
 
 
 class Rows(ABC):

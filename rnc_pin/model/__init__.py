@@ -1,0 +1,1 @@
+"""The system, its rows, and its reduction."""

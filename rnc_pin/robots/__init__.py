@@ -1,0 +1,1 @@
+"""Robots: descriptions, models and their names."""
