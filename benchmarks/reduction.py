@@ -1,101 +1,350 @@
-"""Reduced forward dynamics against the bare Pinocchio calls that it makes, and a simulation against real time.
+"""What the package costs beside the bare Pinocchio calls and in real time: ``python -m benchmarks.reduction``.
 
-Run ``python -m benchmarks.reduction``. The two are timed in turn, so that both see the same machine; ratios
-are of medians.
+For the system of every built-in scenario, or of those named after ``--systems``:
+
+* bare calls: ``computeJointJacobians``, ``crba``, ``forwardKinematics`` at zero acceleration and ``nonLinearEffects``
+  at a state, on the same model with a workspace of its own;
+* one state: ``forward_dynamics`` of single states, beside the bare calls;
+* of 256: a state in one ``forward_dynamics`` of a batch of 256, beside the bare calls;
+* tick: measure, control, allocate and integrate over one sampling period, with the scenario's controller and
+  settings, beside that period;
+* threads: processor time of all threads over that of the one that simulates. More than 1 says that others, such as
+  those of a linear algebra library, are kept awake.
+
+Then the processor time of what is started again and again: the import, and ``rnc-pin --help``.
+
+Times are processor times, so that the machine may do other things besides; how fast it was in the meantime shows in the
+bare calls and in ``python_loop_ms``, a million additions in Python. Everything of a system is measured in turn,
+round by round; figures are medians and ratios are ratios of medians. What is beyond its limit is red in the table, and
+``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes it beside the table:
+
+    {"rounds": 15,
+     "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 2.7,
+                  "one_state": {"us": 12.3, "ratio": 4.6, "limit": 6.0, "within": true},
+                  "of_batch": {...the same...}, "tick": {...; ratio to the sampling period...},
+                  "threads": 1.0, "within": true}],
+     "commands": [{"command": "import rnc_pin", "seconds": 0.25, "limit": 0.3, "within": true}],
+     "machine": {"cpus": 2, "python": "3.11.14", "numpy": "2.4.6", "pin": "4.1.0",
+                 "python_loop_ms": 40.0}}
 """
 
 from __future__ import annotations
 
-import statistics
+import argparse
+import json
+import os
+import platform
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from rich import box
 from rich.console import Console
+from rich.markup import escape
+from rich.progress import track
 from rich.table import Table
 
 import rnc_pin as rnc
+from benchmarks.states import States, regular_states
+from benchmarks.timing import Measurement, in_turn, used_by, used_by_command
+from rnc_pin.scenario.builder import Experiment
+from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.run import plan
 
-ROUNDS, CALLS, BATCH = 31, 1000, 256
+ROUNDS, BATCH, TICKS, LAUNCHES = 15, 256, 100, 5
+WIDTH = 125  # of the table, wherever it goes [characters]
+ONE_STATE, OF_BATCH, TICK, COMMAND = 10.0, 5.0, 0.1, 0.3  # limits: ratios to the bare calls and to the period; [s]
+TIGHTER = {"space-robot": (6.0, 3.0)}  # ONE_STATE and OF_BATCH of single systems
+COMMANDS = {
+    "import rnc_pin": (sys.executable, "-c", "import rnc_pin"),
+    "rnc-pin --help": (sys.executable, "-m", "rnc_pin", "--help"),
+}
 
 
-def main() -> None:
-    reduced = space_robot()
-    generator = np.random.default_rng(0)
-    q = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    v2, T = generator.normal(size=(2, 3))
-    Q = np.tile(q, (BATCH, 1)) + generator.uniform(-0.2, 0.2, (BATCH, 4))
-    V2, inputs = generator.normal(size=(2, BATCH, 3))
-    v = reduced.terms(q, v2).v
-    bare = bare_calls(reduced)
+@dataclass(frozen=True)
+class Cost:
+    """A time beside what it is measured by.
 
-    rows = [
-        ("one state", *side_by_side(lambda: reduced.forward_dynamics(q, v2, T), lambda: bare(q, v), CALLS), 6.0),
-        (
-            f"a state of {BATCH}",
-            *side_by_side(
-                lambda: reduced.forward_dynamics(Q, V2, inputs), lambda: bare(q, v), CALLS // BATCH + 1, BATCH
-            ),
-            3.0,
-        ),
-    ]
-    table = Table(title="forward_dynamics of the space robot", title_justify="left")
-    for column in ("", "rnc_pin [us]", "Pinocchio calls [us]", "ratio", "limit"):
-        table.add_column(column, justify="left" if not column else "right")
-    for name, ours, theirs, limit in rows:
-        table.add_row(name, f"{ours:.2f}", f"{theirs:.2f}", f"{ours / theirs:.2f}", f"{limit:.0f}")
-    console = Console()
-    console.print(table)
+    Attributes:
+        us: [us].
+        ratio: to the bare calls or to the sampling period.
+        limit: of the ratio.
+    """
 
-    experiment = plan("space-robot").experiment
-    start = time.process_time()
-    rnc.simulate(experiment.reduced, experiment.controller, experiment.q0, 10.0, 0.002)
-    used = time.process_time() - start
-    console.print(
-        f"10 s of space-robot at 2 ms: {used:.2f} s of processor time, {used / 10:.3f} of real time (limit 0.2)",
-        soft_wrap=True,
+    us: float
+    ratio: float
+    limit: float
+
+    @classmethod
+    def of(cls, seconds: float, measure: float, limit: float) -> Cost:
+        """A time beside another one, both in seconds."""
+        return cls(float(seconds * 1e6), float(seconds / measure), limit)
+
+    @property
+    def within(self) -> bool:
+        """Whether the ratio keeps its limit."""
+        return self.ratio <= self.limit
+
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"us": self.us, "ratio": self.ratio, "limit": self.limit, "within": self.within}
+
+
+@dataclass(frozen=True)
+class SystemCosts:
+    """What the system of a scenario costs.
+
+    Attributes:
+        system: name of the scenario.
+        nv, r: degrees of freedom, and of the reduced system.
+        bare_us: the bare calls at a state [us].
+        one_state, of_batch: ``forward_dynamics`` of a state, by itself and in a batch.
+        tick: a sampling period of a run.
+        threads: processor time of all threads over that of the one that simulates.
+    """
+
+    system: str
+    nv: int
+    r: int
+    bare_us: float
+    one_state: Cost
+    of_batch: Cost
+    tick: Cost
+    threads: float
+
+    @property
+    def within(self) -> bool:
+        """Whether everything keeps its limit."""
+        return self.one_state.within and self.of_batch.within and self.tick.within
+
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        costs = {name: getattr(self, name).record() for name in ("one_state", "of_batch", "tick")}
+        plain = {name: getattr(self, name) for name in ("system", "nv", "r", "bare_us")}
+        return {**plain, **costs, "threads": self.threads, "within": self.within}
+
+
+@dataclass(frozen=True)
+class CommandCost:
+    """Processor time of a command [s]."""
+
+    command: str
+    seconds: float
+    limit: float = COMMAND
+
+    @property
+    def within(self) -> bool:
+        """Whether it keeps its limit."""
+        return self.seconds <= self.limit
+
+    def record(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"command": self.command, "seconds": self.seconds, "limit": self.limit, "within": self.within}
+
+
+# ---------------------------------------------------------------------- measuring
+
+
+def system_costs(name: str, rounds: int = ROUNDS) -> SystemCosts:
+    """Costs of the system of a built-in scenario."""
+    experiment = plan(name).experiment
+    reduced, dt = experiment.reduced, experiment.simulation.dt
+    states = regular_states(reduced, experiment.q0, BATCH)
+    measurements = (
+        bare_calls(reduced, states),
+        one_state(reduced, states),
+        of_batch(reduced, states),
+        tick(experiment),
+    )
+    (bare,), (single,), (batched,), (ticking, threads) = in_turn(measurements, rounds)
+    single_limit, batched_limit = TIGHTER.get(name, (ONE_STATE, OF_BATCH))
+    return SystemCosts(
+        system=name,
+        nv=reduced.n,
+        r=reduced.r,
+        bare_us=float(bare * 1e6),
+        one_state=Cost.of(single, bare, single_limit),
+        of_batch=Cost.of(batched, bare, batched_limit),
+        tick=Cost.of(ticking, dt, TICK),
+        threads=float(threads),
     )
 
 
-def space_robot() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_2", "joint_3"])
-    return system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+def bare_calls(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """Positions, velocities, accelerations and forces of a state as Pinocchio gives them, and nothing else."""
+    model, zero = reduced.robot.model, np.zeros(reduced.robot.nv)
+    data = model.createData()
+    pairs = list(zip(states.q, states.v, strict=True))
+
+    def calls() -> None:
+        for q, v in pairs:
+            pin.computeJointJacobians(model, data, q)
+            pin.crba(model, data, q)
+            pin.forwardKinematics(model, data, q, v, zero)
+            pin.nonLinearEffects(model, data, q, v)
+
+    return used_by(calls, len(pairs))
 
 
-def bare_calls(reduced: rnc.ReducedModel) -> Callable[[np.ndarray, np.ndarray], None]:
-    """Every call into Pinocchio that one ``forward_dynamics`` makes, and nothing else."""
-    model = reduced.robot.model
-    data, tip, zero, axes = model.createData(), model.getFrameId("tip"), np.zeros(4), pin.LOCAL_WORLD_ALIGNED
+def one_state(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """``forward_dynamics`` of one state after the other; each differs from the last, so that nothing can be kept."""
+    each = list(zip(states.q, states.v2, states.T, strict=True))
 
-    def calls(q: np.ndarray, v: np.ndarray) -> None:
-        pin.computeJointJacobians(model, data, q)
-        pin.crba(model, data, q)
-        pin.getFrameJacobian(model, data, tip, axes)
-        pin.forwardKinematics(model, data, q, v, zero)
-        pin.nonLinearEffects(model, data, q, v)
-        pin.getFrameClassicalAcceleration(model, data, tip, axes).linear  # noqa: B018
+    def calls() -> None:
+        for q, v2, T in each:
+            reduced.forward_dynamics(q, v2, T)
 
-    return calls
+    return used_by(calls, len(each))
 
 
-def side_by_side(
-    ours: Callable[[], object], theirs: Callable[[], object], calls: int, batch: int = 1
-) -> tuple[float, float]:
-    """Median microseconds a state of each, timed in turn."""
-    figures: tuple[list[float], list[float]] = ([], [])
-    for _ in range(ROUNDS):
-        for function, count, samples, kept in (
-            (ours, calls, batch, figures[0]),
-            (theirs, calls * batch, 1, figures[1]),
-        ):
-            start = time.perf_counter()
-            for _ in range(count):
-                function()
-            kept.append((time.perf_counter() - start) / (count * samples) * 1e6)
-    return statistics.median(figures[0]), statistics.median(figures[1])
+def of_batch(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """A state's part in one ``forward_dynamics`` of all of them."""
+    return used_by(lambda: reduced.forward_dynamics(states.q, states.v2, states.T), len(states.q))
+
+
+def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
+    """A tick in the first stretch of a run [s], without its closing pass, and the share of all threads in it."""
+    settings = experiment.simulation
+
+    def measure() -> Sequence[float]:
+        stamps: list[tuple[float, float]] = []
+        rnc.simulate(
+            experiment.reduced,
+            experiment.controller,
+            experiment.q0,
+            ticks * settings.dt,
+            settings.dt,
+            substeps=settings.substeps,
+            joint_damping=settings.joint_damping,
+            actuator_limits=settings.actuator_limits,
+            position_limits=settings.position_limits,
+            observer=lambda _: stamps.append((time.process_time(), time.thread_time())),
+        )
+        each, own = np.diff(stamps, axis=0).T
+        return float(np.median(each)), float(each.sum() / own.sum())
+
+    return measure
+
+
+def command_costs(launches: int = LAUNCHES) -> list[CommandCost]:
+    """Processor time of everything in ``COMMANDS``."""
+    return [CommandCost(name, used_by_command(command, launches)) for name, command in COMMANDS.items()]
+
+
+def machine() -> dict[str, Any]:
+    """What it was measured on."""
+    return {
+        "cpus": os.cpu_count(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "pin": pin.__version__,
+        "python_loop_ms": round(python_loop() * 1e3, 1),
+    }
+
+
+def python_loop(steps: int = 1_000_000) -> float:
+    """How fast the interpreter is at the moment: median time of as many additions [s]."""
+
+    def add() -> None:
+        total = 0
+        for step in range(steps):
+            total += step
+
+    return float(in_turn([used_by(add, 1)], LAUNCHES)[0][0])
+
+
+# ---------------------------------------------------------------------- showing
+
+
+def table(systems: Iterable[SystemCosts]) -> Table:
+    """One row a system; what is beyond its limit is red."""
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))
+    shown.add_column("system", no_wrap=True)
+    costs = ("one state [us]", "/ bare", f"of {BATCH} [us]", "/ bare", "tick [us]", "/ dt")
+    for heading in ("nv", "r", "bare [us]", *costs, "threads"):
+        shown.add_column(escape(heading), justify="right", no_wrap=True)
+    for each in systems:
+        shown.add_row(
+            marked(each.system, each.within),
+            str(each.nv),
+            str(each.r),
+            f"{each.bare_us:.2f}",
+            *cells(each.one_state),
+            *cells(each.of_batch),
+            *cells(each.tick, digits=3),
+            f"{each.threads:.2f}",
+        )
+    return shown
+
+
+def cells(cost: Cost, digits: int = 1) -> tuple[str, str]:
+    """Time and ratio."""
+    return f"{cost.us:.1f}", marked(f"{cost.ratio:.{digits}f}", cost.within)
+
+
+def marked(text: str, within: bool) -> str:
+    """Bold and red where a limit is not kept."""
+    return text if within else f"[bold red]{text}[/]"
+
+
+def show(systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where: dict[str, Any]) -> None:
+    """The table, its limits, the commands and the machine."""
+    console = Console(highlight=False, soft_wrap=True)
+    console.width = max(console.width, WIDTH)
+    tighter = "".join(f"; {name} {single:g} and {batched:g}" for name, (single, batched) in TIGHTER.items())
+    console.print(table(systems))
+    console.print(f"limits: one state {ONE_STATE:g} bare, of {BATCH} {OF_BATCH:g} bare{tighter}; tick {TICK:g} dt")
+    for each in commands:
+        figure = marked(f"{each.seconds:.2f} s", each.within)
+        console.print(f"{each.command}: {figure} of processor time, limit {each.limit:g} s")
+    console.print(", ".join(f"{name} {value}" for name, value in where.items()))
+
+
+def report(
+    systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where: dict[str, Any], rounds: int
+) -> dict[str, Any]:
+    """What JSON holds."""
+    return {
+        "rounds": rounds,
+        "systems": [each.record() for each in systems],
+        "commands": [each.record() for each in commands],
+        "machine": where,
+    }
+
+
+def arguments(given: Sequence[str] | None) -> argparse.Namespace:
+    """What was asked for on the command line."""
+    names = built_in_names()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.reduction", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--systems", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
+    parser.add_argument("--rounds", type=int, default=ROUNDS, metavar="N", help="default: %(default)s")
+    parser.add_argument("--json", nargs="?", const="-", metavar="FILE", help="print JSON, or write it to FILE as well")
+    options = parser.parse_args(given)
+    if options.rounds < 1:
+        parser.error("--rounds has to be at least 1")
+    return options
+
+
+def main(given: Sequence[str] | None = None) -> None:
+    """Measure, and show or write what was found."""
+    options = arguments(given)
+    progress = Console(stderr=True)
+    # No thread of the display's own while time is taken: it draws when a system is done.
+    names = track(options.systems, "", auto_refresh=False, console=progress, disable=not progress.is_terminal)
+    systems = [system_costs(name, options.rounds) for name in names]
+    commands, where = command_costs(min(LAUNCHES, options.rounds)), machine()
+    if options.json is not None:
+        text = json.dumps(report(systems, commands, where, options.rounds), indent=1) + "\n"
+        if options.json == "-":
+            sys.stdout.write(text)
+            return
+        Path(options.json).write_text(text)
+    show(systems, commands, where)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
-from rnc_pin.scenario.loading import built_in_names
+from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result, execute, plan, write

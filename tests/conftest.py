@@ -14,7 +14,7 @@ sys.path.append(str(Path(__file__).parent.parent))
 install_import_hook(
     [
         f"rnc_pin.{module}"
-        for module in ("model.reduction", "model.terms", "model.measurement", "simulation.trajectory")
+        for module in ("model.reduced_model", "model.terms", "model.measurement", "simulation.trajectory")
     ],
     "shape_checker.check",
 )

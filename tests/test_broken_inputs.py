@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from rnc_pin.app.cli import main
-from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 
 SPACE_ROBOT = with_options(
     read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rnc_pin.scenario.loading import built_in_names
+from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.run import execute, plan
 
 PAPER = (

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from rnc_pin.robots.urdf_files import shipped_directory
-from rnc_pin.scenario.loading import built_in_names, find_scenario
+from rnc_pin.scenario.files import built_in_names, find_scenario
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 SHORT = ["--set", "simulation.duration=0.2"]

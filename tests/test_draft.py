@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from rnc_pin.scenario.draft import draft
-from rnc_pin.scenario.loading import read_yaml
+from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
 pytestmark = pytest.mark.filterwarnings("error")

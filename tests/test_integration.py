@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import Command
-from rnc_pin.simulation.chart import Chart
+from rnc_pin.simulation.exponential import ExponentialCoordinates
 from systems import leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
 
 JOINTS = {
@@ -38,7 +38,7 @@ def test_charts_move_by_the_right_jacobian_of_the_exponential(kind, angle):
     u[turning] *= angle / np.linalg.norm(u[turning])
     ad = np.stack([bracket(kind, u, e) for e in np.eye(robot.nv)], axis=-1)
     jacobian = sum(np.linalg.matrix_power(-ad, k) / factorial(k + 1) for k in range(45))
-    rate = Chart(robot).rate(robot.configuration(), u, v)
+    rate = ExponentialCoordinates(robot).rate(robot.configuration(), u, v)
     np.testing.assert_allclose(jacobian @ rate, v, atol=1e-14)
 
 

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from rnc_pin.app.cli import main
+from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
 from rnc_pin.scenario.json_schema import schema, schema_path, schema_text
-from rnc_pin.scenario.loading import built_in_names, find_scenario, read_yaml
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 

@@ -126,9 +126,8 @@ def test_the_rank_is_that_of_closed_loops():
     robot = rnc.Robot(model)
     system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "end")])
     assert system.m == 3
-    state = Kinematics(robot)
-    state.set_position(robot.random_configuration(np.random.default_rng(0)))
-    open_rank = np.linalg.matrix_rank(rnc.LoopClosure("universe", "end").bind(robot).jacobian(state))
+    position = Kinematics(robot).position(robot.random_configuration(np.random.default_rng(0)))
+    open_rank = np.linalg.matrix_rank(rnc.LoopClosure("universe", "end").bind(robot).jacobian(position))
     assert open_rank == 4
 
 
@@ -163,17 +162,16 @@ def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
 def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
     robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
     rows = rnc.LoopClosure("panda_hand", other, kind).bind(robot)
-    generator, state, h = np.random.default_rng(0), Kinematics(robot), 1e-6
+    generator, kinematics, h = np.random.default_rng(0), Kinematics(robot), 1e-6
 
     def at(q, what):
-        state.set_position(q)
-        return what(state)
+        return what(kinematics.position(q))
 
     for _ in range(4):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
         ahead, behind = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
-        state.set_rates(q, v)
-        J, J_dot, drift = rows.jacobian(state), rows.jacobian_dot(state), rows.drift(state)
+        rates = kinematics.position(q).moving(v).rates()
+        J, J_dot, drift = rows.jacobian(rates), rows.jacobian_dot(rates), rows.drift(rates)
         difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
         np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))
         np.testing.assert_allclose(drift, J_dot @ v, atol=1e-11 * (1 + np.abs(drift).max()))
@@ -186,16 +184,15 @@ def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
 def test_rows_are_the_rate_of_their_residual(make):
     reduced, h = make(), 1e-6
     blocks = [block for block, _, _ in reduced.constraints.places]
-    generator, state = np.random.default_rng(1), Kinematics(reduced.robot)
+    generator, kinematics = np.random.default_rng(1), Kinematics(reduced.robot)
     for q, _ in random_states(reduced, 4):
         v = generator.normal(size=reduced.n)  # need not satisfy anything
         for block in blocks:
             residuals = []
             for sign in (1, -1):
-                state.set_position(pin.integrate(reduced.robot.model, q, sign * h * v))
-                residuals.append(block.residual(state))
-            state.set_position(q)
-            rows = block.jacobian(state) * np.array(block.holonomic)[:, None]
+                ahead = kinematics.position(pin.integrate(reduced.robot.model, q, sign * h * v))
+                residuals.append(block.residual(ahead))
+            rows = block.jacobian(kinematics.position(q)) * np.array(block.holonomic)[:, None]
             np.testing.assert_allclose(rows @ v, (residuals[0] - residuals[1]) / (2 * h), atol=1e-7)
 
 

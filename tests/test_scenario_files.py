@@ -8,14 +8,8 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.robots.urdf_files import shipped_directory
-from rnc_pin.scenario.loading import (
-    built_in_names,
-    find_scenario,
-    parse_option,
-    read_yaml,
-    validate,
-    with_options,
-)
+from rnc_pin.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
+from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import plan
 from rnc_pin.scenario.sweep import draw, drawn_keys
 

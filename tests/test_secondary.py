@@ -17,7 +17,7 @@ from rnc_pin.control import (
     SingularityDistance,
 )
 from rnc_pin.planning import Hold, MinimumJerk
-from rnc_pin.scenario.loading import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.run import plan
 from systems import random_states, space_robot
 from tolerances import FINITE_DIFFERENCE, ROUNDING
@@ -95,9 +95,8 @@ def test_distance_from_singularity_climbs_the_determinants(system):
     objective = SingularityDistance(reduced, task)
 
     def height(q):
-        E_inverse, _, _ = reduced.stack(q)
         A4 = reduced.terms(q, np.zeros(reduced.r)).A_star[task.vertical][:, task.redundant]
-        return -np.linalg.slogdet(E_inverse)[1] + 0.5 * np.linalg.slogdet(A4 @ A4.T)[1]
+        return np.linalg.slogdet(reduced.stacked_rows(q))[1] + 0.5 * np.linalg.slogdet(A4 @ A4.T)[1]
 
     for q, _ in random_states(reduced, 3, seed=7, condition=CONDITION[system]):
         R, _ = reduced.basis_rate(q, np.zeros(reduced.n))

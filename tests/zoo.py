@@ -12,7 +12,8 @@ from scipy.linalg import null_space, qr
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Kinematics, Motion, Position, Rates
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.urdf_files import example_urdfs
 
@@ -134,16 +135,16 @@ class _RollerRow(Rows):
     def __init__(self, contact: Rows, kind: MecanumWheel) -> None:
         self.names, self.units = (f"roller({kind.wheel.frame})",), ("m/s",)
         self._contact = contact
-        self._axis = np.array([[1.0, kind.side, 0.0]]) / np.sqrt(2)
+        self._axis = np.array([[1.0, kind.side]]) / np.sqrt(2)
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return self._axis @ self._contact.jacobian(state)
+    def jacobian(self, at: Position) -> np.ndarray:
+        return self._axis @ self._contact.jacobian(at)[..., :2, :]
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return self._axis @ self._contact.jacobian_dot(state)
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        return self._axis @ self._contact.jacobian_dot(at)[..., :2, :]
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return self._axis @ self._contact.drift(state)
+    def drift(self, at: Motion) -> np.ndarray:
+        return apply(self._axis, self._contact.drift(at)[..., :2])
 
 
 def rolling_wheels(name: str) -> rnc.ReducedModel:
@@ -160,9 +161,8 @@ def rolling_wheels(name: str) -> rnc.ReducedModel:
 
 def best_velocities(system: rnc.NonholonomicSystem) -> rnc.Output:
     """r entries of v, chosen by column-pivoted QR of a null-space basis at one configuration."""
-    state = Kinematics(system.robot)
-    state.set_position(system.robot.random_configuration(np.random.default_rng(1)))
-    basis = null_space(system.constraints.evaluate(state))
+    position = Kinematics(system.robot).position(system.robot.random_configuration(np.random.default_rng(1)))
+    basis = null_space(system.constraints.jacobian(position))
     chosen = sorted(qr(basis.T, pivoting=True)[2][: system.r])
     rows, still = np.eye(system.n)[chosen], np.zeros((system.r, system.n))
     names = [f"v.{system.robot.velocity_names[k]}" for k in chosen]

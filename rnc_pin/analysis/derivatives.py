@@ -10,10 +10,10 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.differences import gradient_with_error
-from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.reduction import ReducedModel
-from rnc_pin.model.rows import Rows, RowStack
+from rnc_pin.model.kinematics import Kinematics, Rates
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import Rows
 
 
 @dataclass(frozen=True)
@@ -52,25 +52,28 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     Raises:
         InputError, SingularityError: as every method of ``ReducedModel``.
     """
-    v2_dot = reduced.forward_dynamics(q, v2, T)
-    q, v2, T = np.asarray(q, float), np.asarray(v2, float), np.asarray(T, float)
-    E_inverse, M, B = (np.array(each) for each in reduced.stack(q))
-    m, R = reduced.m, E_inverse[:, reduced.m :]
-    v = reduced.velocity(q, v2)
-    state = Kinematics(reduced.robot)
+    state = reduced.at(q, v2)
+    v2_dot, T = state.v2_dot(T), np.asarray(T, float)
+    q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
+    n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    E_q, B_q, B_error = _rates_along_axes(rows, reduced.actuation, state, q)
-    mu_q = _demand_gradient(reduced, state, q)
+    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).moving(np.eye(n)).rates()
+    E_q = rows.jacobian_dot(along)  # (nv, nv, nv), the first index that of the direction
+    B_q, B_error = _actuation_gradient(reduced, along, q)
+    mu_q = np.zeros((n, n))
+    if reduced.affine:
+        mu_q[:m] = reduced.constraints.rate_dot(along).T
     Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
     E_dot = np.einsum("jab,j->ab", E_q, v)
-    w = R @ v2_dot - E_inverse @ (E_dot @ v - mu_q @ v)
-    drift_q, drift_error = _drift_gradient(rows, state, q, v)
+    w = state.v_dot(v2_dot)
+    drift_q, drift_error = _drift_gradient(rows, Kinematics(reduced.robot), q, v)
     Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
     Ew_v = E_dot + Ev_q
 
-    data = state.data
-    tau_q, tau_v, _ = (np.array(each) for each in pin.computeRNEADerivatives(state.model, data, q, v, w))
-    right = B @ T - pin.rnea(state.model, data, q, v, w)
+    model = reduced.robot.model
+    data = model.createData()
+    tau_q, tau_v, _ = (np.array(each) for each in pin.computeRNEADerivatives(model, data, q, v, w))
+    right = B @ T - pin.rnea(model, data, q, v, w)
     multipliers = E_inverse[:, :m].T @ right
     force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
 
@@ -91,57 +94,38 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     )
 
 
-def _rates_along_axes(rows: RowStack, actuation: Actuation, state: Kinematics, q: Array) -> tuple[Array, Array, float]:
-    """Derivatives of E, (nv, nv, nv), and of B, (nv, nv, p), the first index that of the direction; error of B's."""
-    n = state.model.nv
-    E_q, B_q = np.empty((n, rows.size, n)), np.empty((n, n, actuation.size))
-    known = True
-    for direction, E_j, B_j in zip(np.eye(n), E_q, B_q, strict=True):
-        state.set_rates(q, direction)
-        rows.jacobian_dot(state, E_j)
-        rate = actuation.matrix_rate(state)
-        known = rate is not None
-        if rate is not None:
-            B_j[...] = rate
-    if known:
-        return E_q, B_q, 0.0
+def _actuation_gradient(reduced: ReducedModel, along: Rates, q: Array) -> tuple[Array, float]:
+    """Derivatives of B, (nv, nv, p), the first index that of the direction; and their error."""
+    rate = reduced.actuation.matrix_rate(along)
+    if rate is not None:
+        return rate, 0.0
+    kinematics = Kinematics(reduced.robot)
 
     def matrix(p: Array) -> Array:
-        state.set_position(p)
-        return np.array(actuation.matrix(state))
+        return np.array(reduced.actuation.matrix(kinematics.position(p)))
 
-    differences, error = gradient_with_error(state.model, matrix, q)
-    return E_q, np.moveaxis(differences, -1, 0), error
-
-
-def _demand_gradient(reduced: ReducedModel, state: Kinematics, q: Array) -> Array:
-    """Derivative of ``[mu; 0]``, what ``E v`` has to be at zero v2, (nv, nv)."""
-    out = np.zeros((reduced.n, reduced.n))
-    if reduced.affine:
-        for direction, column in zip(np.eye(reduced.n), out.T, strict=True):
-            state.set_rates(q, direction)
-            reduced.constraints.rate_dot(state, column[: reduced.m])
-    return out
+    differences, error = gradient_with_error(reduced.robot.model, matrix, q)
+    return np.moveaxis(differences, -1, 0), error
 
 
-def _drift_gradient(rows: RowStack, state: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
+def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     """Derivative of ``Edot v - mudot`` with respect to q, v fixed, (nv, nv); error of the part found by differences."""
-    out, error = np.zeros((rows.size, state.model.nv)), 0.0
+    out, error = np.zeros((rows.size, kinematics.nv)), 0.0
     if not v.any():
         return out, error
+    gradients = kinematics.gradients(q, v)
     for block, place, selection in rows.places:
-        state.set_gradients(q, v)
-        whole = None if block.affine else block.drift_gradient(state)
+        whole = None if block.affine else block.drift_gradient(gradients)
         if whole is None:
-            whole, found = _differences(block, state, q, v)
+            whole, found = _differences(block, kinematics, q, v)
             error = max(error, found)
-        out[place] = whole if selection is None else whole[selection]
+        out[place] = whole[selection]
     return out, error
 
 
-def _differences(block: Rows, state: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
+def _differences(block: Rows, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     def drift(p: Array) -> Array:
-        state.set_rates(p, v)
-        return block.jacobian_dot(state) @ v - block.rate_dot(state)
+        rates = kinematics.position(p).moving(v).rates()
+        return block.jacobian_dot(rates) @ v - block.rate_dot(rates)
 
-    return gradient_with_error(state.model, drift, q)
+    return gradient_with_error(kinematics.model, drift, q)

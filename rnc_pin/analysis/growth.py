@@ -15,7 +15,7 @@ import pinocchio as pin
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 _STEP = 0.01
 # Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.
@@ -97,7 +97,7 @@ class _Brackets:
         self.reduced, self.q = reduced, q
         self.model = reduced.robot.model
         self.algebra = frame_bracket(self.model)
-        R, _ = reduced.basis_rate(q, np.zeros((0, reduced.n)))
+        R = reduced.at(q).R
         self.scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators = R @ self.scaling
 
@@ -106,8 +106,8 @@ class _Brackets:
         columns = self.scaling @ np.column_stack([first, second])
 
         def value(p: np.ndarray) -> np.ndarray:
-            R, (along_x, along_y) = self.reduced.basis_rate_in_motion(p, columns.T)
-            x, y = (R @ columns).T
+            x, y = (self.reduced.at(p).R @ columns).T
+            along_x, along_y = self.reduced.basis_rate(p, np.stack([x, y]))[1]
             return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
 
         return value
@@ -118,7 +118,7 @@ class _Brackets:
 
         def value(p: np.ndarray) -> np.ndarray:
             y = field(p)
-            R, (along_y,) = self.reduced.basis_rate(p, y[None])
+            R, along_y = self.reduced.basis_rate(p, y)
             x = R @ column
             return _derivative(self.model, field, p, x) - along_y @ column + self.algebra(x, y)
 

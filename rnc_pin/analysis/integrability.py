@@ -15,7 +15,7 @@ import scipy.linalg
 
 from rnc_pin.analysis.growth import Growth, grow
 from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 _TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of nested differences
 
@@ -72,7 +72,7 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
     generic = max((growth.vector for growth, _ in growths), key=lambda vector: (vector[-1], vector))
     growths = [(growth, q) for growth, q in growths if growth.vector == generic]
     names = reduced.constraints.names
-    rows = [reduced.stacked_rows(q)[: reduced.m] for _, q in growths]
+    rows = [reduced.at(q).A for _, q in growths]
     leftover = np.array(
         [np.linalg.norm(unit_rows(A) @ growth.closure, axis=1) for A, (growth, _) in zip(rows, growths, strict=True)]
     ).max(axis=0)

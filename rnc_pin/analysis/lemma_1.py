@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 _STEP = 5e-4
 

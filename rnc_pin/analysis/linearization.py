@@ -15,8 +15,9 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.growth import frame_bracket
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.reduction import ReducedModel
-from rnc_pin.model.rows import OutputKind, OutputStack
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import OutputKind
 
 _STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
 _CLOSED = 1e-8  # relative: how much of the motion may depend on what is left out
@@ -92,6 +93,7 @@ def linearize(
         SingularityError: the reducing outputs do not parametrise the motion at q.
     """
     q = np.asarray(q, float)
+    reduced = reduced.settled_at(q)
     v2 = np.zeros(reduced.r) if v2 is None else np.asarray(v2, float)
     T = _holding_inputs(reduced, q, v2) if T is None else np.asarray(T, float)
     _check_steady(reduced, q, v2, T)
@@ -128,8 +130,8 @@ def _kept_rates(reduced: ReducedModel, rates: Sequence[str] | None) -> list[int]
 
 
 def _holding_inputs(reduced: ReducedModel, q: Array, v2: Array) -> Array:
-    F = reduced.inverse_dynamics(q, v2, np.zeros(reduced.r))
-    return np.linalg.pinv(reduced.input_matrix(q)) @ F
+    state = reduced.at(q, v2)
+    return np.linalg.pinv(state.input_matrix) @ state.inverse_dynamics(np.zeros(reduced.r))
 
 
 def _check_steady(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> None:
@@ -183,9 +185,7 @@ def _restricted(
 
 def _holonomic_null_space(reduced: ReducedModel, q: Array) -> Array:
     """Orthonormal basis (nv, k) of perturbations of q that keep the holonomic constraints."""
-    state = Kinematics(reduced.robot)
-    state.set_position(q)
-    rows = reduced.constraints.evaluate(state)[list(reduced.constraints.holonomic)]
+    rows = reduced.at(q).A[list(reduced.constraints.holonomic)]
     return scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
 
 
@@ -214,31 +214,26 @@ class _Coordinates:
 
     def rows(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Jacobian and its rate, (k, nv) each."""
-        state, n = Kinematics(self._robot), self._robot.nv
-        state.set_rates(q, v)
+        n = self._robot.nv
+        rates = Kinematics(self._robot).position(q).moving(v).rates()
         J, J_dot = [np.zeros((0, n))], [np.zeros((0, n))]
         for part in self._parts:
             if isinstance(part, int):
                 J.append(np.eye(n)[part : part + 1])
                 J_dot.append(np.zeros((1, n)))
             else:
-                rate = np.empty((part.size, n))
-                part.jacobian_dot(state, rate)
-                J.append(part.evaluate(state))
-                J_dot.append(rate)
+                J.append(part.jacobian(rates))
+                J_dot.append(part.jacobian_dot(rates))
         return np.vstack(J), np.vstack(J_dot)
 
     def deviation(self, q: Array, q_0: Array) -> Array:
         """Coordinates of q less those of q_0, (k,)."""
         tangent = pin.difference(self._robot.model, q_0, q)
-        state, found = Kinematics(self._robot), []
+        kinematics, found = Kinematics(self._robot), []
         for part in self._parts:
             if isinstance(part, int):
                 found.append(tangent[part : part + 1])
                 continue
-            values = np.empty((2, part.size))
-            for configuration, value in zip((q_0, q), values, strict=True):
-                state.set_position(configuration)
-                part.value(state, value)
-            found.append(part.coordinates.difference(values[1], values[0]))
+            before, now = (part.value(kinematics.position(each)) for each in (q_0, q))
+            found.append(part.coordinates.difference(now, before))
         return np.concatenate(found) if found else np.empty(0)

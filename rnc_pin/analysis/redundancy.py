@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 
 _ZERO = 1e-9
@@ -36,11 +36,11 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22.
     Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
     """
-    names, count = task.vertical_names, len(configurations)
+    names = task.vertical_names
     if not len(task.redundant) or not names:
         reason = "no redundant output" if names else "no vertical output"
         return Redundancy(None, (), names, {"reason": reason})
-    A = reduced.terms(configurations, np.zeros((count, reduced.r))).A_star[:, task.vertical]
+    A = reduced.at(configurations).A_star[:, task.vertical]
     # Derivatives of A_star along the motion of each redundant output alone, (count, k, r, r2).
     A_along = reduced.kinematic_gradient(configurations, task.redundant)[:, task.vertical]
     zero = _ZERO * max(1.0, float(np.abs(A).max()))

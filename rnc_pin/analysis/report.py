@@ -14,7 +14,7 @@ from rnc_pin.analysis.redundancy import classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 
 _GROWTH_SAMPLES = 3
@@ -107,7 +107,7 @@ def analyze(
     for _ in range(samples):
         q = reduced.random_configuration(generator)
         try:
-            reduced.inertia(q)
+            _ = reduced.at(q).R
             regular.append(q)
         except SingularityError as error:
             failure = error

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.robots.robot import Robot
 
@@ -52,7 +51,7 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
     names = (*reduced.constraints.names, *reduced.reducing.names)
 
     def matrix(q: np.ndarray) -> np.ndarray:
-        return unit_rows(reduced.stacked_rows(q))
+        return reduced.at(q).scaled_stack()
 
     return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced, configurations)
 
@@ -65,7 +64,7 @@ def task_singularities(
     block = np.ix_(rows, task.redundant)
 
     def matrix(q: np.ndarray) -> np.ndarray:
-        return reduced.terms(q, np.zeros(reduced.r)).A_star[block]
+        return reduced.at(q).A_star[block]
 
     def sign(q: np.ndarray) -> float:
         # det E det A4 is the determinant of E with the rows of x11 in the place of those of x22: unlike det A4

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, ModelError
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.robot import Robot
 
 _LARGEST_DENOMINATOR = 1000
@@ -52,38 +52,26 @@ class JointCoupling:
         return _CouplingRow(self, robot)
 
 
-class _CouplingRow(Rows):
-    constant = True
-
+class _CouplingRow(ConstantRows):
     def __init__(self, kind: JointCoupling, robot: Robot) -> None:
         joint, driver = _single(kind.joint, robot), _single(kind.driver, robot)
         self.names = (f"coupling({kind.joint}, {kind.driver})",)
         self.units = ("rad/s" if joint.shortname().startswith("JointModelR") else "m/s",)
         self._joint, self._driver = joint, driver
         self._ratio, self._offset = kind.ratio, kind.offset
-        self._row = np.zeros((1, robot.nv))
-        self._row[0, joint.idx_v], self._row[0, driver.idx_v] = 1.0, -kind.ratio
-        self._zeros = np.zeros((1, robot.nv))
+        self.matrix = np.zeros((1, robot.nv))
+        self.matrix[0, joint.idx_v], self.matrix[0, driver.idx_v] = 1.0, -kind.ratio
         period = _period(joint.nq == 2, driver.nq == 2, kind.ratio)
         self.holonomic = (period is not None,)
         self._period = period or 0.0
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return self._row
-
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return self._zeros
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return np.zeros(1)
-
-    def residual(self, state: Kinematics) -> np.ndarray:
+    def residual(self, at: Position) -> np.ndarray:
         if not self.holonomic[0]:
-            return np.zeros(1)
-        gap = _position(self._joint, state.q) - self._ratio * _position(self._driver, state.q) - self._offset
+            return super().residual(at)
+        gap = _position(self._joint, at.q) - self._ratio * _position(self._driver, at.q) - self._offset
         if self._period:
-            gap -= self._period * np.round(gap / self._period)
-        return np.array([gap])
+            gap = gap - self._period * np.round(gap / self._period)
+        return gap[..., None]
 
 
 def _single(name: str, robot: Robot) -> pin.JointModel:
@@ -93,9 +81,9 @@ def _single(name: str, robot: Robot) -> pin.JointModel:
     return joint
 
 
-def _position(joint: pin.JointModel, q: np.ndarray) -> float:
+def _position(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
     i = joint.idx_q
-    return float(np.arctan2(q[i + 1], q[i]) if joint.nq == 2 else q[i])
+    return np.asarray(np.arctan2(q[..., i + 1], q[..., i]) if joint.nq == 2 else q[..., i])
 
 
 def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Motion, Position, Rates, over_states
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -92,19 +93,19 @@ class _MomentumRows(Rows):
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return state.M[self._rows]
+    def jacobian(self, at: Position) -> np.ndarray:
+        return at.M[..., self._rows, :]
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return state.C[self._rows] + state.C.T[self._rows]
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        return at.C[..., self._rows, :] + at.C.mT[..., self._rows, :]
 
-    def drift(self, state: Kinematics) -> np.ndarray:
+    def drift(self, at: Motion) -> np.ndarray:
         # d/dt (M v) = bias + coadjoint action of v on M v, and the latter is zero where M v is, and where the joint
         # has one degree of freedom; gravity has no part along a cyclic joint.
-        return state.bias[self._rows]
+        return at.bias[..., self._rows]
 
-    def rate(self, state: Kinematics) -> np.ndarray:
-        return self._value
+    def rate(self, at: Position) -> np.ndarray:
+        return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
 
 
 class _WorldMomentumRows(_MomentumRows):
@@ -113,25 +114,34 @@ class _WorldMomentumRows(_MomentumRows):
     def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray, robot: Robot) -> None:
         super().__init__(joint, rows, units, value)
         self._joint = robot.joint_id(joint)
+        self.joints = (self._joint,)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
         along = _TURNING[robot.model.joints[self._joint].shortname()]
         self._along, self._block = along, np.ix_(along, along)
 
-    def _to_world(self, state: Kinematics) -> np.ndarray:
-        return (self._fixed * state.data.oMi[self._joint]).toDualActionMatrix()[self._block]
+    def _to_world(self, at: Position) -> np.ndarray:
+        place = at.joint_placement(self._joint)
+        block = (len(self._along),) * 2
+        return over_states(self._action, block, place.rotation.reshape(*at.q.shape[:-1], 9), place.translation)
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return self._to_world(state) @ state.M[self._rows]
+    def _action(self, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+        return (self._fixed * pin.SE3(rotation.reshape(3, 3), translation)).toDualActionMatrix()[self._block]
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
+    def _turning(self, v: np.ndarray) -> np.ndarray:
         velocity = np.zeros(6)
-        velocity[self._along] = state.v[self._rows]
-        turning = pin.Motion(velocity).dualAction[self._block]
-        return self._to_world(state) @ (turning @ state.M[self._rows] + super().jacobian_dot(state))
+        velocity[self._along] = v[self._rows]
+        return pin.Motion(velocity).dualAction[self._block]
 
-    def drift(self, state: Kinematics) -> np.ndarray:
+    def jacobian(self, at: Position) -> np.ndarray:
+        return self._to_world(at) @ super().jacobian(at)
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        turning = over_states(self._turning, (len(self._along),) * 2, at.v)
+        return self._to_world(at) @ (turning @ super().jacobian(at) + super().jacobian_dot(at))
+
+    def drift(self, at: Motion) -> np.ndarray:
         # In fixed axes the rate of the momentum at zero vdot is the force on the base that such a motion takes.
-        return self._to_world(state) @ state.bias[self._rows]
+        return apply(self._to_world(at), super().drift(at))
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.model.frame_velocity import OwnAxisVelocity
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
+from rnc_pin.model.kinematics import OWN_AXES, Position
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -30,12 +30,12 @@ class NoSideSlip:
         return _NoSideSlipRow(self, robot)
 
 
-class _NoSideSlipRow(OwnAxisVelocity, Rows):
+class _NoSideSlipRow(FrameVelocityRows):
     def __init__(self, kind: NoSideSlip, robot: Robot) -> None:
-        super().__init__(robot.frame_id(kind.frame), kind.axis)
+        self._axis = axis_index(kind.axis)
+        super().__init__(robot, kind.frame, (self._axis,), OWN_AXES)
         self.names = (f"no_side_slip({kind.frame}.{kind.axis})",)
-        self.units = ("m/s",)
 
-    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
-        placement = state.placement(self._frame)
-        return placement.translation[None].copy(), placement.rotation[:, self._axis][None].copy()
+    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        placement = at.placement(self._frame)
+        return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()

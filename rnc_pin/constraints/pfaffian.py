@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Motion, Position, over_states
 from rnc_pin.model.rows import Rows, checked_rows
 from rnc_pin.robots.robot import Robot
 
@@ -59,29 +60,35 @@ class _PfaffianRows(Rows):
         self.holonomic = (kind.residual is not None,) * self._shape[0]
         checked_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return checked_rows(self._kind.rows(state.q), self._shape, "rows(q) of a Pfaffian constraint")
+    def jacobian(self, at: Position) -> np.ndarray:
+        return self._evaluated(self._kind.rows, "rows(q)", self._shape, at.q)
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        rows = self._kind.rows_dot(state.q, state.v)
-        return checked_rows(rows, self._shape, "rows_dot(q, v) of a Pfaffian constraint")
+    def jacobian_dot(self, at: Motion) -> np.ndarray:
+        return self._evaluated(self._kind.rows_dot, "rows_dot(q, v)", self._shape, at.q, at.v)
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        drift = self.jacobian_dot(state) @ state.v
-        return drift - self.rate_dot(state) if self.affine else drift
+    def drift(self, at: Motion) -> np.ndarray:
+        drift = apply(self.jacobian_dot(at), at.v)
+        return drift - self.rate_dot(at) if self.affine else drift
 
-    def rate(self, state: Kinematics) -> np.ndarray:
+    def rate(self, at: Position) -> np.ndarray:
         if self._kind.rate is None:
-            return super().rate(state)
-        return checked_rows(self._kind.rate(state.q), self._shape[:1], "rate(q) of a Pfaffian constraint")
+            return super().rate(at)
+        return self._evaluated(self._kind.rate, "rate(q)", self._shape[:1], at.q)
 
-    def rate_dot(self, state: Kinematics) -> np.ndarray:
+    def rate_dot(self, at: Motion) -> np.ndarray:
         if self._kind.rate_dot is None:
-            return super().rate_dot(state)
-        values = self._kind.rate_dot(state.q, state.v)
-        return checked_rows(values, self._shape[:1], "rate_dot(q, v) of a Pfaffian constraint")
+            return self._zeros(at)
+        return self._evaluated(self._kind.rate_dot, "rate_dot(q, v)", self._shape[:1], at.q, at.v)
 
-    def residual(self, state: Kinematics) -> np.ndarray:
+    def residual(self, at: Position) -> np.ndarray:
         if self._kind.residual is None:
-            return super().residual(state)
-        return checked_rows(self._kind.residual(state.q), self._shape[:1], "residual(q) of a Pfaffian constraint")
+            return super().residual(at)
+        return self._evaluated(self._kind.residual, "residual(q)", self._shape[:1], at.q)
+
+    def _evaluated(
+        self, function: Callable[..., object], what: str, shape: tuple[int, ...], *arrays: np.ndarray
+    ) -> np.ndarray:
+        def checked(*state: np.ndarray) -> np.ndarray:
+            return checked_rows(function(*state), shape, f"{what} of a Pfaffian constraint")
+
+        return over_states(checked, shape, *arrays)

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -47,29 +48,28 @@ class _RollingBallRows(Rows):
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
         self.units = ("m/s",) * 3
         self._frame = robot.frame_id(kind.frame)
-        self._radius = kind.radius
-        # Velocity of the contact = that of the centre + this matrix times the angular velocity.
-        self._lever = pin.skew(np.array([0.0, 0.0, kind.radius]))
+        self.joints = (robot.model.frames[self._frame].parentJoint,)
+        self._below = np.array([0.0, 0.0, kind.radius])
+        # Velocity of the contact, from that of the centre and the angular velocity.
+        self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        jacobian = state.jacobian(self._frame)
-        return jacobian[:3] + self._lever @ jacobian[3:]
+    def jacobian(self, at: Position) -> np.ndarray:
+        return self._contact @ at.jacobian(self._frame)
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        jacobian_dot = state.jacobian_dot(self._frame)
-        return jacobian_dot[:3] + self._lever @ jacobian_dot[3:]
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        return self._contact @ at.jacobian_dot(self._frame)
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        acceleration = state.acceleration(self._frame)
-        return acceleration.linear + self._lever @ acceleration.angular
+    def drift(self, at: Motion) -> np.ndarray:
+        return apply(self._contact, at.acceleration(self._frame))
 
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        motion = state.frame_gradients(self._frame)
-        return motion.acceleration + self._lever @ motion.angular_acceleration
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        motion = at.frame_gradients(self._frame)
+        return self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
 
-    def residual(self, state: Kinematics) -> np.ndarray:
-        return np.array([0.0, 0.0, state.placement(self._frame).translation[2] - self._radius])
+    def residual(self, at: Position) -> np.ndarray:
+        return (at.placement(self._frame).translation - self._below) * [0.0, 0.0, 1.0]
 
-    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = state.placement(self._frame).translation - np.array([0.0, 0.0, self._radius])
-        return np.tile(contact, (3, 1)), np.eye(3)
+    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        contact = (at.placement(self._frame).translation - self._below)[..., None, :]
+        shape = (*contact.shape[:-2], 3, 3)
+        return np.broadcast_to(contact, shape), np.broadcast_to(np.eye(3), shape)

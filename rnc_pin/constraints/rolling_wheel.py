@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.errors import ConstraintError
+from rnc_pin.math.components import Component, components, cross, packed, packed_vector
+from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.kinematics import OWN_AXES, Gradients, Kinematics, Motion, Position, Rates
+from rnc_pin.model.rows import Rows, refuse_undefined
 from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
@@ -51,6 +52,16 @@ class RollingWheel:
 class RollingRows(Rows):
     """The rows of a wheel bound to a robot.
 
+    With the axle a = (x, y, z) and s the length of its horizontal part, the wheel heads along ``h = (y, -x, 0) / s``,
+    ``c = (x, y, 0) / s`` lies across it and u is up; the contact is ``arm = radius (z c - s u)`` from the centre. Of
+    the centre's velocity v and the spin w the material point there moves at ``v + w x arm``, so that the rows are
+
+        rolling   h . v - radius a . w
+        lateral   c . v + radius s h . w
+        vertical  u . v + radius z h . w.
+
+    The directions h and c turn about the vertical at ``turn = w_z - z (x w_x + y w_y) / s^2``.
+
     Attributes:
         wheel: name of the frame; ``frame``: its index.
         radius: [m]. The rows are affine in it, so an estimator sets it on a copy of its own.
@@ -63,106 +74,96 @@ class RollingRows(Rows):
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling", "lateral", "vertical"))
         self.units = ("m/s",) * 3
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
+        self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
         self._axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
-    def contact(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Axle, directions (3, 3) of the rows, centre to contact, and the sine of the axle's tilt."""
-        axle = state.placement(self.frame).rotation @ self._axle
-        x, y, z = axle
-        sine = float(np.hypot(x, y))
-        if sine < _FLAT:
-            raise SingularityError(
-                "a wheel lies flat on the ground", q=state.q.copy(), condition=1 / max(sine, 1e-300), rows=self.names
-            )
-        directions = np.array([[y / sine, -x / sine, 0.0], [x / sine, y / sine, 0.0], [0.0, 0.0, 1.0]])
-        arm = self.radius / sine * np.array([z * x, z * y, z * z - 1.0])
-        return axle, directions, arm, sine
+    def _axis(self, at: Position) -> tuple[Component, Component, Component, Component]:
+        """The axle in the world and the length of its horizontal part."""
+        x, y, z = components(apply(at.placement(self.frame).rotation, self._axle))
+        s = (x * x + y * y) ** 0.5
+        refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
+        return x, y, z, s
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        _, directions, arm, _ = self.contact(state)
-        jacobian = state.jacobian(self.frame)
-        return directions @ (jacobian[:3] - pin.skew(arm) @ jacobian[3:])
-
-    def _contact_rates(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        axle, directions, arm, sine = self.contact(state)
-        velocity = state.velocity(self.frame)
-        spin = velocity.angular
-        axle_dot = pin.skew(spin) @ axle
-        x, y, z = axle
-        dx, dy, dz = axle_dot
-        sine_dot = -z * dz / sine
-        heading_dot = np.array([dy, -dx, 0.0]) / sine - directions[0] * sine_dot / sine
-        across_dot = np.array([dx, dy, 0.0]) / sine - directions[1] * sine_dot / sine
-        directions_dot = np.array([heading_dot, across_dot, np.zeros(3)])
-        arm_dot = self.radius / sine * np.array([dz * x + z * dx, dz * y + z * dy, 2 * z * dz]) - arm * (
-            sine_dot / sine
+    def contact_matrix(self, at: Position) -> np.ndarray:
+        """The rows (..., 3, 6) on velocity of the centre and spin, in world axes."""
+        x, y, z, s = self._axis(at)
+        r, hx, hy = self.radius, y / s, -x / s
+        return packed(
+            [
+                [hx, hy, 0.0, -r * x, -r * y, -r * z],
+                [-hy, hx, 0.0, r * y, -r * x, 0.0],
+                [0.0, 0.0, 1.0, r * z * hx, r * z * hy, 0.0],
+            ]
         )
-        return directions, directions_dot, arm, arm_dot, velocity.linear + pin.skew(spin) @ arm
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        directions, directions_dot, arm, arm_dot, _ = self._contact_rates(state)
-        jacobian, jacobian_dot = state.jacobian(self.frame), state.jacobian_dot(self.frame)
-        contact = jacobian[:3] - pin.skew(arm) @ jacobian[3:]
-        contact_dot = jacobian_dot[:3] - pin.skew(arm) @ jacobian_dot[3:] - pin.skew(arm_dot) @ jacobian[3:]
-        return directions_dot @ contact + directions @ contact_dot
+    def jacobian(self, at: Position) -> np.ndarray:
+        return product(self.contact_matrix(at), at.jacobian(self.frame))
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        directions, directions_dot, arm, arm_dot, slip = self._contact_rates(state)
-        acceleration = state.acceleration(self.frame)
-        spin = state.velocity(self.frame).angular
-        contact = acceleration.linear + pin.skew(acceleration.angular) @ arm + pin.skew(spin) @ arm_dot
-        return directions_dot @ slip + directions @ contact
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        x, y, z, s = self._axis(at)
+        w = components(at.velocity(self.frame)[..., 3:])
+        dx, dy, dz = cross(w, (x, y, z))
+        r, hx, hy, turn = self.radius, y / s, -x / s, w[2] - z * (x * w[0] + y * w[1]) / (s * s)
+        rate = packed(
+            [
+                [-turn * hy, turn * hx, 0.0, -r * dx, -r * dy, -r * dz],
+                [-turn * hx, -turn * hy, 0.0, r * dy, -r * dx, 0.0],
+                [0.0, 0.0, 0.0, r * (dz * hx - z * turn * hy), r * (dz * hy + z * turn * hx), 0.0],
+            ]
+        )
+        return rate @ at.jacobian(self.frame) + self.contact_matrix(at) @ at.jacobian_dot(self.frame)
 
-    def lines_of_action(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
-        _, directions, arm, _ = self.contact(state)
-        return np.tile(state.placement(self.frame).translation + arm, (3, 1)), directions
+    def drift(self, at: Motion) -> np.ndarray:
+        x, y, z, _ = self._axis(at)
+        velocity, acceleration = components(at.velocity(self.frame)), components(at.acceleration(self.frame))
+        return packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration))
 
-    def residual(self, state: Kinematics) -> np.ndarray:
-        _, _, arm, _ = self.contact(state)
-        return np.array([0.0, 0.0, state.placement(self.frame).translation[2] + arm[2]])
+    def residual(self, at: Position) -> np.ndarray:
+        _, _, _, s = self._axis(at)
+        height = at.placement(self.frame).translation[..., 2] - self.radius * s
+        return np.asarray(height)[..., None] * [0.0, 0.0, 1.0]
 
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        axle = state.placement(self.frame).rotation @ self._axle
+    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        x, y, z, s = self._axis(at)
+        directions = self.contact_matrix(at)[..., :3]
+        arm = packed_vector([self.radius * z * x / s, self.radius * z * y / s, -self.radius * s])
+        contact = at.placement(self.frame).translation + arm
+        return np.broadcast_to(contact[..., None, :], directions.shape), directions
+
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        axle = at.placement(self.frame).rotation @ self._axle
         motion, velocity, acceleration = (
-            state.frame_gradients(self.frame),
-            state.velocity(self.frame),
-            state.acceleration(self.frame),
+            at.frame_gradients(self.frame),
+            at.velocity(self.frame),
+            at.acceleration(self.frame),
         )
         return complex_step(
-            partial(_contact_drift, self.radius),
-            (axle, -pin.skew(axle) @ state.jacobian(self.frame)[3:]),
-            (velocity.linear, motion.velocity),
-            (velocity.angular, motion.spin),
-            (acceleration.linear, motion.acceleration),
-            (acceleration.angular, motion.angular_acceleration),
+            lambda *parts: np.array(_drift(self.radius, *parts)),
+            (axle, -pin.skew(axle) @ at.jacobian(self.frame)[3:]),
+            (velocity, np.vstack([motion.velocity, motion.spin])),
+            (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
 
 
-def _contact_drift(
-    radius: float,
-    axle: np.ndarray,
-    velocity: np.ndarray,
-    spin: np.ndarray,
-    acceleration: np.ndarray,
-    angular_acceleration: np.ndarray,
-) -> np.ndarray:
-    """What ``drift`` gives, as one formula of the wheel's motion."""
-    up = np.array([0.0, 0.0, 1.0])
-    axle_rate = np.cross(spin, axle)
-    z, z_rate = axle[2], axle_rate[2]
-    sine = np.sqrt(1 - z * z)
-    sine_rate = -z * z_rate / sine
-    heading, across = np.cross(axle, up) / sine, (axle - z * up) / sine
-    heading_rate = (np.cross(axle_rate, up) - sine_rate * heading) / sine
-    across_rate = (axle_rate - z_rate * up - sine_rate * across) / sine
-    arm = radius * (z * across - sine * up)
-    arm_rate = radius * (z_rate * across + z * across_rate - sine_rate * up)
-    slip = velocity + np.cross(spin, arm)
-    slip_rate = acceleration + np.cross(angular_acceleration, arm) + np.cross(spin, arm_rate)
-    return np.array(
-        [heading.dot(slip_rate) + heading_rate.dot(slip), across.dot(slip_rate) + across_rate.dot(slip), slip_rate[2]]
-    )
+def _drift(
+    radius: float, axle: Sequence[Component], velocity: Sequence[Component], acceleration: Sequence[Component]
+) -> list[Component]:
+    """Rates of the three rows at zero ``vdot``, from the motion of centre (0 to 2) and spin (3 to 5)."""
+    x, y, z = axle
+    vx, vy, _, wx, wy, wz = velocity
+    ax, ay, az, bx, by, bz = acceleration
+    square = x * x + y * y
+    s = square**0.5
+    turn = wz - z * (x * wx + y * wy) / square
+    dx, dy = wy * z - wz * y, wz * x - wx * z  # the axle turns with the spin
+    h_v, c_v = (y * vx - x * vy) / s, (x * vx + y * vy) / s
+    h_w, c_w, h_b = (y * wx - x * wy) / s, (x * wx + y * wy) / s, (y * bx - x * by) / s
+    return [
+        turn * c_v + (y * ax - x * ay) / s - radius * (x * bx + y * by + z * bz),
+        -turn * h_v + (x * ax + y * ay) / s + radius * (y * bx - x * by + dy * wx - dx * wy),
+        az + radius * (s * h_w * h_w + z * turn * c_w + z * h_b),
+    ]
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:
@@ -174,9 +175,8 @@ def _joint_axis(name: str, robot: Robot) -> np.ndarray:
             f"wheel '{name}' hangs on joint '{robot.model.names[frame.parentJoint]}', which has no single axis: "
             "give the axle with axis='x', 'y' or 'z'"
         )
-    data = robot.model.createData()
-    pin.computeJointJacobians(robot.model, data, robot.configuration())
-    axis = pin.getFrameJacobian(robot.model, data, robot.frame_id(name), OWN_AXES)[3:, joint.idx_v]
+    position = Kinematics(robot).position(robot.configuration())
+    axis: np.ndarray = position.jacobian(robot.frame_id(name), OWN_AXES)[3:, joint.idx_v]
     if np.linalg.norm(axis) < 0.5:
         raise ConstraintError(f"wheel '{name}' hangs on a joint that does not turn: give the axle with axis=...")
     return axis

@@ -6,7 +6,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import Command, KinematicController, command_towards
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 
 class ComputedTorque:

@@ -13,8 +13,9 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.model.reduction import ReducedModel
-from rnc_pin.model.rows import RowStack
+from rnc_pin.model.parts import Parts
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 
 
@@ -47,17 +48,26 @@ class EstimatedModel:
     Args:
         reduced: whose outputs and constraints they are.
         model: a copy of its model, to be changed.
-        constraints: its rows, or copies of them to be changed.
+        rows: all its constraint rows, or copies of them to be changed.
         believe: writes parameters (s,) into the copies.
     """
 
     def __init__(
-        self, reduced: ReducedModel, model: pin.Model, constraints: RowStack, believe: Callable[[Array], None]
+        self, reduced: ReducedModel, model: pin.Model, rows: RowStack, believe: Callable[[Array], None]
     ) -> None:
         self._believe = believe
-        self._reduced = ReducedModel(
-            Robot(model), constraints, reduced.actuation, reduced.reducing, reduced.vertical, reduced.singularity_limit
+        known = reduced.parts
+        parts = Parts(
+            Robot(model),
+            rows,
+            known.kept,
+            known.actuation,
+            known.reducing,
+            known.vertical,
+            known.singularity_limit,
+            np.concatenate([known.lengths_of_rows, known.lengths_of_outputs]),
         )
+        self._reduced = ReducedModel(parts, reduced.assembly)
 
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
         """The model for these parameters; the next call changes it."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 Gain = float | np.ndarray
 

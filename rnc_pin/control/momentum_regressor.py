@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel
 from rnc_pin.errors import ConfigurationError, ModelError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
 
@@ -86,7 +86,7 @@ class MomentumRegressor:
                 model.inertias[joint] = self.inertia(index, float(value))
 
         believe(np.ones(len(self.names)))
-        return EstimatedModel(reduced, model, reduced.constraints, believe)
+        return EstimatedModel(reduced, model, reduced.all_constraints, believe)
 
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
@@ -99,7 +99,7 @@ class MomentumRegressor:
             velocity = self._jacobians.v[joint]
             # A body's momentum is its regressor at velocity 0 and "acceleration" v, times its parameters.
             momentum = pin.bodyRegressor(pin.Motion.Zero(), velocity) @ unit
-            jacobian = pin.getJointJacobian(model, self._jacobians, joint, pin.ReferenceFrame.LOCAL)
+            jacobian = pin.getJointJacobian(model, self._jacobians, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
             Y[:, column] = jacobian[:, rows].T @ momentum
         others = v.copy()
         others[rows] = 0.0

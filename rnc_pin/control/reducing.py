@@ -7,7 +7,7 @@ import numpy as np
 from rnc_pin.control.comparison import compare
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
 
 

@@ -17,7 +17,7 @@ from rnc_pin.control.protocol import check_size
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
 
@@ -127,18 +127,10 @@ class JointLimits:
         over = np.maximum(q - self._begin_high, 0.0) / self._zone
         under = np.maximum(self._begin_low - q, 0.0) / self._zone
         gradient, hessian = (over**2 - under**2) / self._zone, 2.0 * (over + under) / self._zone**2
-        R, R_dot = self._basis_rate(measurement.q, measurement.v)
+        R, R_dot = self._reduced.basis_rate(measurement.q, measurement.v)
         J, J_dot = (each[..., self._v, :][..., self._redundant] for each in (R, R_dot))
         z_dot = apply_transposed(J_dot, gradient) + apply_transposed(J, hessian * v)
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
-
-    def _basis_rate(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if q.ndim == 1:
-            return self._reduced.basis_rate(q, v)
-        pairs = zip(q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), strict=True)
-        each = zip(*(self._reduced.basis_rate(q_i, v_i) for q_i, v_i in pairs), strict=True)
-        R, R_dot = (np.stack(some).reshape(*v.shape, self._reduced.r) for some in each)
-        return R, R_dot
 
 
 class SingularityDistance:
@@ -169,8 +161,7 @@ class SingularityDistance:
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """dw/dx22 (..., r2) at configurations (..., nq)."""
         reduced, task = self._reduced, self._task
-        still = np.zeros((*q.shape[:-1], reduced.r))
-        A4 = reduced.measure(q, still).A_star[..., task.vertical, :][..., task.redundant]
+        A4 = reduced.at(q).A_star[..., task.vertical, :][..., task.redundant]
         along = reduced.kinematic_gradient(q, task.redundant)[..., task.vertical, :, :][..., task.redundant, :]
         try:
             weights = np.linalg.solve(A4 @ A4.mT, A4)

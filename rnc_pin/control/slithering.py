@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import ReferencePoint
 

@@ -14,7 +14,7 @@ from rnc_pin.control.protocol import VelocityTarget, elapsed_time
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 
 
 class EstimatorState(NamedTuple):

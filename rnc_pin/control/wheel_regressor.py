@@ -15,8 +15,8 @@ from rnc_pin.constraints import RollingRows
 from rnc_pin.control.estimation import EstimatedModel
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.reduction import ReducedModel
-from rnc_pin.model.rows import RowStack
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 6
@@ -97,8 +97,8 @@ class WheelRegressor:
         self.units = ("m",) * len(self.names)
         robot = reduced.robot
         found = {
-            block.wheel: (block, selection or list(range(len(block.names))))
-            for block, _, selection in reduced.constraints.places
+            block.wheel: (block, list(range(len(block.names)))[rows] if isinstance(rows, slice) else rows)
+            for block, _, rows in reduced.constraints.places
             if isinstance(block, RollingRows)
         }
         radii: dict[str, int] = {}
@@ -109,7 +109,7 @@ class WheelRegressor:
                 radii |= dict.fromkeys(each.wheels, column)
             else:
                 tracks |= {wheel: (column, axle) for wheel, axle in _axles(robot, *each.wheels).items()}
-        self._state = Kinematics(robot)
+        self._kinematics = Kinematics(robot)
         self._unknown = [
             _Wheel(copy(rows), kept, radii.get(wheel), *tracks.get(wheel, (None, None)))
             for wheel, (rows, kept) in found.items()
@@ -155,24 +155,22 @@ class WheelRegressor:
         Raises:
             SingularityError: a wheel lies flat.
         """
-        state = self._state
-        state.set_velocity(q, v)
+        motion = self._kinematics.position(q).moving(v)
         size = sum(len(wheel.kept) for wheel in self._wheels)
         y, Y, start = np.empty(size), np.zeros((size, len(self.names))), 0
         for rows, kept, radius, track, axle in self._wheels:
             place = slice(start, start + len(kept))
             start = place.stop
-            _, directions, arm, _ = rows.contact(state)
-            directions = directions[kept]
-            wheel = state.velocity(rows.frame)
-            rolling = directions @ (pin.skew(wheel.angular) @ arm)
+            contact, wheel = rows.contact_matrix(motion)[kept], motion.velocity(rows.frame)
+            directions = contact[:, :3]
+            rolling = contact[:, 3:] @ wheel[3:]
             if axle is None:
-                known = directions @ wheel.linear
+                known = directions @ wheel[:3]
             else:
-                body, placement = state.data.v[axle.carrier], state.data.oMi[axle.carrier]
-                turning = pin.skew(body.angular)
-                into_rows = directions @ placement.rotation
-                known = into_rows @ (body.linear + turning @ axle.middle)
+                body, rotation = motion.joint_velocity(axle.carrier), motion.joint_placement(axle.carrier).rotation
+                turning = pin.skew(body[3:])
+                into_rows = directions @ rotation
+                known = into_rows @ (body[:3] + turning @ axle.middle)
                 Y[place, track] = into_rows @ (turning @ axle.side)
             if radius is None:
                 known = known + rolling
@@ -184,10 +182,9 @@ class WheelRegressor:
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
         """A model whose wheels have the estimated radii and stand the estimated tracks apart."""
         model = reduced.robot.model.copy()
-        blocks, kept = [], []
-        for block, _, selection in reduced.constraints.places:
-            blocks.append(copy(block) if isinstance(block, RollingRows) else block)
-            kept.append(selection or list(range(len(block.names))))
+        blocks = [
+            copy(block) if isinstance(block, RollingRows) else block for block, *_ in reduced.all_constraints.places
+        ]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.track, wheel.axle) for wheel in self._unknown]
 
@@ -201,7 +198,7 @@ class WheelRegressor:
                     model.jointPlacements[axle.joint] = pin.SE3(place.rotation, origin)
 
         believe(np.ones(len(self.names)))
-        return EstimatedModel(reduced, model, RowStack(blocks, kept), believe)
+        return EstimatedModel(reduced, model, RowStack(blocks), believe)
 
 
 def _kind(each: UnknownRadius | UnknownTrack) -> str:
@@ -242,5 +239,7 @@ def _turns_about(robot: Robot, joint: int, point: np.ndarray) -> bool:
         return False
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.joints[joint].idx_v]
+    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[
+        :, model.joints[joint].idx_v
+    ]
     return bool(np.linalg.norm(column[:3] + np.cross(column[3:], point)) < 1e-9)

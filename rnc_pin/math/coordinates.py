@@ -97,10 +97,16 @@ class Coordinates:
             velocity[triple] = J @ velocity[triple]
         return velocity, acceleration
 
-    def unwrap(self, series: np.ndarray) -> np.ndarray:
-        """A record (N, k) without jumps: angles go on past a half turn, and so do rotation vectors."""
+    def unwrap(self, series: np.ndarray, about: np.ndarray) -> np.ndarray:
+        """A record (N, k) without jumps: angles go on past a half turn, and so do rotation vectors.
+
+        Args:
+            series: the record.
+            about: roughly where the values should be (N, k), by their rates: full turns between two samples show there.
+        """
         smooth = np.array(series)
-        smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
+        turns = np.round((about - smooth)[:, self.angular] / (2 * np.pi))
+        smooth[:, self.angular] += 2 * np.pi * turns
         for triple in self._triples:
             column = smooth[:, triple]
             for previous, vector in pairwise(column):

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.kinematics import OWN_AXES, Position, Rates, over_states
 from rnc_pin.model.rows import checked_rows
 from rnc_pin.robots.robot import Robot
 
@@ -71,6 +71,7 @@ class Actuation:
         else:
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
+        self.joints = tuple({robot.model.frames[frame].parentJoint for _, frame, _ in self._frames})
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
@@ -118,22 +119,28 @@ class Actuation:
         """B (nv, p) where it does not depend on the configuration."""
         return None if self._function is not None or self._frames else self._constant
 
-    def matrix(self, state: Kinematics) -> np.ndarray:
-        """B(q), (nv, p). Needs ``set_position``."""
+    def matrix(self, at: Position) -> np.ndarray:
+        """B(q), (..., nv, p)."""
+        shape = self._constant.shape
         if self._function is not None:
-            return checked_rows(self._function(state.q), self._constant.shape, "actuation matrix B(q)")
+            return over_states(self._called, shape, at.q)
         if not self._frames:
-            return self._constant
-        matrix = self._constant.copy()
+            return self._constant if at.q.ndim == 1 else np.broadcast_to(self._constant, (*at.q.shape[:-1], *shape))
+        matrix = np.empty((*at.q.shape[:-1], *shape))
+        matrix[...] = self._constant
         for column, frame, row in self._frames:
-            matrix[:, column] = state.jacobian(frame, OWN_AXES)[row]
+            matrix[..., column] = at.jacobian(frame, OWN_AXES)[..., row, :]
         return matrix
 
-    def matrix_rate(self, state: Kinematics) -> np.ndarray | None:
-        """Rate of B along v, (nv, p); None for a user's function, whose rate nobody gave. Needs ``set_rates``."""
+    def _called(self, q: np.ndarray) -> np.ndarray:
+        assert self._function is not None
+        return checked_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
+
+    def matrix_rate(self, at: Rates) -> np.ndarray | None:
+        """Rate of B along v, (..., nv, p); None for a user's function, whose rate nobody gave."""
         if self._function is not None:
             return None
-        rate = np.zeros_like(self._constant)
+        rate = np.zeros((*at.q.shape[:-1], *self._constant.shape))
         for column, frame, row in self._frames:
-            rate[:, column] = state.jacobian_dot(frame, OWN_AXES)[row]
+            rate[..., column] = at.jacobian_dot(frame, OWN_AXES)[..., row, :]
         return rate

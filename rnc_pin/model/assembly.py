@@ -9,7 +9,7 @@ import pinocchio as pin
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics, Position
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -39,7 +39,7 @@ class Assembly:
 
     def __init__(self, robot: Robot, blocks: Sequence[Rows]) -> None:
         self.robot = robot
-        self._state = Kinematics(robot)
+        self._kinematics = Kinematics(robot, {joint for block in blocks for joint in block.joints})
         self._places: list[tuple[Rows, list[int]]] = []
         for block in blocks:
             rows = [row for row, flag in enumerate(block.holonomic) if flag]
@@ -51,11 +51,13 @@ class Assembly:
         self.size = len(self.names)
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """How far a configuration (nq,) is from satisfying the rows, (h,) [m or rad]."""
+        """How far configurations (..., nq) are from satisfying the rows, (..., h) [m or rad]."""
         if not self._places:
-            return np.zeros(0)
-        self._state.set_position(q)
-        return np.concatenate([block.residual(self._state)[rows] for block, rows in self._places])
+            return np.zeros((*q.shape[:-1], 0))
+        return self._residual(self._kinematics.position(q))
+
+    def _residual(self, at: Position) -> np.ndarray:
+        return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
 
     def worst(self, q: np.ndarray) -> tuple[str, float]:
         """The row that is violated most, and by how much."""
@@ -84,21 +86,22 @@ class Assembly:
         free = np.ones(self.robot.nv, dtype=bool)
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        residual = self.residual(q)
+        here = self._kinematics.position(q)
+        residual = self._residual(here)
         for _ in range(_STEPS):
             if np.abs(residual).max() <= _EXACT:
                 break
-            step = self._step(residual, free)
+            step = self._step(here, residual, free)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
             for _ in range(_HALVINGS):
-                ahead = pin.integrate(self.robot.model, q, step)
-                left = self.residual(ahead)
+                ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step))
+                left = self._residual(ahead)
                 if np.linalg.norm(left) < np.linalg.norm(residual):
                     break
                 step = 0.5 * step
             else:
                 break
-            q, residual = ahead, left
+            here, q, residual = ahead, ahead.q, left
         if not np.abs(residual).max() <= _GOOD:
             row = int(np.argmax(np.abs(residual)))
             raise ConstraintError(
@@ -121,11 +124,9 @@ class Assembly:
                 failure = error
         raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations: {failure}")
 
-    def _step(self, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """At the configuration of the last ``residual``."""
-        state = self._state
-        rows = np.concatenate([block.jacobian(state)[chosen] for block, chosen in self._places])[:, free]
-        factor = np.linalg.cholesky(state.M[np.ix_(free, free)])
+    def _step(self, at: Position, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
+        rows = np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])[:, free]
+        factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
         scaled = scipy.linalg.solve_triangular(factor, rows.T, lower=True).T  # A L^-T
         reduced = np.linalg.lstsq(scaled, -residual, rcond=_DEPENDENT)[0]
         step = np.zeros(len(free))
@@ -136,9 +137,9 @@ class Assembly:
         """Rows that are not zero everywhere."""
         generator, largest = np.random.default_rng(0), np.zeros(len(rows))
         for _ in range(_SAMPLES):
-            self._state.set_position(self.robot.random_configuration(generator))
+            position = self._kinematics.position(self.robot.random_configuration(generator))
             try:
-                largest = np.maximum(largest, np.abs(block.jacobian(self._state)[rows]).max(axis=1))
+                largest = np.maximum(largest, np.abs(block.jacobian(position)[rows]).max(axis=1))
             except SingularityError:
                 continue
         return [row for row, size in zip(rows, largest, strict=True) if size > 1e-12]

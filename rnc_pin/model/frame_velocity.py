@@ -1,11 +1,16 @@
-"""A frame's velocity along its own axes: knife edges, forward speeds and forces on a frame share it."""
+"""Components of a frame's velocity along fixed axes: knife edges, positions, speeds, spins and forces share them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Gradients, Motion, Position, Rates
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -17,33 +22,36 @@ def axis_index(axis: str) -> int:
     return AXES[axis]
 
 
-class OwnAxisVelocity:
-    """Velocity of a frame's origin along one of its own axes, as one row."""
+class FrameVelocityRows(Rows):
+    """Rows of a frame's Jacobian, in world axes or in the frame's own.
 
-    def __init__(self, frame: int, axis: str) -> None:
-        self._frame = frame
-        self._axis = axis_index(axis)
-        self._row = slice(self._axis, self._axis + 1)
+    Args:
+        robot: whose frame it is.
+        frame: its name.
+        rows: which of the six (linear x, y, z, angular x, y, z).
+        axes: along which the components are taken.
+    """
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return state.jacobian(self._frame, OWN_AXES)[self._row]
+    def __init__(self, robot: Robot, frame: str, rows: Sequence[int], axes: pin.ReferenceFrame = WORLD_AXES) -> None:
+        self._frame, self._axes = robot.frame_id(frame), axes
+        self.joints = (robot.model.frames[self._frame].parentJoint,)
+        self.units = tuple("m/s" if row < 3 else "rad/s" for row in rows)
+        chosen = list(rows)
+        following = chosen == list(range(chosen[0], chosen[0] + len(chosen)))
+        # A slice is a view, not a copy, on the hot path.
+        self._rows: slice | list[int] = slice(chosen[0], chosen[-1] + 1) if following else chosen
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return state.jacobian_dot(self._frame, OWN_AXES)[self._row]
+    def jacobian(self, at: Position) -> np.ndarray:
+        return at.jacobian(self._frame, self._axes)[..., self._rows, :]
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return state.own_acceleration(self._frame).linear[self._row]
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        return at.jacobian_dot(self._frame, self._axes)[..., self._rows, :]
 
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        return state.own_acceleration_gradient(self._frame)[self._row]
+    def drift(self, at: Motion) -> np.ndarray:
+        return at.acceleration(self._frame, self._axes)[..., self._rows]
 
-
-class OwnAxisSpin(OwnAxisVelocity):
-    """Angular velocity of a frame about one of its own axes, as one row."""
-
-    def __init__(self, frame: int, axis: str) -> None:
-        super().__init__(frame, axis)
-        self._row = slice(self._axis + 3, self._axis + 4)
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return state.own_acceleration(self._frame).angular[self._axis : self._axis + 1]
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        if self._axes is OWN_AXES:
+            return at.own_acceleration_gradient(self._frame)[self._rows]
+        motion = at.frame_gradients(self._frame)
+        return np.vstack([motion.acceleration, motion.angular_acceleration])[self._rows]

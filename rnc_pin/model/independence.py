@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import unit_rows
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
+_WELL = 1e-3  # smallest singular value of a set of unit rows that is good enough to be kept in the order given
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,11 @@ class DroppedRow:
 def select_independent(
     samples: np.ndarray, names: Sequence[str], rates: np.ndarray | None = None
 ) -> tuple[list[int], list[DroppedRow]]:
-    """A set of rows that is independent and complete at every sample.
+    """A set of rows that is independent and complete at every sample, if there is one.
 
-    Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the
-    rows does not give such a set, column-pivoted QR of ``A^T`` proposes others.
+    Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the rows does not give
+    such a set, column-pivoted QR of ``A^T`` proposes others. Where no set serves everywhere it is the best one, and an
+    evaluation chooses others where it has to.
 
     Args:
         samples: the rows at several configurations, (samples, k, nv).
@@ -36,8 +38,8 @@ def select_independent(
         rates: what ``A v`` has to be, (samples, k), where that is not zero.
 
     Raises:
-        ConstraintError: the rank is not the same at every sample, no such set was found, or a row that depends on
-            others demands another velocity than they do.
+        ConstraintError: the rank is not the same at every sample, or a row that depends on others demands another
+            velocity than they do.
     """
     scale = np.abs(samples).max(initial=0.0)
     matrices = unit_rows(np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0))
@@ -48,19 +50,35 @@ def select_independent(
             f"of {len(names)} rows ({', '.join(names)}): the reduction needs a constant one"
         )
     rank = ranks[0] if ranks else 0
-    candidates = [_greedy(matrix, rank) for matrix in matrices]
-    candidates += [sorted(scipy.linalg.qr(matrix.T, pivoting=True)[2][:rank]) for matrix in matrices if rank]
-    for kept in candidates:
-        if len(kept) == rank and all(_rank(matrix[kept]) == rank for matrix in matrices):
-            dropped = [
-                DroppedRow(names[row], _reason(row, kept, matrices, names))
-                for row in range(len(names))
-                if row not in kept
-            ]
-            if rates is not None:
-                _refuse_contradiction(samples, rates, kept, names)
-            return [int(row) for row in kept], dropped
-    raise ConstraintError(f"no {rank} rows of {', '.join(names)} are independent at every configuration")
+    kept = _choose(matrices, rank)
+    if rates is not None:
+        _refuse_contradiction(samples, rates, kept, names)
+    others = [row for row in range(len(names)) if row not in kept]
+    return kept, [DroppedRow(names[row], _reason(row, kept, matrices, names)) for row in others]
+
+
+def _choose(matrices: np.ndarray, rank: int) -> list[int]:
+    """The first set of rows that is well independent at every sample, or the one that is best at its worst sample."""
+    best: list[int] = []
+    margin = -1.0
+    for kept in _candidates(matrices, rank):
+        worst = min((_smallest(matrix[kept]) for matrix in matrices), default=1.0)
+        if worst > margin:
+            best, margin = kept, worst
+        if worst > _WELL:
+            break
+    return best
+
+
+def _candidates(matrices: np.ndarray, rank: int) -> Iterator[list[int]]:
+    for matrix in matrices:
+        yield _greedy(matrix, rank)
+    for matrix in matrices if rank else ():
+        yield sorted(scipy.linalg.qr(matrix.T, pivoting=True)[2][:rank].tolist())
+
+
+def _smallest(matrix: np.ndarray) -> float:
+    return float(np.linalg.svd(matrix, compute_uv=False)[-1]) if len(matrix) else 1.0
 
 
 def _refuse_contradiction(samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> None:

@@ -1,16 +1,284 @@
-"""One model, one data: what Pinocchio computes at a state, for the rows of constraints and outputs to read."""
+"""The one place where Pinocchio runs for rows and dynamics: from states to arrays over leading axes.
+
+What has been computed at a state is a type. ``Position`` has placements, Jacobians and the inertia matrix; ``Motion``
+adds velocities, accelerations at zero ``vdot`` and the nonlinear effects; ``Rates`` adds time variations of Jacobians
+and the Coriolis matrix. A formula that asks for one of them can read what that one has, and no more.
+
+    position = kinematics.position(q)         # q (..., nq)
+    motion = position.moving(v)               # v (..., nv)
+    rates = motion.rates()
+
+A single state reads frames straight from Pinocchio's workspace. Many states go through it once in a loop that keeps
+whole blocks, ``data.J`` and ``data.dJ`` with the columns of every frame; frames follow by array algebra. ``frame`` is
+an index; "world axes" are axes parallel to the world's at the frame's own origin.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.once import once
 from rnc_pin.robots.robot import Robot
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
+
+_LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
+
+
+class Placement(NamedTuple):
+    """Where a frame is in the world."""
+
+    rotation: np.ndarray
+    """(..., 3, 3)"""
+    translation: np.ndarray
+    """(..., 3) [m]"""
+
+
+class Position(ABC):
+    """What is known at configurations.
+
+    Attributes:
+        q: (..., nq).
+        M: inertia matrices H* (..., nv, nv).
+    """
+
+    q: np.ndarray
+    M: np.ndarray
+
+    @abstractmethod
+    def placement(self, frame: int) -> Placement:
+        """Placement of a frame in the world."""
+
+    @abstractmethod
+    def joint_placement(self, joint: int) -> Placement:
+        """Placement of the frame that moves with a joint."""
+
+    @abstractmethod
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        """Frame Jacobian (..., 6, nv): linear rows first, about the frame's origin."""
+
+    @abstractmethod
+    def moving(self, v: np.ndarray) -> Motion:
+        """The same configurations with velocities (..., nv)."""
+
+
+class Motion(Position):
+    """What is known at configurations and velocities.
+
+    Attributes:
+        v: (..., nv).
+        bias: nonlinear effects ``C* v + g*``, (..., nv).
+    """
+
+    v: np.ndarray
+    bias: np.ndarray
+
+    @abstractmethod
+    def velocity(self, frame: int) -> np.ndarray:
+        """Velocity of a frame's origin and angular velocity, (..., 6), in world axes."""
+
+    @abstractmethod
+    def joint_velocity(self, joint: int) -> np.ndarray:
+        """Spatial velocity (..., 6) of the body that moves with a joint, in its own axes."""
+
+    @abstractmethod
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        """Rate (..., 6) of the components of the frame's velocity along these axes, at zero ``vdot``."""
+
+    @abstractmethod
+    def rates(self) -> Rates:
+        """The same states with the rates of what depends on the configuration."""
+
+
+class Rates(Motion):
+    """What is known of rates along the velocity.
+
+    Attributes:
+        C: Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``.
+    """
+
+    C: np.ndarray
+
+    @abstractmethod
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        """Time derivative of ``jacobian``, (..., 6, nv)."""
+
+
+class Kinematics:
+    """One model and Pinocchio's workspace for it; serves one thread at a time.
+
+    Args:
+        robot: the robot.
+        joints: whose placements are asked for at many states.
+    """
+
+    def __init__(self, robot: Robot, joints: Iterable[int] = ()) -> None:
+        self.model, self.data = robot.model, robot.model.createData()
+        self.nq, self.nv = robot.nq, robot.nv
+        self.zero = np.zeros(robot.nv)
+        self.joints = tuple(sorted({*joints} - {0}))
+        # Views of Pinocchio's own memory: each call renews what they show.
+        self.J, self.dJ = (self.by_columns(block) for block in (self.data.J, self.data.dJ))
+        places = {joint: self.data.oMi[joint] for joint in range(robot.model.njoints)}
+        self.places = {joint: Placement(place.rotation, place.translation) for joint, place in places.items()}
+        # The arrays at which the workspace stands; who finds another one there sets it again.
+        self._q: np.ndarray | None = None
+        self._v: np.ndarray | None = None
+        self._rated: np.ndarray | None = None
+        self._graded: np.ndarray | None = None
+
+    def gradients(self, q: np.ndarray, v: np.ndarray) -> Gradients:
+        """One state (nq,), (nv,), with its derivatives."""
+        return Gradients(_OneMotion(_OnePosition(self, q), v))
+
+    def position(self, q: np.ndarray) -> Position:
+        """What is known at configurations (..., nq)."""
+        return _OnePosition(self, q) if q.ndim == 1 else _ManyPositions(self, q)
+
+    # ------------------------------------------------------------------ where the workspace stands
+
+    def stand_at(self, q: np.ndarray) -> None:
+        """Placements and joint Jacobians at q (nq,)."""
+        if self._q is not q:
+            pin.computeJointJacobians(self.model, self.data, q)
+            self._stands(q)
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """The inertia matrix (nv, nv); in this convention it comes with placements and joint Jacobians."""
+        M = pin.crba(self.model, self.data, q, pin.Convention.WORLD)
+        self._stands(q)
+        return M
+
+    def move_at(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Velocities and accelerations too, at v (nv,)."""
+        self.stand_at(q)
+        if self._v is not v:
+            pin.forwardKinematics(self.model, self.data, q, v, self.zero)
+            self._v = v
+
+    def rate_at(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Time variations of joint Jacobians too."""
+        self.move_at(q, v)
+        if self._rated is not v:
+            pin.computeJointJacobiansTimeVariation(self.model, self.data, q, v)
+            self._rated = v
+
+    def differentiate_at(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Derivatives of velocities and accelerations with respect to q too."""
+        self.move_at(q, v)
+        if self._graded is not v:
+            pin.computeForwardKinematicsDerivatives(self.model, self.data, q, v, self.zero)
+            self._graded = v
+
+    def nonlinear_effects(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """``C* v + g*``, (nv,)."""
+        self._v = self._rated = self._graded = None  # it writes velocities of its own
+        return pin.nonLinearEffects(self.model, self.data, q, v)
+
+    def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The Coriolis matrix (nv, nv)."""
+        self.leave()
+        return pin.computeCoriolisMatrix(self.model, self.data, q, v)
+
+    def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
+        """Potential energy (...) at configurations (..., nq) [J]."""
+        self.leave()
+        energy = over_states(partial(pin.computePotentialEnergy, self.model, self.data), (), q)
+        return energy if q.ndim > 1 else float(energy)
+
+    def leave(self) -> None:
+        """Forget where the workspace stands, before it is moved in another way."""
+        self._q = self._v = self._rated = self._graded = None
+
+    def _stands(self, q: np.ndarray) -> None:
+        self._q = q
+        self._v = self._rated = self._graded = None
+
+    def by_columns(self, matrix: np.ndarray) -> np.ndarray:
+        """Pinocchio's (6, nv), which is (6,) for a robot with one degree of freedom."""
+        return matrix.reshape(6, self.nv) if self.nv == 1 else matrix
+
+    def frame(self, frame: int) -> tuple[int, pin.SE3]:
+        """The joint that carries a frame, and where on it."""
+        found = self.model.frames[frame]
+        return found.parentJoint, found.placement
+
+
+# ---------------------------------------------------------------------- one state
+
+
+class _OnePosition(Position):
+    def __init__(self, kinematics: Kinematics, q: np.ndarray) -> None:
+        self._at, self.q = kinematics, q
+        self.M = kinematics.inertia(q)
+
+    def placement(self, frame: int) -> Placement:
+        at = self._at
+        at.stand_at(self.q)
+        place = pin.updateFramePlacement(at.model, at.data, frame)
+        return Placement(place.rotation, place.translation)
+
+    def joint_placement(self, joint: int) -> Placement:
+        self._at.stand_at(self.q)
+        place = self._at.places[joint]
+        return Placement(place.rotation.copy(), place.translation.copy())
+
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        at = self._at
+        at.stand_at(self.q)
+        jacobian = pin.getFrameJacobian(at.model, at.data, frame, axes)
+        return jacobian if at.nv > 1 else at.by_columns(jacobian)
+
+    def moving(self, v: np.ndarray) -> Motion:
+        return _OneMotion(self, v)
+
+
+class _OneMotion(_OnePosition, Motion):
+    def __init__(self, position: _OnePosition, v: np.ndarray) -> None:
+        at = self._at = position._at
+        self.q, self.M, self.v = position.q, position.M, v
+        self.bias = at.nonlinear_effects(self.q, v)
+
+    def velocity(self, frame: int) -> np.ndarray:
+        at = self._at
+        at.move_at(self.q, self.v)
+        return pin.getFrameVelocity(at.model, at.data, frame, WORLD_AXES).vector
+
+    def joint_velocity(self, joint: int) -> np.ndarray:
+        self._at.move_at(self.q, self.v)
+        return self._at.data.v[joint].vector.copy()
+
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        at = self._at
+        at.move_at(self.q, self.v)
+        getter = pin.getFrameClassicalAcceleration if axes is WORLD_AXES else pin.getFrameAcceleration
+        return getter(at.model, at.data, frame, axes).vector
+
+    def rates(self) -> Rates:
+        return _OneRates(self)
+
+
+class _OneRates(_OneMotion, Rates):
+    def __init__(self, motion: _OneMotion) -> None:
+        self._at = motion._at
+        self.q, self.M, self.v, self.bias = motion.q, motion.M, motion.v, motion.bias
+
+    @once
+    def C(self) -> np.ndarray:
+        return self._at.coriolis(self.q, self.v)
+
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        at = self._at
+        at.rate_at(self.q, self.v)
+        return at.by_columns(pin.getFrameJacobianTimeVariation(at.model, at.data, frame, axes))
 
 
 class FrameGradients(NamedTuple):
@@ -22,62 +290,34 @@ class FrameGradients(NamedTuple):
     angular_acceleration: np.ndarray
 
 
-class Kinematics:
-    """The state at which rows are evaluated, and Pinocchio's workspace at that state.
+class Gradients(_OneRates):
+    """One state with derivatives of velocities and accelerations with respect to q, v fixed and ``vdot`` zero.
 
-    ``set_position`` gives frame placements and Jacobians and the inertia matrix ``M``; ``set_velocity``
-    placements, velocities, accelerations at zero ``vdot`` and ``bias``, the nonlinear effects;
-    ``set_rates`` all of these, time variations of Jacobians and the Coriolis matrix ``C``; ``set_gradients`` also the
-    derivatives of velocities and accelerations with respect to q.
+    Args:
+        motion: the state.
     """
 
-    __slots__ = ("C", "M", "_zero", "bias", "data", "model", "q", "v")
-
-    def __init__(self, robot: Robot) -> None:
-        self.model = robot.model
-        self.data = robot.model.createData()
-        self._zero = np.zeros(robot.nv)
-        self.q = pin.neutral(robot.model)
-        self.v = self._zero
-        self.M = self.C = np.zeros((robot.nv, robot.nv))  # (nv, nv)
-        self.bias = self._zero  # (nv,)
-
-    def set_position(self, q: np.ndarray) -> None:
-        self.q = q
-        pin.computeJointJacobians(self.model, self.data, q)
-        self.M = pin.crba(self.model, self.data, q)
-
-    def set_velocity(self, q: np.ndarray, v: np.ndarray) -> None:
-        self.q, self.v = q, v
-        pin.forwardKinematics(self.model, self.data, q, v, self._zero)
-        self.bias = pin.nonLinearEffects(self.model, self.data, q, v)
-
-    def set_rates(self, q: np.ndarray, v: np.ndarray) -> None:
-        self.set_position(q)
-        self.set_velocity(q, v)
-        pin.computeJointJacobiansTimeVariation(self.model, self.data, q, v)
-        self.C = pin.computeCoriolisMatrix(self.model, self.data, q, v)
-
-    def set_gradients(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Prepare ``frame_gradients`` at (q, v) and zero ``vdot``."""
-        self.set_rates(q, v)
-        pin.computeForwardKinematicsDerivatives(self.model, self.data, q, v, self._zero)
-
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:
-        """Derivative of ``own_acceleration`` with respect to q, (6, nv). Needs ``set_gradients``."""
-        return pin.getFrameAccelerationDerivatives(self.model, self.data, frame, OWN_AXES)[1]
+        """Derivative of the frame's acceleration in its own axes, (6, nv)."""
+        at = self._at
+        at.differentiate_at(self.q, self.v)
+        return at.by_columns(pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[1])
 
     def frame_gradients(self, frame: int) -> FrameGradients:
-        """Derivatives with respect to q, v fixed, of what ``velocity`` and ``acceleration`` give.
+        """Derivatives of what ``velocity`` and ``acceleration`` give in world axes.
 
-        Needs ``set_gradients``. Pinocchio differentiates components along the frame's own axes; turning
-        those into world axes adds the frame's own rotation.
+        Pinocchio differentiates components along the frame's own axes; turning those into world axes adds the frame's
+        own rotation.
         """
+        at = self._at
+        at.differentiate_at(self.q, self.v)
+        model, data = at.model, at.data
         turn = self.placement(frame).rotation
         twist = self.jacobian(frame, OWN_AXES)[3:]  # own rotation for unit motions of the coordinates
-        v = pin.getFrameVelocity(self.model, self.data, frame, OWN_AXES)
-        a = pin.getFrameAcceleration(self.model, self.data, frame, OWN_AXES)
-        v_q, a_q = pin.getFrameAccelerationDerivatives(self.model, self.data, frame, OWN_AXES)[:2]
+        v = pin.getFrameVelocity(model, data, frame, OWN_AXES)
+        a = pin.getFrameAcceleration(model, data, frame, OWN_AXES)
+        found = pin.getFrameAccelerationDerivatives(model, data, frame, OWN_AXES)[:2]
+        v_q, a_q = (at.by_columns(each) for each in found)
         # The acceleration of the origin as a point is that of the frame plus spin x velocity.
         point = a.linear + np.cross(v.angular, v.linear)
         point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
@@ -89,26 +329,153 @@ class Kinematics:
             world(v.linear, v_q[:3]), world(v.angular, v_q[3:]), world(point, point_q), world(a.angular, a_q[3:])
         )
 
-    def placement(self, frame: int) -> pin.SE3:
-        """Placement of a frame in the world."""
-        return pin.updateFramePlacement(self.model, self.data, frame)
+
+# ---------------------------------------------------------------------- many states
+
+
+class _ManyPositions(Position):
+    def __init__(self, kinematics: Kinematics, q: np.ndarray) -> None:
+        at, self.q = kinematics, q
+        self._at = at
+        batch, n = q.shape[:-1], at.nv
+        self.M, self.J = np.empty((*batch, n, n)), np.empty((*batch, 6, n))
+        self._places = {joint: Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3))) for joint in at.joints}
+        M, J = self.M.reshape(-1, n, n), self.J.reshape(-1, 6, n)
+        kept = [
+            (place.rotation.reshape(-1, 3, 3), at.places[joint].rotation) for joint, place in self._places.items()
+        ] + [(place.translation.reshape(-1, 3), at.places[joint].translation) for joint, place in self._places.items()]
+        for i, q_i in enumerate(q.reshape(-1, at.nq)):
+            M[i] = at.inertia(q_i)
+            J[i] = at.J
+            for out, view in kept:
+                out[i] = view
+
+    def joint_placement(self, joint: int) -> Placement:
+        if joint not in self._places:
+            self._places[joint] = self._placed(joint)
+        return self._places[joint]
+
+    def _placed(self, joint: int) -> Placement:
+        """Of a joint that nobody had asked for: the world itself, or a loop of its own."""
+        batch = self.q.shape[:-1]
+        place = Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3)))
+        if joint == 0:
+            place.rotation[...], place.translation[...] = np.eye(3), 0.0
+            return place
+        rotation, translation = place.rotation.reshape(-1, 3, 3), place.translation.reshape(-1, 3)
+        for i, q_i in enumerate(self.q.reshape(-1, self._at.nq)):
+            self._at.stand_at(q_i)
+            rotation[i], translation[i] = self._at.places[joint]
+        return place
+
+    def placement(self, frame: int) -> Placement:
+        joint, on_joint = self._at.frame(frame)
+        rotation, translation = self.joint_placement(joint)
+        return Placement(rotation @ on_joint.rotation, translation + rotation @ on_joint.translation)
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Frame Jacobian (6, nv): linear rows first, about the frame's origin."""
-        return pin.getFrameJacobian(self.model, self.data, frame, axes)
+        place = self.placement(frame)
+        moved = _about(place.translation, self._columns(self.J, frame))
+        return moved if axes is WORLD_AXES else _along(place.rotation, moved)
+
+    def _columns(self, block: np.ndarray, frame: int) -> np.ndarray:
+        """Of a block (..., 6, nv) the columns of joints that carry a frame, zero at the others."""
+        at, columns = self._at, np.zeros(self._at.nv)
+        for joint in at.model.supports[at.frame(frame)[0]]:
+            where = at.model.joints[joint]
+            columns[where.idx_v : where.idx_v + where.nv] = 1.0
+        return block * columns
+
+    def moving(self, v: np.ndarray) -> Motion:
+        return _ManyMotions(self, v)
+
+
+class _ManyMotions(_ManyPositions, Motion):
+    def __init__(self, positions: _ManyPositions, v: np.ndarray) -> None:
+        at = self._at = positions._at
+        self.q, self.M, self.J, self._places = positions.q, positions.M, positions.J, positions._places
+        self.v, self.bias = v, np.empty(v.shape)
+        self.dJ = np.empty(self.J.shape)
+        dJ, bias, model, data = self.dJ.reshape(-1, 6, at.nv), self.bias.reshape(-1, at.nv), at.model, at.data
+        states = zip(self.q.reshape(-1, at.nq), v.reshape(-1, at.nv), strict=True)
+        at.leave()
+        for i, (q_i, v_i) in enumerate(states):
+            pin.computeJointJacobiansTimeVariation(model, data, q_i, v_i)
+            dJ[i] = at.dJ
+            bias[i] = pin.nonLinearEffects(model, data, q_i, v_i)
+
+    def velocity(self, frame: int) -> np.ndarray:
+        return apply(self.jacobian(frame), self.v)
+
+    def joint_velocity(self, joint: int) -> np.ndarray:
+        def one(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            self._at.move_at(q, v)
+            return self._at.data.v[joint].vector.copy()
+
+        return over_states(one, (6,), self.q, self.v)
+
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        place = self.placement(frame)
+        spatial = _about(place.translation, apply(self._columns(self.dJ, frame), self.v)[..., None])
+        if axes is not WORLD_AXES:
+            return _along(place.rotation, spatial)[..., 0]
+        result, velocity = spatial[..., 0], self.velocity(frame)
+        result[..., _LINEAR] += np.cross(velocity[..., _ANGULAR], velocity[..., _LINEAR])  # of the origin as a point
+        return result
+
+    def rates(self) -> Rates:
+        return _ManyRates(self)
+
+
+class _ManyRates(_ManyMotions, Rates):
+    def __init__(self, motions: _ManyMotions) -> None:
+        self._at = motions._at
+        self.q, self.M, self.J, self._places = motions.q, motions.M, motions.J, motions._places
+        self.v, self.bias, self.dJ = motions.v, motions.bias, motions.dJ
+
+    @once
+    def C(self) -> np.ndarray:
+        return over_states(self._at.coriolis, self.M.shape[-2:], self.q, self.v)
 
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Time derivative of ``jacobian``, (6, nv)."""
-        return pin.getFrameJacobianTimeVariation(self.model, self.data, frame, axes)
+        place = self.placement(frame)
+        J, dJ = self._columns(self.J, frame), self._columns(self.dJ, frame)
+        J, dJ = _about(place.translation, J), _about(place.translation, dJ)
+        twist = apply(J, self.v)[..., None]  # of the frame, about its origin
+        linear, angular = twist[..., _LINEAR, :], twist[..., _ANGULAR, :]
+        if axes is WORLD_AXES:  # the origin moves on
+            dJ[..., _LINEAR, :] += _cross(J[..., _ANGULAR, :], linear)
+            return dJ
+        dJ[..., _LINEAR, :] -= _cross(angular, J[..., _LINEAR, :]) + _cross(linear, J[..., _ANGULAR, :])
+        dJ[..., _ANGULAR, :] -= _cross(angular, J[..., _ANGULAR, :])
+        return _along(place.rotation, dJ)
 
-    def velocity(self, frame: int) -> pin.Motion:
-        """Velocity of a frame's origin and its angular velocity, in world axes."""
-        return pin.getFrameVelocity(self.model, self.data, frame, WORLD_AXES)
 
-    def acceleration(self, frame: int) -> pin.Motion:
-        """Acceleration of a frame's origin (that of a point) at zero ``vdot``, in world axes."""
-        return pin.getFrameClassicalAcceleration(self.model, self.data, frame, WORLD_AXES)
+def _about(points: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Motions (..., 6, k) about the world's origin as motions about points (..., 3)."""
+    moved = columns.copy()
+    moved[..., _LINEAR, :] += _cross(columns[..., _ANGULAR, :], points[..., None])
+    return moved
 
-    def own_acceleration(self, frame: int) -> pin.Motion:
-        """Rate of the frame's velocity components along its own axes, at zero ``vdot``."""
-        return pin.getFrameAcceleration(self.model, self.data, frame, OWN_AXES)
+
+def _along(rotations: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Motions (..., 6, k) with components along the axes of rotations (..., 3, 3)."""
+    back = rotations.mT
+    return np.concatenate([back @ columns[..., _LINEAR, :], back @ columns[..., _ANGULAR, :]], axis=-2)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products of columns (..., 3, k)."""
+    (ax, ay, az), (bx, by, bz) = ([each[..., i, :] for i in range(3)] for each in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-2)
+
+
+def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
+    """What a function of single states gives, (..., *shape), for arrays with one last axis each."""
+    batch = arrays[0].shape[:-1]
+    if not batch:
+        return np.asarray(function(*arrays), dtype=float)
+    out = np.empty((*batch, *shape))
+    for i in np.ndindex(batch):
+        out[i] = function(*(each[i] for each in arrays))
+    return out

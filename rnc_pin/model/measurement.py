@@ -20,18 +20,20 @@ class Measurement(NamedTuple):
     q: Float[Array, "*batch nq"] = _ABSENT
     """Configuration."""
     v: Float[Array, "*batch nv"] = _ABSENT
-    """Full velocity, as joint encoders and a gyroscope on the base give it."""
+    """Full velocity, as joint encoders and a gyroscope on the base give it; it need not satisfy the constraints."""
     v2: Float[Array, "*batch r"] = _ABSENT
     """Rates of the reducing outputs."""
     x1: Float[Array, "*batch k"] = _ABSENT
     """Vertical outputs."""
     x2: Float[Array, "*batch r"] = _ABSENT
-    """Reducing outputs; integrals of v2 where they are quasi-velocities."""
+    """Reducing outputs; integrals of v2 where they are quasi-velocities, NaN where nobody gave them."""
     v1: Float[Array, "*batch k"] = _ABSENT
-    """Rates of the vertical outputs, ``A_star v2 + v1_offset``."""
+    """Rates of the vertical outputs, ``J1 v``; ``A_star v2 + v1_offset`` where v satisfies the constraints."""
     A_star: Float[Array, "*batch k r"] = _ABSENT
     """Kinematics (3a), ``v1 = A_star v2``."""
     A_star_dot: Float[Array, "*batch k r"] = _ABSENT
     v1_offset: Float[Array, "*batch k"] | None = None
     """Rates of the vertical outputs at ``v2 = 0``; None where the constraints are homogeneous."""
     v1_offset_dot: Float[Array, "*batch k"] | None = None
+    residual: Float[Array, "*batch m"] | None = None
+    """``A v - mu`` of the velocity as it was measured: slip. None where nobody looked."""

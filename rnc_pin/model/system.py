@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
+import scipy.linalg
 
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import select_independent
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.reduction import ReducedModel
-from rnc_pin.model.rows import ConstraintKind, OutputKind, OutputStack, Rows, RowStack
+from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
@@ -34,6 +38,7 @@ class NonholonomicSystem:
         n: degrees of freedom before the constraints (nv).
         m: independent constraint rows.
         p: actuators.
+        rows: all constraint rows; ``kept``: which of them are independent, (m,).
         constraints: the independent rows.
         dropped_rows: the others, with reasons.
         assembly: the holonomic rows, kept or not, and the configurations that satisfy them.
@@ -53,19 +58,20 @@ class NonholonomicSystem:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
         blocks = [kind.bind(robot) for kind in constraints]
-        all_rows = RowStack(blocks)
-        _refuse_twice(all_rows.names, "constraint row")
+        self.rows = RowStack(blocks)
+        _refuse_twice(self.rows.names, "constraint row")
         self.assembly = Assembly(robot, blocks)
-        samples, rates = _sample_rows(all_rows, self.assembly)
-        kept, self.dropped_rows = select_independent(samples, all_rows.names, rates if all_rows.affine else None)
-        self.constraints = RowStack(blocks, _by_block(blocks, kept))
+        self._samples = _sampled_configurations(self.assembly)
+        samples, rates = _sample_rows(self.rows, robot, self._samples)
+        self.kept, self.dropped_rows = select_independent(samples, self.rows.names, rates if self.rows.affine else None)
+        self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom"
             )
         self._check_conserved(blocks)
-        _warn_of_mimics(robot, samples[:, kept])
+        _warn_of_mimics(robot, samples[:, self.kept])
 
     @property
     def r(self) -> int:
@@ -86,11 +92,15 @@ class NonholonomicSystem:
 
     def reduce(
         self,
-        reducing: Sequence[OutputKind],
+        reducing: Sequence[OutputKind] | None = None,
         vertical: Sequence[OutputKind] = (),
         singularity_limit: float = 1e8,
     ) -> ReducedModel:
         """Reduce to the velocities of chosen outputs: paper (2)-(3), (6)-(7).
+
+        Without reducing outputs the reduced velocities are entries of v, for those who just want the dynamics: those on
+        which the others depend least, ``reduced.reducing.names``. They are never dependent: at configurations where
+        these would be, other entries take their place, and ``reduced.at(q).J2`` says which.
 
         Args:
             reducing: outputs x2 with n - m rows in all, whose rates parametrise the motion.
@@ -101,19 +111,42 @@ class NonholonomicSystem:
         Raises:
             ConstraintError: not n - m reducing outputs, one of them twice, or dependent everywhere.
         """
-        x2 = OutputStack([kind.bind(self.robot) for kind in reducing])
         x1 = OutputStack([kind.bind(self.robot) for kind in vertical])
-        _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
+        if reducing is None:
+            return self._reduced(self._entries(), x1, singularity_limit, free=True)
+        x2 = OutputStack([kind.bind(self.robot) for kind in reducing])
         if x2.size != self.r:
+            _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
             )
-        reduced = ReducedModel(
-            self.robot, self.constraints, self.actuation, x2, x1, singularity_limit, self.dropped_rows, self.assembly
-        )
+        reduced = self._reduced(x2, x1, singularity_limit)
         self._check_regular(reduced)
         return reduced
+
+    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
+        _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
+        lengths = natural_lengths(self.robot, self.rows, x2, self._samples)
+        parts = Parts(self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free)
+        return ReducedModel(parts, self.assembly, self.dropped_rows)
+
+    def _entries(self) -> OutputStack:
+        """Entries of v that parametrise the motion well at every sampled configuration."""
+        kinematics = Kinematics(self.robot, self.constraints.joints)
+        bases = []
+        for q in self._samples:
+            with suppress(SingularityError):
+                A = self.constraints.jacobian(kinematics.position(q))
+                bases.append((A, scipy.linalg.null_space(A) if self.m else np.eye(self.n)))
+
+        def worst(entries: list[int]) -> float:
+            return min(float(np.linalg.svd(basis[entries], compute_uv=False)[-1]) for _, basis in bases)
+
+        best = max((best_entries(A, self.r) for A, _ in bases), key=worst)
+        names, units = self.robot.velocity_names, self.robot.velocity_units
+        rows = VelocityRows(np.eye(self.n)[best], [names[k] for k in best], [units[k] for k in best])
+        return OutputStack([rows])
 
     def _check_regular(self, reduced: ReducedModel) -> None:
         """Refuse outputs that are dependent everywhere: here that is a mistake, not a singular configuration."""
@@ -121,7 +154,7 @@ class NonholonomicSystem:
         failure: SingularityError | None = None
         for _ in range(_SAMPLES):
             try:
-                reduced.stack(self.assembly.random_configuration(generator))
+                _ = reduced.at(self.assembly.random_configuration(generator)).R
                 return
             except SingularityError as error:
                 failure = error
@@ -135,11 +168,10 @@ class NonholonomicSystem:
         conserved = [block for block in blocks if block.conserved is not None]
         if not conserved or not self.p:
             return
-        state = Kinematics(self.robot)
+        kinematics = Kinematics(self.robot)
         generator = np.random.default_rng(0)
         for _ in range(_SAMPLES):
-            state.set_position(self.robot.random_configuration(generator))
-            matrix = self.actuation.matrix(state)
+            matrix = self.actuation.matrix(kinematics.position(self.robot.random_configuration(generator)))
             for block in conserved:
                 driven = np.abs(matrix[block.conserved]).max(axis=0, initial=0.0) > 1e-12
                 if driven.any():
@@ -147,36 +179,33 @@ class NonholonomicSystem:
                     raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
 
 
-def _by_block(blocks: Sequence[Rows], kept: Sequence[int]) -> list[list[int]]:
-    result, start = [], 0
-    for block in blocks:
-        size = len(block.names)
-        result.append([row - start for row in kept if start <= row < start + size])
-        start += size
-    return result
+def _sampled_configurations(assembly: Assembly) -> np.ndarray:
+    """Seeded random configurations and the neutral one, (count, nq), which satisfy the holonomic rows.
 
-
-def _sample_rows(rows: RowStack, assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
-    """The rows (samples, k, nv) and mu (samples, k) at seeded random configurations, leaving out undefined ones.
-
-    The configurations satisfy the holonomic rows: elsewhere the rank can be another.
+    Elsewhere the rank of the rows can be another. A neutral configuration that cannot be assembled is left out.
     """
-    state = Kinematics(assembly.robot)
     generator = np.random.default_rng(0)
+    configurations = [assembly.random_configuration(generator) for _ in range(_SAMPLES)]
+    with suppress(ConstraintError, SingularityError):
+        configurations.append(assembly.project(assembly.robot.configuration()))
+    return np.stack(configurations)
+
+
+def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows (samples, k, nv) and mu (samples, k), leaving out configurations at which they are undefined."""
+    kinematics = Kinematics(robot)
     samples: list[np.ndarray] = []
     rates: list[np.ndarray] = []
-    for _ in range(_SAMPLES):
-        state.set_position(assembly.random_configuration(generator))
-        mu = np.empty(rows.size)
+    for q in configurations:
+        position = kinematics.position(q)
         try:
-            out = rows.evaluate(state)
-            rows.rate(state, mu)
+            out, mu = rows.jacobian(position), rows.rate(position)
         except SingularityError:
             continue
         finite = np.isfinite(out).all(axis=1) & np.isfinite(mu)
         if not finite.all():
             bad = rows.names[int(np.argmin(finite))]
-            raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(state.q, 4).tolist()}")
+            raise ConstraintError(f"constraint row '{bad}' is not finite at q = {np.round(q, 4).tolist()}")
         samples.append(out)
         rates.append(mu)
     if not samples:

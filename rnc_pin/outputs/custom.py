@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Motion, Position, over_states
 from rnc_pin.model.rows import OutputRows, checked_rows
 from rnc_pin.robots.robot import Robot
 
@@ -51,17 +53,24 @@ class _CustomRows(OutputRows):
         self._shape = (size, robot.nv)
         checked_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
 
-    def value(self, state: Kinematics) -> np.ndarray:
-        if self._kind.value is None:
-            return np.zeros(self._shape[0])
-        return checked_rows(self._kind.value(state.q), self._shape[:1], f"value(q) of output {self.names}")
+    def value(self, at: Position) -> np.ndarray:
+        value = self._kind.value
+        if value is None:
+            return super().value(at)
+        return over_states(partial(self._checked, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return checked_rows(self._kind.jacobian(state.q), self._shape, f"jacobian(q) of output {self.names}")
+    def jacobian(self, at: Position) -> np.ndarray:
+        rows = partial(self._checked, self._kind.jacobian, "jacobian(q)", self._shape)
+        return over_states(rows, self._shape, at.q)
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        rows = self._kind.jacobian_dot(state.q, state.v)
-        return checked_rows(rows, self._shape, f"jacobian_dot(q, v) of output {self.names}")
+    def jacobian_dot(self, at: Motion) -> np.ndarray:
+        rows = partial(self._checked, self._kind.jacobian_dot, "jacobian_dot(q, v)", self._shape)
+        return over_states(rows, self._shape, at.q, at.v)
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return self.jacobian_dot(state) @ state.v
+    def drift(self, at: Motion) -> np.ndarray:
+        return apply(self.jacobian_dot(at), at.v)
+
+    def _checked(
+        self, function: Callable[..., object], what: str, shape: tuple[int, ...], *state: np.ndarray
+    ) -> np.ndarray:
+        return checked_rows(function(*state), shape, f"{what} of output {self.names}")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import SingularityError
+from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.rows import OutputRows, refuse_undefined
 from rnc_pin.robots.robot import Robot
 
 _TOGETHER = 1e-9
@@ -37,59 +38,55 @@ class _DistanceRow(OutputRows):
         self.units = ("m/s",)
         self.angular = (False,)
         self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
+        self.joints = tuple(robot.model.frames[frame].parentJoint for frame in (self._a, self._b))
 
-    def _vector(self, state: Kinematics) -> np.ndarray:
-        return state.placement(self._b).translation - state.placement(self._a).translation
+    def _vector(self, at: Position) -> np.ndarray:
+        return at.placement(self._b).translation - at.placement(self._a).translation
 
-    def value(self, state: Kinematics) -> np.ndarray:
-        return np.array([np.linalg.norm(self._vector(state))])
+    def value(self, at: Position) -> np.ndarray:
+        return np.linalg.norm(self._vector(at), axis=-1, keepdims=True)
 
-    def _direction(self, state: Kinematics) -> tuple[np.ndarray, float]:
-        vector = self._vector(state)
-        length = float(np.linalg.norm(vector))
-        if length < _TOGETHER:
-            raise SingularityError(
-                "a distance has no rate where it is zero",
-                q=state.q.copy(),
-                condition=1 / max(length, 1e-300),
-                rows=self.names,
-            )
+    def _direction(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors (..., 3) from a to b, and the distances (..., 1)."""
+        vector = self._vector(at)
+        length = np.linalg.norm(vector, axis=-1, keepdims=True)
+        refuse_undefined("a distance has no rate where it is zero", at, length[..., 0], _TOGETHER, self.names)
         return vector / length, length
 
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        direction, _ = self._direction(state)
-        return (direction @ (state.jacobian(self._b) - state.jacobian(self._a))[:3])[None]
+    def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
+        """Linear part of what frame b has, less that of frame a."""
+        return both(self._b)[..., :3] - both(self._a)[..., :3]
 
-    def _relative_rates(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        direction, length = self._direction(state)
-        velocity = state.velocity(self._b).linear - state.velocity(self._a).linear
-        return direction, (velocity - direction * (direction @ velocity)) / length, velocity
+    def jacobian(self, at: Position) -> np.ndarray:
+        direction, _ = self._direction(at)
+        return direction[..., None, :] @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        direction, direction_dot, _ = self._relative_rates(state)
-        jacobian = (state.jacobian(self._b) - state.jacobian(self._a))[:3]
-        jacobian_dot = (state.jacobian_dot(self._b) - state.jacobian_dot(self._a))[:3]
-        return (direction @ jacobian_dot + direction_dot @ jacobian)[None]
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        direction, length = self._direction(at)
+        velocity = self._relative(at.velocity)
+        turning = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
+        J, J_dot = (each(self._b) - each(self._a) for each in (at.jacobian, at.jacobian_dot))
+        return direction[..., None, :] @ J_dot[..., :3, :] + turning[..., None, :] @ J[..., :3, :]
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        direction, direction_dot, velocity = self._relative_rates(state)
-        relative = state.acceleration(self._b).linear - state.acceleration(self._a).linear
-        return np.array([direction @ relative + direction_dot @ velocity])
+    def drift(self, at: Motion) -> np.ndarray:
+        parts = (self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
+        self._direction(at)  # refuses where there is none
+        return np.asarray(_distance_drift(*(components(part) for part in parts)))[..., None]
 
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        a, b = state.frame_gradients(self._a), state.frame_gradients(self._b)
-        _, _, velocity = self._relative_rates(state)
-        acceleration = state.acceleration(self._b).linear - state.acceleration(self._a).linear
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
         return complex_step(
-            _distance_drift,
-            (self._vector(state), (state.jacobian(self._b) - state.jacobian(self._a))[:3]),
-            (velocity, b.velocity - a.velocity),
-            (acceleration, b.acceleration - a.acceleration),
+            lambda *parts: np.array([_distance_drift(*parts)]),
+            (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
+            (self._relative(at.velocity), b.velocity - a.velocity),
+            (self._relative(at.acceleration), b.acceleration - a.acceleration),
         )
 
 
-def _distance_drift(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+def _distance_drift(
+    vector: Sequence[Component], velocity: Sequence[Component], acceleration: Sequence[Component]
+) -> Component:
     """Second derivative of the length of a vector."""
-    length = np.sqrt(vector.dot(vector))
-    rate = vector.dot(velocity) / length
-    return np.array([(velocity.dot(velocity) + vector.dot(acceleration) - rate * rate) / length])
+    length = dot(vector, vector) ** 0.5
+    rate = dot(vector, velocity) / length
+    return (dot(velocity, velocity) + dot(vector, acceleration) - rate * rate) / length

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.kinematics import Position
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -30,26 +31,17 @@ class FrameOrientation:
         return _OrientationRows(self, robot)
 
 
-class _OrientationRows(OutputRows):
+class _OrientationRows(FrameVelocityRows, OutputRows):
     rotation = True
 
     def __init__(self, kind: FrameOrientation, robot: Robot) -> None:
+        super().__init__(robot, kind.frame, (3, 4, 5))
         self.names = tuple(f"{kind.frame}_orientation_{axis}" for axis in "xyz")
-        self.units = ("rad/s",) * 3
         self.angular = (False,) * 3
-        self._frame = robot.frame_id(kind.frame)
 
-    def value(self, state: Kinematics) -> np.ndarray:
-        return np.asarray(pin.log3(state.placement(self._frame).rotation))
-
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return state.jacobian(self._frame)[3:]
-
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return state.jacobian_dot(self._frame)[3:]
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return np.asarray(state.acceleration(self._frame).angular)
-
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        return state.frame_gradients(self._frame).angular_acceleration
+    def value(self, at: Position) -> np.ndarray:
+        rotation = at.placement(self._frame).rotation
+        vectors = np.empty(rotation.shape[:-1])
+        for i in np.ndindex(vectors.shape[:-1]):
+            vectors[i] = pin.log3(rotation[i])
+        return vectors

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from rnc_pin.model.frame_velocity import OwnAxisSpin
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
+from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -30,15 +28,10 @@ class FrameSpin:
         return _SpinRow(self, robot)
 
 
-class _SpinRow(OwnAxisSpin, OutputRows):
+class _SpinRow(FrameVelocityRows, OutputRows):
     quasi = True
 
     def __init__(self, kind: FrameSpin, robot: Robot) -> None:
-        super().__init__(robot.frame_id(kind.frame), kind.axis)
+        super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES)
         self.names = (f"{kind.frame}_spin_{kind.axis}",)
-        self.units = ("rad/s",)
         self.angular = (False,)
-        self._zero = np.zeros(1)
-
-    def value(self, state: Kinematics) -> np.ndarray:
-        return self._zero

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.errors import SingularityError
-from rnc_pin.math.linear_algebra import complex_step
-from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import OutputRows
-from rnc_pin.outputs.spin_form import SpinFormRow
+from rnc_pin.math.components import Component
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.rows import OutputRows, refuse_undefined
+from rnc_pin.outputs.spin_form import SpinFormRow, Vector
 from rnc_pin.robots.robot import Robot
 
 _VERTICAL = 1e-6
@@ -39,54 +36,33 @@ class FrameTilt:
 
 class _TiltRow(SpinFormRow):
     def __init__(self, kind: FrameTilt, robot: Robot) -> None:
+        super().__init__(robot, kind.frame, kind.axis)
         self.names = (f"{kind.frame}_tilt_{kind.axis}",)
-        self.units = ("rad/s",)
         self.angular = (False,)
-        self._frame, self._axis = robot.frame_id(kind.frame), axis_index(kind.axis)
 
-    def _direction(self, state: Kinematics) -> tuple[np.ndarray, float]:
-        """The axis in the world, and the length of its horizontal part."""
-        axis = state.placement(self._frame).rotation[:, self._axis]
-        level = float(np.hypot(axis[0], axis[1]))
-        if level < _VERTICAL:
-            raise SingularityError(
-                "the tilt of a vertical axis has no rate",
-                q=state.q.copy(),
-                condition=1 / max(level, 1e-300),
-                rows=self.names,
-            )
-        return axis, level
+    def value(self, at: Position) -> np.ndarray:
+        x, y, z = np.moveaxis(self._direction(at), -1, 0)
+        return np.arctan2(z, np.hypot(x, y))[..., None]
 
-    def value(self, state: Kinematics) -> np.ndarray:
-        x, y, z = state.placement(self._frame).rotation[:, self._axis]
-        return np.array([np.arctan2(z, np.hypot(x, y))])
-
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        (x, y, _), level = self._direction(state)
+    def _form(self, direction: Vector) -> Vector:
         # Spin about the horizontal line across the axis: rate = (spin x axis)_z / level.
-        spin = state.jacobian(self._frame)[3:5]
-        return ((y * spin[0] - x * spin[1]) / level)[None]
+        x, y, _ = direction
+        level = (x * x + y * y) ** 0.5
+        return y / level, -x / level, 0.0
 
-    def _form_rate(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
-        axis, level = self._direction(state)
-        x, y, z = axis
-        dx, dy, dz = pin.skew(state.velocity(self._frame).angular) @ axis
-        form = np.array([y, -x, 0.0]) / level
-        return form, np.array([dy, -dx, 0.0]) / level + form * (z * dz / level**2)
+    def _form_rate(self, direction: Vector, rate: Vector) -> Vector:
+        x, y, z = direction
+        dx, dy, dz = rate
+        square = x * x + y * y
+        level, grows = square**0.5, z * dz / square
+        return (dy + y * grows) / level, -(dx + x * grows) / level, 0.0
 
-    def drift_gradient(self, state: Kinematics) -> np.ndarray:
-        axis, motion = self._direction(state)[0], state.frame_gradients(self._frame)
-        return complex_step(
-            _tilt_drift,
-            (axis, -pin.skew(axis) @ state.jacobian(self._frame)[3:]),
-            (state.velocity(self._frame).angular, motion.spin),
-            (state.acceleration(self._frame).angular, motion.angular_acceleration),
-        )
+    def _second(self, direction: Vector, first: Vector, second: Vector) -> Component:
+        x, y, z = direction
+        square = x * x + y * y
+        level = square**0.5
+        return second[2] / level + z * first[2] * first[2] / (square * level)
 
-
-def _tilt_drift(axis: np.ndarray, spin: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Second derivative of ``asin(z)`` of an axis that turns with ``spin``."""
-    first = np.cross(spin, axis)
-    second = np.cross(acceleration, axis) + np.cross(spin, first)
-    level = np.sqrt(1 - axis[2] ** 2)
-    return np.array([second[2] / level + axis[2] * first[2] ** 2 / level**3])
+    def _refuse_vertical(self, at: Position, direction: Vector) -> None:
+        level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
+        refuse_undefined("the tilt of a vertical axis has no rate", at, level, _VERTICAL, self.names)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ModelError
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
 
 
@@ -26,9 +26,7 @@ class JointPosition:
         return _JointRow(self, robot)
 
 
-class _JointRow(OutputRows):
-    constant = True
-
+class _JointRow(ConstantRows, OutputRows):
     def __init__(self, kind: JointPosition, robot: Robot) -> None:
         joint = robot.model.joints[robot.joint_id(kind.joint)]
         if joint.nv != 1:
@@ -36,26 +34,13 @@ class _JointRow(OutputRows):
                 f"joint '{kind.joint}' has {joint.nv} degrees of freedom: use outputs of a frame "
                 "(FramePosition, FrameYaw, FrameSpeed) for it"
             )
-        turns = joint.shortname().startswith(("JointModelR", "JointModelRUB"))
         self.names = (kind.joint,)
-        self.units = ("rad/s" if turns else "m/s",)
+        self.units = ("rad/s" if joint.shortname().startswith("JointModelR") else "m/s",)
         self.angular = (joint.nq == 2,)  # a continuous joint is stored as (cos, sin)
-        self._q = joint.idx_q
-        self._row = np.zeros((1, robot.nv))
-        self._row[0, joint.idx_v] = 1.0
-        self._zero_rows = np.zeros((1, robot.nv))
-        self._zero = np.zeros(1)
+        self._q = slice(joint.idx_q, joint.idx_q + joint.nq)
+        self.matrix = np.zeros((1, robot.nv))
+        self.matrix[0, joint.idx_v] = 1.0
 
-    def value(self, state: Kinematics) -> np.ndarray:
-        if self.angular[0]:
-            return np.array([np.arctan2(state.q[self._q + 1], state.q[self._q])])
-        return state.q[self._q : self._q + 1]
-
-    def jacobian(self, state: Kinematics) -> np.ndarray:
-        return self._row
-
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        return self._zero_rows
-
-    def drift(self, state: Kinematics) -> np.ndarray:
-        return self._zero
+    def value(self, at: Position) -> np.ndarray:
+        q = at.q[..., self._q]
+        return np.arctan2(q[..., 1:], q[..., :1]) if self.angular[0] else q

@@ -3,31 +3,90 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.components import Component, components, cross, packed
+from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
+
+Vector = Sequence[Component]
 
 
 class SpinFormRow(OutputRows):
-    """One output with ``rate = c(q) . spin``, spin in world axes.
+    """One output with ``rate = c(d) . spin``, d the direction of a frame's own axis; both in world axes.
 
-    Attributes:
-        _frame: index of the frame that spins.
+    Args:
+        robot: whose frame it is.
+        frame: its name.
+        axis: the frame's own axis, "x", "y" or "z".
     """
 
-    _frame: int
+    units = ("rad/s",)
+
+    def __init__(self, robot: Robot, frame: str, axis: str) -> None:
+        self._frame, self._axis = robot.frame_id(frame), axis_index(axis)
+        self.joints = (robot.model.frames[self._frame].parentJoint,)
 
     @abstractmethod
-    def _form_rate(self, state: Kinematics) -> tuple[np.ndarray, np.ndarray]:
-        """The covector c (3,) and its rate (3,)."""
+    def _form(self, direction: Vector) -> Vector:
+        """The covector c."""
 
-    def jacobian_dot(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        return (form @ state.jacobian_dot(self._frame)[3:] + rate @ state.jacobian(self._frame)[3:])[None]
+    @abstractmethod
+    def _form_rate(self, direction: Vector, rate: Vector) -> Vector:
+        """Its rate where the direction changes."""
 
-    def drift(self, state: Kinematics) -> np.ndarray:
-        form, rate = self._form_rate(state)
-        spin = state.velocity(self._frame).angular
-        return np.array([form @ state.acceleration(self._frame).angular + rate @ spin])
+    @abstractmethod
+    def _second(self, direction: Vector, first: Vector, second: Vector) -> Component:
+        """Second derivative of the angle where the direction has two derivatives."""
+
+    @abstractmethod
+    def _refuse_vertical(self, at: Position, direction: Vector) -> None:
+        """Raise where the angle has no rate."""
+
+    def _direction(self, at: Position) -> np.ndarray:
+        return at.placement(self._frame).rotation[..., self._axis]
+
+    def _defined(self, at: Position) -> Vector:
+        direction = components(self._direction(at))
+        self._refuse_vertical(at, direction)
+        return direction
+
+    def jacobian(self, at: Position) -> np.ndarray:
+        form = packed([self._form(self._defined(at))])
+        return form @ at.jacobian(self._frame)[..., 3:, :]
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        direction = self._defined(at)
+        rate = cross(components(at.velocity(self._frame)[..., 3:]), direction)
+        form, form_rate = packed([self._form(direction)]), packed([self._form_rate(direction, rate)])
+        return form @ at.jacobian_dot(self._frame)[..., 3:, :] + form_rate @ at.jacobian(self._frame)[..., 3:, :]
+
+    def drift(self, at: Motion) -> np.ndarray:
+        direction = self._defined(at)
+        spin, turning = (components(each[..., 3:]) for each in (at.velocity(self._frame), at.acceleration(self._frame)))
+        return np.asarray(self._drift(direction, spin, turning))[..., None]
+
+    def _drift(self, direction: Vector, spin: Vector, turning: Vector) -> Component:
+        first = cross(spin, direction)
+        second = [a + b for a, b in zip(cross(turning, direction), cross(spin, first), strict=True)]
+        return self._second(direction, first, second)
+
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        direction, motion = self._direction(at).copy(), at.frame_gradients(self._frame)
+        direction_q = -_skew(direction) @ at.jacobian(self._frame)[3:]
+        return complex_step(
+            lambda *parts: np.array([self._drift(*parts)]),
+            (direction, direction_q),
+            (at.velocity(self._frame)[3:], motion.spin),
+            (at.acceleration(self._frame)[3:], motion.angular_acceleration),
+        )
+
+
+def _skew(vector: np.ndarray) -> np.ndarray:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -239,6 +239,13 @@ class Robot:
             names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
         return tuple(names)
 
+    @property
+    def velocity_units(self) -> tuple[str, ...]:
+        """Unit of each entry of ``v``: "rad/s" where it turns, about whatever axis, and "m/s" where it slides."""
+        jacobian = pin.computeJointJacobians(self.model, self.model.createData(), pin.neutral(self.model))
+        turning = jacobian.reshape(6, self.nv)[3:]  # Pinocchio gives (6,) where nv is 1
+        return tuple("rad/s" if column.any() else "m/s" for column in turning.T)
+
     # ------------------------------------------------------------------ configurations
 
     def configuration(self, values: Mapping[str, JointValue] | None = None) -> np.ndarray:
@@ -258,7 +265,7 @@ class Robot:
         values: dict[str, float | list[float]] = {}
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             entry = q[joint.idx_q : joint.idx_q + joint.nq]
-            if joint.shortname().startswith("JointModelRUB"):
+            if _goes_round(joint):
                 values[name] = float(np.arctan2(entry[1], entry[0]))
             elif joint.shortname() == "JointModelPlanar":
                 values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
@@ -372,9 +379,14 @@ def _configuration(model: pin.Model, names: _Names, values: Mapping[str, JointVa
     return q
 
 
+def _goes_round(joint: pin.JointModel) -> bool:
+    """Whether a joint is continuous, its configuration (cos, sin); about a skew axis its class is another."""
+    return bool(joint.nq == 2 and joint.nv == 1)
+
+
 def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> np.ndarray:
     kind = joint.shortname()
-    if kind.startswith("JointModelRUB") and entry.size == 1:  # unbounded revolute: (cos, sin)
+    if _goes_round(joint) and entry.size == 1:
         return np.array([np.cos(entry[0]), np.sin(entry[0])])
     if kind == "JointModelPlanar" and entry.size == 3:
         return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])

@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
 from rnc_pin.planning import CarPath, Hold, Reference

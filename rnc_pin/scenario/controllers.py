@@ -29,7 +29,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 from rnc_pin.scenario.schema import ControllerSettings, SimulationSettings

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import build_reduced
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario

@@ -10,7 +10,8 @@ from typing import Any
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
-from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Observer, Outcome, Sample, Trajectory, simulate, summarize

@@ -12,7 +12,8 @@ import joblib
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.scenario.loading import find_scenario, read_yaml, validate, with_options
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.run import execute, plan, write
 

@@ -2,8 +2,9 @@
 
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
+from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import kinematic_rollout
-from rnc_pin.simulation.simulate import Observer, Sample, output_names, sample_count, simulate
+from rnc_pin.simulation.simulate import Observer, Sample, sample_count, simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 

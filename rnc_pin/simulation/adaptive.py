@@ -10,36 +10,34 @@ from scipy.integrate import DOP853
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.chart import Chart
+from rnc_pin.simulation.exponential import ExponentialCoordinates
 
 _SHORT = 1e-9  # of the whole duration: a step that gets nowhere
 _PATIENCE = 50  # such steps in a row
 
 TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-Retraction = Callable[[np.ndarray], np.ndarray]
+Settle = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class AdaptiveIntegrator:
     """SciPy's eighth-order Dormand-Prince method with step-size control, in a chart that goes along.
 
     Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start; the next chart is laid at
-    its end. So quaternions keep their length, no chart is ever left, and what ``project`` does to a configuration
-    goes into the next step.
+    its end. So quaternions keep their length, no chart is ever left, and what ``settle`` does to a state goes
+    into the next step.
 
     Args:
         robot: whose configurations they are.
         rate: ``rate(t, q, y) -> (v, ydot)``; y is everything else that moves, in a linear space.
         rtol, atol: relative and absolute tolerance of a step; positions have the absolute one only,
             since u starts at zero.
-        project: brings a configuration back onto holonomic constraints, after each step.
+        settle: may put another (q, y) that means the same state in the place of one at the end of a step.
     """
 
-    def __init__(
-        self, robot: Robot, rate: TimedRate, rtol: float, atol: float, project: Retraction | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, rate: TimedRate, rtol: float, atol: float, settle: Settle | None = None) -> None:
         self._model, self._nv = robot.model, robot.nv
-        self._chart = Chart(robot)
-        self._rate, self._rtol, self._atol, self._project = rate, rtol, atol, project
+        self._coordinates = ExponentialCoordinates(robot)
+        self._rate, self._rtol, self._atol, self._settle = rate, rtol, atol, settle
 
     def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
         """The state (t, q, y) at each of the increasing ``times``; the first is that of q0 and y0.
@@ -54,7 +52,7 @@ class AdaptiveIntegrator:
         def chart_rate(t: float, x: np.ndarray) -> np.ndarray:
             u = x[:nv]
             v, y_dot = self._rate(t, pin.integrate(self._model, q, u), x[nv:])
-            return np.concatenate([self._chart.rate(q, u, v), y_dot])
+            return np.concatenate([self._coordinates.rate(q, u, v), y_dot])
 
         x0 = np.concatenate([np.zeros(nv), y0])
         yield float(times[0]), q, np.array(y0, dtype=float)
@@ -76,9 +74,10 @@ class AdaptiveIntegrator:
                 due += 1
             # The next chart; chart_rate sees the new q.
             q = pin.integrate(self._model, q, solver.y[:nv])
-            if self._project is not None:
-                q = self._project(q)
-            solver.y = np.concatenate([np.zeros(nv), solver.y[nv:]])
+            y = solver.y[nv:]
+            if self._settle is not None:
+                q, y = self._settle(q, y)
+            solver.y = np.concatenate([np.zeros(nv), y])
             if due < len(times) and times[due] == solver.t:
                 yield solver.t, q, solver.y[nv:]
                 due += 1

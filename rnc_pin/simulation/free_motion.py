@@ -10,10 +10,12 @@ import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SimulationError, SingularityError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
 from rnc_pin.simulation.plant import Plant
-from rnc_pin.simulation.simulate import OUTCOMES, Record, assembled_start
+from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.simulate import OUTCOMES, assembled_start
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -35,7 +37,8 @@ def free_motion(
 ) -> Trajectory:
     """Let a reduced system move by itself, under constant inputs, or under a continuous feedback.
 
-    An adaptive eighth-order method on the configuration manifold: for motions to be exact over minutes. What it lets
+    An adaptive eighth-order method on the configuration manifold, in charts of the system's own: for motions to be
+    exact over minutes, also through configurations at which the model's outputs are singular. What it lets
     holonomic rows drift, of the order of the tolerance, is removed after every step. A controller
     that samples and holds belongs into ``simulate``, whose fixed step it fits.
 
@@ -60,32 +63,41 @@ def free_motion(
         raise InputError(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
-    r, p = reduced.r, reduced.p
     plant = Plant(reduced, joint_damping)
-    constant = np.zeros(p) if inputs is None else None if callable(inputs) else np.array(inputs, dtype=float)
+    constant = np.zeros(reduced.p) if inputs is None else None if callable(inputs) else np.array(inputs, dtype=float)
 
-    def at(t: float, q: np.ndarray, v2: np.ndarray) -> np.ndarray:
-        return constant if constant is not None else np.asarray(inputs(t, q, v2), dtype=float)  # type: ignore[misc, operator]
+    def at(t: float, state: Evaluation) -> np.ndarray:
+        if constant is not None:
+            return constant
+        return np.asarray(inputs(t, state.q, state.v2), dtype=float)  # type: ignore[misc, operator]
 
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return plant.rate(at(t, q, y[:r]))(q, y)
+        try:
+            return plant.rate(constant if constant is not None else at(t, plant.seen(q, y)))(q, y)
+        except (SingularityError, DivergenceError):  # a step that leads out of the present chart is too long
+            return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 
-    q, v2 = assembled_start(reduced, np.array(q0, dtype=float)), np.asarray(v2_0, dtype=float)
-    reduced.forward_dynamics(q, v2, at(0.0, q, v2))  # shapes and singularities speak before the solver does
-    y = np.concatenate([v2, np.zeros(r + 1)])
+    def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if reduced.assembly.size:
+            q = reduced.assembly.project(q)
+        return q, plant.settled(q, y)[1]
+
+    q = assembled_start(reduced, np.array(q0, dtype=float))
+    start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0)
+    _ = start.flow(at(0.0, start))  # shapes and singularities speak before the solver does
+    y = plant.start(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times))
-    project = reduced.assembly.project if reduced.assembly.size else None
-    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, project)
+    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
     outcome, information = Outcome.COMPLETED, dict(meta or {})
     t = 0.0
     try:
-        for t, q_t, y_t in integrator.run(times, pin.normalize(reduced.robot.model, q), y):
-            v2 = y_t[:r]
-            if not np.abs(v2).max() < speed_limit:
-                raise DivergenceError(f"reduced velocities reached {np.abs(v2).max():.3g}", time=t)
-            T = at(t, q_t, v2)
-            record.add(t, reduced.measure(q_t, v2, y_t[r : 2 * r]), Command(T=T), T, y_t)
+        for t, q_t, y_t in integrator.run(times, start.q, y):
+            state = plant.seen(q_t, y_t)
+            if not np.abs(state.v2).max() < speed_limit:
+                raise DivergenceError(f"reduced velocities reached {np.abs(state.v2).max():.3g}", time=t)
+            T = at(t, state)
+            record.add(t, state, plant.integrals(y_t), Command(T=T), T, y_t[-1])
     except SimulationError as error:
         if isinstance(error, SingularityError) and error.time is None:
             error.time = t

@@ -1,19 +1,31 @@
-"""What the real machine has and the controllers are not told: damping and limits."""
+"""What moves: the system in charts of its own, with what a real machine has and controllers are not told."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.simulation.lie_runge_kutta import Rate
+from rnc_pin.simulation.velocity_chart import VelocityChart
+
+Slope = tuple[np.ndarray, np.ndarray]
 
 
 class Plant:
-    """The reduced model, with what the URDF says of joint damping, effort and position limits switched on or off.
+    """A system whose state is (q, v), with what the URDF says of damping, effort and position limits on or off.
+
+    Beside q it integrates ``y = [w, integrals, work]``: the velocities of its present chart (r,), integrals of the
+    model's reducing velocities (r,), of those outputs that need one (quasi-velocities have no other value, angles would
+    forget full turns), and the work done.
 
     Args:
-        reduced: the model.
+        reduced: the model whose outputs are looked at.
         joint_damping: let viscous joint damping act.
         actuator_limits: clip actuator inputs to their limits.
         position_limits: end the run where a joint leaves its range.
@@ -45,24 +57,36 @@ class Plant:
                     low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
                     if low < high:
                         self._ranges.append((name, joint.idx_q, low, high))
-        self._r = reduced.r
+        self._r, x2 = reduced.r, reduced.reducing
+        carried = x2.quasi | x2.angular
+        places = [place for place in x2.places if carried[place.where].any()]
+        self._carried = RowStack([place.block for place in places])
+        self._where = np.array([k for place in places for k in range(place.where.start, place.where.stop)], dtype=int)
+        self._chart: VelocityChart
 
-    def saturate(self, T: np.ndarray) -> np.ndarray:
-        """Inputs that the actuators can give."""
-        return T if self._limits is None else np.clip(T, -self._limits, self._limits)
+    # ------------------------------------------------------------------ states
 
-    def rate(self, T: np.ndarray) -> Rate:
-        """The rate of ``y = [v2, integrals of v2, work]`` under constant inputs, for an integrator."""
-        flow, damping, r = self.reduced.flow, self._damping, self._r
+    def start(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Y at the beginning."""
+        self._chart = VelocityChart(self.reduced.parts, q)
+        return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
 
-        def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            v2 = y[:r]
-            v, v2_dot, power = flow(q, v2, T, damping)
-            y_dot = np.empty_like(y)
-            y_dot[:r], y_dot[r : 2 * r], y_dot[2 * r] = v2_dot, v2, power
-            return v, y_dot
+    def integrals(self, y: np.ndarray) -> np.ndarray:
+        """Integrals of the reducing velocities, (r,)."""
+        return y[self._r : 2 * self._r]
 
-        return rate
+    def seen(self, q: np.ndarray, y: np.ndarray) -> Evaluation:
+        """The state as the model's outputs see it."""
+        return self._chart.at(q, y[: self._r]).as_seen_by(self.reduced.parts)
+
+    def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[Evaluation, np.ndarray]:
+        """The state as the model's outputs see it, and y in a chart that suits it."""
+        here = self._chart.at(q, y[: self._r])
+        if self._chart.is_left(here):
+            v = here.v
+            self._chart = VelocityChart(self.reduced.parts, q)
+            y = np.concatenate([self._chart.W @ v, y[self._r :]])
+        return here.as_seen_by(self.reduced.parts), y
 
     def joint_beyond_range(self, q: np.ndarray) -> str | None:
         """A joint that left its range, in words."""
@@ -70,3 +94,32 @@ class Plant:
             if not low <= q[index] <= high:
                 return f"joint '{name}' left its range [{low:g}, {high:g}]: {q[index]:.4g}"
         return None
+
+    # ------------------------------------------------------------------ motion
+
+    def saturate(self, T: np.ndarray) -> np.ndarray:
+        """Inputs that the actuators can give."""
+        return T if self._limits is None else np.clip(T, -self._limits, self._limits)
+
+    def first_slope(self, state: Evaluation, T: np.ndarray) -> Slope:
+        """How (q, y) begins to change at a state that the model's outputs have seen: nothing is evaluated again."""
+        v, v2_dot, power = state.flow(T, self._damping)
+        return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
+
+    def rate(self, T: np.ndarray) -> Rate:
+        """How (q, y) changes under constant inputs, for an integrator."""
+
+        def rate(q: np.ndarray, y: np.ndarray) -> Slope:
+            state = self._chart.at(q, y[: self._r])
+            v, w_dot, power = state.flow(T, self._damping)
+            return v, self._y_dot(w_dot, state, v, power)
+
+        return rate
+
+    def _y_dot(self, w_dot: np.ndarray, state: Evaluation, v: np.ndarray, power: Any) -> np.ndarray:
+        r = self._r
+        y_dot = np.zeros(2 * r + 1)
+        y_dot[:r], y_dot[2 * r] = w_dot, power
+        if self._carried.size:
+            y_dot[r + self._where] = apply(self._carried.jacobian(state.position), v)
+        return y_dot

@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.errors import DivergenceError, SimulationError, SingularityError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
 from rnc_pin.simulation.rollout import kinematic_rollout
@@ -122,7 +122,6 @@ def margins_along(
 
     margin = None
     if task is not None:
-        A_star = reduced.terms(path, np.zeros((len(path), reduced.r))).A_star
-        A4 = A_star[:, task.vertical][:, :, task.redundant]
+        A4 = reduced.at(path).A_star[:, task.vertical][:, :, task.redundant]
         margin = smallest(np.linalg.svd(A4, compute_uv=False)[:, -1])
     return Margins(smallest(np.asarray(reduced.smallest_singular_value(path))), margin, singular, times, path)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
@@ -33,9 +33,9 @@ def kinematic_rollout(
     times, path = [0.0], [q]
 
     def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        measurement = reduced.measure(p, v2, integrals)
-        desired = target.step(t, measurement, state)[0].v2
-        return reduced.velocity(p, desired), desired
+        here = reduced.at(p, v2)
+        desired = target.step(t, here.measure(integrals), state)[0].v2
+        return here.velocity(desired), desired
 
     try:
         for sample in range(1, round(duration / dt) + 1):

@@ -47,6 +47,8 @@ class Trajectory:
     v2: Float[Array, "N r"]
     v2_desired: Float[Array, "N r"]
     x1: Float[Array, "N k"]
+    v1: Float[Array, "N k"]
+    """Rates of the vertical outputs, ``J1 v``."""
     x1_desired: Float[Array, "N k"]
     """NaN where the controller had no goal."""
     x2: Float[Array, "N r"]
@@ -58,6 +60,9 @@ class Trajectory:
     T: Float[Array, "N p"]
     """Actuator inputs."""
     multipliers: Float[Array, "N m"]
+    """Of the kept constraint rows; NaN where other rows had to be chosen."""
+    contact_forces: Float[Array, "N c"]
+    """Of all constraint rows, dropped ones included: the smallest where they are not unique."""
     energy: Float[Array, " N"]
     """[J]"""
     work: Float[Array, " N"]

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rnc_pin.errors import RncError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Sample, output_names
 from rnc_pin.visualization.robot_view import drawable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 _STEPS = 8
@@ -36,5 +36,4 @@ class NullMotion:
         return q
 
     def _rate(self, q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        E_inverse, _, _ = self._reduced.stack(q)
-        return E_inverse[:, self._reduced.m + self._column].copy(), nothing
+        return self._reduced.at(q).R[:, self._column], nothing

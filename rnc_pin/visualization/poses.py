@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import RowStack
+from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.state import State
 
@@ -29,7 +29,7 @@ class Poses:
     def __init__(self, robot: Robot, rows: RowStack | None = None) -> None:
         self.robot = robot
         self._rows = rows
-        self._state = Kinematics(robot)
+        self._kinematics = Kinematics(robot)
         self._data = robot.model.createData()
         self._q: np.ndarray | None = None
         self._lines_q: np.ndarray | None = None
@@ -59,8 +59,7 @@ class Poses:
     def lines(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Lines of action of the constraint rows: points and directions, (m, 3) each."""
         if state.q is not self._lines_q and self._rows is not None:
-            self._state.set_position(state.q)
-            self._lines = np.stack(self._rows.lines_of_action(self._state))
+            self._lines = np.stack(self._rows.lines_of_action(self._kinematics.position(state.q)))
             self._lines_q = state.q
         return self._lines[0], self._lines[1]
 

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from rnc_pin.errors import InputError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow

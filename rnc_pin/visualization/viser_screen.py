@@ -11,7 +11,7 @@ import pinocchio as pin
 from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
 from rnc_pin.visualization.poses import Poses

@@ -58,7 +58,7 @@ def on_wheels(wheels: list[Wheel], frame: str, placement: pin.SE3, q0: dict[str,
         placement: of that frame in the world.
         q0: values of joints at the start.
     """
-    result = Mobility("planar", f"{len(wheels)} wheels", frame)
+    result = Mobility("planar", f"{len(wheels)} wheel{'s' * (len(wheels) > 1)}", frame)
     result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels]))
     casters = [wheel for wheel in wheels if wheel.is_caster]
     fixed = [wheel for wheel in wheels if not wheel.is_caster and not wheel.is_steered]
@@ -79,6 +79,8 @@ def on_wheels(wheels: list[Wheel], frame: str, placement: pin.SE3, q0: dict[str,
     if steered:
         _steer(result, steered)
     else:
+        if len(kept) == 1:
+            result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base: one wheel cannot"))
         result.outputs.append(({"frame_yaw": frame}, _TURNED))
     for wheel in casters:
         assert wheel.swivel is not None

@@ -287,15 +287,14 @@ class _Draft:
         passive = [name for name in self.start if name in mobility.passive]
         used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
         joints = [({"joint": name}, self.step(name)) for name in (*driven, *passive) if name not in used]
-        state = Kinematics(system.robot)
-        state.set_position(self.q0)
-        rows = unit_rows(system.constraints.evaluate(state)) if system.m else np.zeros((0, system.n))
+        position = Kinematics(system.robot).position(self.q0)
+        rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
         chosen: list[dict[str, Any]] = []
         names: list[str] = []
         steps: list[float] = []
         for entry, step in (*mobility.outputs, *joints):
             bound = _build(entry).bind(system.robot)
-            added = unit_rows(bound.jacobian(state))
+            added = unit_rows(bound.jacobian(position))
             if len(names) + len(added) > system.r or not _independent(rows, added):
                 continue
             rows = np.vstack([rows, added])
@@ -315,10 +314,10 @@ class _Draft:
     def step(self, name: str) -> float:
         """How far a joint's reference goes: a little, and to the side where there is room."""
         low, high = _limits(self.robot, name)
-        turns = not self.robot.model.joints[self.robot.joint_id(name)].shortname().startswith("JointModelP")
-        wanted, here = (_BENT if turns else _SLID), self.start[name]
-        room = max(high - here, here - low)
-        return round(float(np.copysign(min(wanted, 0.3 * room), (high - here) - (here - low) + 1e-12)), 4)
+        turns = self.robot.velocity_units[self.robot.velocity_indices(name).start] == "rad/s"
+        above, below = high - self.start[name], self.start[name] - low  # both infinite where nothing ends
+        length = min(_BENT if turns else _SLID, 0.3 * max(above, below))
+        return round(length if above >= below - 1e-12 else -length, 4)
 
 
 def _start(robot: Robot) -> dict[str, float]:

@@ -69,7 +69,7 @@ def find_wheels(robot: Robot, q: np.ndarray) -> list[Wheel]:
         joint, name = model.joints[index], model.names[index]
         if joint.nv != 1 or len(model.children[index]):
             continue
-        axle = pin.getJointJacobian(model, data, index, pin.LOCAL_WORLD_ALIGNED)[3:, joint.idx_v].copy()
+        axle = _axis(model, data, index)
         frame = body_frame(robot, index)
         named = any("wheel" in word.lower() for word in (name, frame))
         span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
@@ -109,8 +109,8 @@ def _wheel(
     carriers: list[str] = []
     parent = model.parents[index]
     while parent > 0 and model.joints[parent].nv == 1:
-        column = pin.getJointJacobian(model, data, parent, pin.LOCAL_WORLD_ALIGNED)[3:, model.joints[parent].idx_v]
-        if swivel is None and not carriers and np.hypot(column[0], column[1]) < _LEVEL and np.linalg.norm(column) > 0.5:
+        axis = _axis(model, data, parent)
+        if swivel is None and not carriers and np.hypot(axis[0], axis[1]) < _LEVEL and np.linalg.norm(axis) > 0.5:
             swivel = model.names[parent]
             offset = center - data.oMi[parent].translation
             trail = abs(float(np.cross(axle, [0.0, 0.0, 1.0]) @ offset))
@@ -122,6 +122,13 @@ def _wheel(
     return Wheel(
         model.names[index], frame, radius, measured, center, axle, swivel, trail, tuple(carriers), omnidirectional
     )
+
+
+def _axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    """Axis in the world (3,) of a joint with one degree of freedom; zero where it slides."""
+    jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+    column: np.ndarray = jacobian.reshape(6, model.nv)[3:, model.joints[joint].idx_v]  # (6,) where nv is 1
+    return column
 
 
 def body_frame(robot: Robot, joint: int) -> str:

@@ -20,7 +20,7 @@ from rnc_pin.control import (
     UnknownTrack,
     WheelRegressor,
 )
-from rnc_pin.model.reduction import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict

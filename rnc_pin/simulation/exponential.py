@@ -17,8 +17,8 @@ _SECOND = (2 - _TERMS) * _BERNOULLI
 _FOURTH = ((1 - _TERMS) * _BERNOULLI)[1:]
 
 
-class Chart:
-    """The exponential chart of a robot's configurations, joint by joint.
+class ExponentialCoordinates:
+    """The exponential coordinates of a robot's configurations, joint by joint.
 
     With v the velocity at ``q0 (+) u`` in the joint's own axes, ``udot = J(u)^-1 v``, J the right Jacobian of the
     exponential. For SE(2), SO(3) and SE(3) alike, ``J^-1 = I + ad/2 + a ad^2 + b ad^4``, with a and b functions of the

@@ -1,0 +1,19 @@
+"""What ``rnc_pin.app.commands`` exports: read by type checkers, and by ``__init__.py`` to import each name lazily."""
+
+from .init import draft_scenario
+from .inspect import inspect_system
+from .list import list_scenarios
+from .replay import replay_runs
+from .run import run_scenario
+from .schema import print_schema
+from .sweep import sweep_scenario
+
+__all__ = [
+    "draft_scenario",
+    "inspect_system",
+    "list_scenarios",
+    "print_schema",
+    "replay_runs",
+    "run_scenario",
+    "sweep_scenario",
+]

@@ -1,0 +1,27 @@
+"""``rnc-pin init``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rnc_pin.app.new_file import check_new_file
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.files import parse_options
+
+
+def draft_scenario(robot: str, out: Path | None, base: str | None, arguments: tuple[str, ...], force: bool) -> None:
+    """Write a first scenario for a robot."""
+    path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
+    own = path.is_file() and path.resolve() == Path(robot).resolve()
+    check_new_file("--out", path, force or own)
+    text = draft(robot, path.parent, base, parse_options(arguments))
+    if own:
+        raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
+    click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {path}; rnc-pin run {path}")

@@ -1,0 +1,34 @@
+"""``rnc-pin inspect``."""
+
+from __future__ import annotations
+
+from rnc_pin.analysis import analyze
+from rnc_pin.app.messages import print_json
+from rnc_pin.app.report import print_report
+from rnc_pin.scenario.builder import build_reduced, build_task
+from rnc_pin.scenario.files import find_scenario, parse_options, read_yaml, with_options
+from rnc_pin.scenario.loading import validate
+
+
+def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
+    """Print what a system can do."""
+    path = find_scenario(system)
+    checked = validate(with_options(read_yaml(path), parse_options(options)), path.name)
+    built, reduced = build_reduced(checked, path.parent)
+    task = build_task(checked, reduced)
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
+    content = {
+        "system": system,
+        "robot": built.robot.name,
+        "joints": list(built.robot.joint_names),
+        "reducing": list(reduced.reducing.names),
+        "vertical": list(reduced.vertical.names),
+        "actuators": list(reduced.actuation.names),
+        "primary": list(task.primary_names),
+        "redundant": list(task.redundant_names),
+        **report.to_dict(),
+    }
+    if as_json:
+        print_json(content)
+    else:
+        print_report(content)

@@ -1,0 +1,73 @@
+"""``rnc-pin replay``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rnc_pin.app.new_file import check_new_file
+from rnc_pin.app.tables import print_summary
+from rnc_pin.app.watching import live_view
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.scenario.replay import Run, compared, load_run, record, view_of
+from rnc_pin.simulation import summarize
+from rnc_pin.visualization.capture import write_frames, write_video
+from rnc_pin.visualization.interactive import write_plots
+from rnc_pin.visualization.state import recorded_states
+
+
+def replay_runs(
+    sources: tuple[Path, ...],
+    show: bool,
+    speed: float,
+    browser: bool,
+    host: str,
+    html: Path | None,
+    frames: Path | None,
+    video: Path | None,
+    rate: float,
+    plot: Path | None,
+    aside: bool,
+    force: bool,
+) -> None:
+    """Write what is asked for of runs, show them, or print their summaries."""
+    runs = [load_run(source) for source in sources]
+    first = runs[0]
+    others = compared(runs)
+    files = {"--html": html, "--video": video, "--plot": plot}
+    for option, path in files.items():
+        if path is not None:
+            check_new_file(option, path, force)
+    if frames is not None and frames.exists() and (not frames.is_dir() or any(frames.iterdir())) and not force:
+        raise ConfigurationError(f"--frames {frames}: is there and not empty; choose another name or add --force")
+    try:
+        if html is not None or frames is not None or video is not None:
+            recording = record(runs, aside)
+        if html is not None:
+            recording.save(html)
+            click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        if frames is not None:
+            click.echo(f"wrote {len(write_frames(recording, frames, rate))} frames into {frames}")
+        if video is not None:
+            click.echo(f"wrote {write_video(recording, video, rate)} ({video.stat().st_size / 1e6:.1f} MB)")
+        if plot is not None:
+            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others)}")
+    except OSError as error:
+        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    if show:
+        _show(first, speed, browser, host)
+    if not show and frames is None and not any(files.values()):
+        for run in runs:
+            print_summary(summarize(run.trajectory), run.source)
+
+
+def _show(run: Run, speed: float, browser: bool, host: str) -> None:
+    live = live_view(run.reduced, view_of(run.scenario), run.trajectory.meta, run.title, speed, browser, host)
+    try:
+        for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
+            live(state)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        live.close()

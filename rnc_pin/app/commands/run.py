@@ -1,0 +1,58 @@
+"""``rnc-pin run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from rnc_pin.app.messages import complain, print_json, warn
+from rnc_pin.app.progress import ProgressBar
+from rnc_pin.app.status import DONE, FAILED
+from rnc_pin.app.tables import print_summary
+from rnc_pin.app.watching import live_view
+from rnc_pin.scenario.files import parse_options
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.replay import view_of
+from rnc_pin.scenario.run import execute, plan, write
+
+
+def run_scenario(
+    scenario: str,
+    out: Path | None,
+    options: tuple[str, ...],
+    show: bool,
+    speed: float,
+    browser: bool,
+    host: str,
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Run a scenario and write its folder; the exit status."""
+    prepared = plan(scenario, parse_options(options))
+    experiment = prepared.experiment
+    folder = OutputFolder(out or Path("runs") / prepared.name, force)
+    for warning in experiment.warnings:
+        warn(warning)
+    live = None
+    if show:
+        title = experiment.scenario.title or prepared.name
+        live = live_view(
+            experiment.reduced, view_of(experiment.scenario), experiment.notes, title, speed, browser, host
+        )
+    try:
+        with ProgressBar(Console(stderr=True), prepared.total_duration, prepared.name, quiet=as_json) as advance:
+            result = execute(prepared, live, advance)
+    finally:
+        if live is not None:
+            live.close()
+    written = write(prepared, result, folder)
+    result.summary["files"] = [path.name for path in written]
+    if as_json:
+        print_json(result.summary)
+    else:
+        print_summary(result.summary, folder.path)
+    if result.summary["outcome"] == "completed":
+        return DONE
+    complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
+    return FAILED

@@ -1,0 +1,48 @@
+"""``rnc-pin sweep``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from rnc_pin.app.messages import print_json
+from rnc_pin.app.progress import ProgressBar
+from rnc_pin.app.status import DONE, FAILED
+from rnc_pin.app.tables import print_spread
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.scenario.files import parse_options
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.sweep import drawn_keys, spread, sweep, write_table
+
+
+def sweep_scenario(
+    scenario: str,
+    runs: int,
+    jobs: int,
+    scheduler: str | None,
+    out: Path,
+    options: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Run a scenario many times with drawn values and write a table; the exit status."""
+    if jobs == 0:
+        raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
+    parsed = parse_options(options)
+    drawn_keys(scenario, parsed)
+    folder = OutputFolder(out, force)
+    rows: list[dict[str, Any]] = []
+    with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
+        for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
+            rows.append(row)
+            advance(len(rows))
+    write_table(rows, folder.file("sweep.csv"))
+    summary = {"scenario": scenario, **spread(rows)}
+    folder.write_json("sweep.json", summary)
+    if as_json:
+        print_json(summary)
+    else:
+        print_spread(summary, folder.path)
+    return DONE if summary["outcomes"].get("completed", 0) == runs else FAILED

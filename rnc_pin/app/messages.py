@@ -1,0 +1,47 @@
+"""Lines in the terminal: JSON, warnings, and what is wrong."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from rnc_pin.errors import ModelWarning
+
+
+def print_json(content: Any) -> None:
+    """Print JSON on standard output."""
+    click.echo(json.dumps(content, indent=2))
+
+
+def complain(message: str) -> None:
+    """Say in one line what is wrong."""
+    click.echo(f"rnc-pin: error: {' '.join(message.split())}", err=True)
+
+
+def warn(message: str) -> None:
+    """Say in one line what to look out for."""
+    click.echo(f"rnc-pin: warning: {' '.join(message.split())}", err=True)
+
+
+@contextmanager
+def told_warnings() -> Iterator[None]:
+    """Say what a robot's file left open, once and in one line."""
+    told: set[str] = set()
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def tell(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+            if not issubclass(category, ModelWarning):
+                usual(message, category, *rest, **more)
+            elif str(message) not in told:
+                told.add(str(message))
+                warn(str(message))
+
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = tell
+        yield

@@ -1,0 +1,143 @@
+"""What can be typed: commands, their arguments and options, and their help.
+
+It is all that help and completion need, so it imports Click and little else; what a command does is in ``commands``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from rnc_pin.app import commands
+from rnc_pin.scenario.files import built_in_names
+
+
+def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    return [CompletionItem(incomplete, type="file")]
+
+
+def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    names = [CompletionItem(name) for name in built_in_names() if name.startswith(incomplete)]
+    return [*_files(context, parameter, incomplete), *names]  # names last: bash forgets what stands before files
+
+
+_scenario = click.argument("scenario", shell_complete=_scenarios)
+_options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
+_debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
+
+
+def _showing(command: Any) -> Any:
+    """The options of whatever can be watched."""
+    options = (
+        click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
+        click.option(
+            "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
+        ),
+        click.option(
+            "--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."
+        ),
+        click.option("--host", default="127.0.0.1", help="With --show: listen here, so that others can watch."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.version_option(package_name="rnc_pin", prog_name="rnc-pin")
+@_debug
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+    if context.invoked_subcommand is None:
+        raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
+
+
+@cli.command("list")
+@_json
+@_debug
+def list_scenarios(**given: Any) -> None:
+    """List the built-in scenarios."""
+    commands.list_scenarios(**given)
+
+
+@cli.command()
+@_scenario
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
+@_options
+@_showing
+@_json
+@_force
+@_debug
+def run(**given: Any) -> int:
+    """Run a SCENARIO: a built-in name or a YAML file."""
+    return commands.run_scenario(**given)
+
+
+@cli.command()
+@click.argument("system", shell_complete=_scenarios)
+@_options
+@click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
+@click.option("--seed", type=int, default=0, help="Of the sampled configurations.")
+@_json
+@_debug
+def inspect(**given: Any) -> None:
+    """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
+    commands.inspect_system(**given)
+
+
+@cli.command()
+@click.argument("robot", shell_complete=_files)
+@click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
+@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Instead of a guess.")
+@click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@_debug
+def init(**given: Any) -> None:
+    """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
+    commands.draft_scenario(**given)
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    commands.print_schema()
+
+
+@cli.command()
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_showing
+@click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file that plays offline.")
+@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG a frame into this folder.")
+@click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Of frames and videos, per second.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf, .svg, or interactive .html.")
+@click.option("--aside", is_flag=True, help="Set the runs beside each other, not into each other.")
+@_force
+@_debug
+def replay(**given: Any) -> None:
+    """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
+    commands.replay_runs(**given)
+
+
+@cli.command()
+@_scenario
+@click.option("--runs", type=click.IntRange(min=1), required=True, help="How many runs.")
+@click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
+@_options
+@_json
+@_force
+@_debug
+def sweep(**given: Any) -> int:
+    """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'.
+
+    A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.
+    """
+    return commands.sweep_scenario(**given)

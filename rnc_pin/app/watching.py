@@ -1,0 +1,31 @@
+"""A live view as ``--show`` and its options ask for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from rnc_pin.app.messages import warn
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.scene_server import is_loopback
+from rnc_pin.visualization.screens import chosen_screen
+from rnc_pin.visualization.show import View
+
+
+def live_view(
+    reduced: ReducedModel, view: View, meta: Mapping[str, Any], title: str, speed: float, browser: bool, host: str
+) -> LiveView:
+    """Serve a view, say where, and wait for the browser."""
+    if not is_loopback(host):
+        warn(f"--host {host}: whoever reaches this computer there can watch")
+    live = LiveView(reduced, view, meta, speed, browser, host, title, chosen_screen())
+    click.echo(f"showing on {live.url}", err=True)
+    try:
+        live.wait_for_browser(10.0)
+    except BaseException:
+        live.close()
+        raise
+    return live

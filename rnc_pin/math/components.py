@@ -1,0 +1,55 @@
+"""Formulas written once in components, for one state and for many.
+
+The components of one vector are Python numbers, those of a stack of vectors are arrays: arithmetic between them reads
+the same, and a single state does not pay for arrays of one entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+Component: TypeAlias = "float | np.ndarray"
+Triple: TypeAlias = "tuple[Component, Component, Component]"
+
+
+def components(vectors: np.ndarray) -> Sequence[Component]:
+    """The entries of a vector (k,), or of vectors (..., k) one array (...) each."""
+    if vectors.ndim == 1:
+        entries: Sequence[Component] = vectors.tolist()
+        return entries
+    return [vectors[..., k] for k in range(vectors.shape[-1])]
+
+
+def packed(rows: Sequence[Sequence[Component]]) -> np.ndarray:
+    """A matrix (..., k, l) of components; those that are numbers are the same in the whole stack."""
+    shape = next((entry.shape for row in rows for entry in row if isinstance(entry, np.ndarray)), None)
+    if shape is None:
+        return np.array(rows)
+    out = np.empty((*shape, len(rows), len(rows[0])))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            out[..., i, j] = entry
+    return out
+
+
+def packed_vector(entries: Sequence[Component]) -> np.ndarray:
+    """A vector (..., k) of components."""
+    return packed([entries])[..., 0, :]
+
+
+def cross(a: Sequence[Component], b: Sequence[Component]) -> Triple:
+    """The vector product of two triples of components."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
+    """The scalar product of two triples of components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def smallest(value: Component) -> float:
+    """The smallest entry of a component over all states."""
+    return float(value.min()) if isinstance(value, np.ndarray) else value

@@ -1,0 +1,72 @@
+"""The boundary: what arrays may come in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import InputError
+from rnc_pin.robots.robot import Robot
+
+ArrayInput = Any  # whatever NumPy makes a float array of
+
+
+class Admission:
+    """Shapes, finite numbers, and unit complex numbers and quaternions of a robot's configurations.
+
+    Args:
+        robot: whose they are.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._nq = robot.model, robot.nq
+        self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
+
+    def configuration(self, q: ArrayInput) -> np.ndarray:
+        """A copy of q (..., nq), so that what is computed from it stays true."""
+        q = np.array(q, float)  # by position: a keyword costs as much as the call
+        if q.ndim == 0 or q.shape[-1] != self._nq:
+            raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
+        if q.ndim == 1:
+            if not q.dot(q) < np.inf:
+                refuse_not_finite("q", q)
+            if self._on_spheres and not pin.isNormalized(self._model, q, 1e-6):
+                raise _NOT_OF_UNIT_LENGTH
+            return q
+        refuse_not_finite("q", q)
+        if self._on_spheres and not all(pin.isNormalized(self._model, q_i, 1e-6) for q_i in q.reshape(-1, self._nq)):
+            raise _NOT_OF_UNIT_LENGTH
+        return q
+
+
+_NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+
+
+def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
+    """A float array (..., size) of finite numbers."""
+    array = np.asarray(array, float)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
+    if array.ndim > 1 or not array.dot(array) < np.inf:
+        refuse_not_finite(name, array)
+    return array
+
+
+def refuse_not_finite(name: str, array: np.ndarray) -> None:
+    """Refuse an array that holds NaN or infinities."""
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds values that are not finite: {np.array2string(array, precision=4)}")
+
+
+def spread(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """One configuration for many velocities, or the other way round: both with the same leading axes."""
+    if q.shape[:-1] == beside.shape[:-1]:
+        return q, beside
+    try:
+        batch = np.broadcast_shapes(beside.shape[:-1], q.shape[:-1])
+    except ValueError:
+        raise InputError(f"q of shape {q.shape} and {name} of shape {beside.shape} do not go together") from None
+    wide = (np.ascontiguousarray(np.broadcast_to(each, (*batch, each.shape[-1]))) for each in (q, beside))
+    return next(wide), next(wide)

@@ -1,0 +1,130 @@
+"""What a reduction is made of, put together once: rows, outputs, actuators, and the workspace that evaluates them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+import scipy.linalg
+
+from rnc_pin.errors import SingularityError
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.rows import ConstantRows, OutputRows
+from rnc_pin.robots.robot import Robot
+
+_CHOOSE_AGAIN = 1e3  # how dependent a row may become before other rows are looked for, where there are others
+
+
+class Parts:
+    """Constraint rows above reducing outputs, ``E = [A; J2]``, with everything that is evaluated beside them.
+
+    Args:
+        robot: the robot.
+        rows: all constraint rows.
+        kept: which of them are in A by default, (m,).
+        actuation: the actuators.
+        reducing, vertical: the outputs x2 and x1.
+        singularity_limit: how dependent a row of E may become, see ``ReducedModel``.
+        lengths: what rows, all of them and then the reducing outputs, are long elsewhere.
+        free: whether reducing velocities may be chosen anew where they are dependent, as no output is meant by them.
+        kinematics: a workspace to share with another reduction of the same system.
+
+    Attributes:
+        constraints: the rows kept by default; ``stack``: E.
+        template: E with the rows that never change in it.
+        lengths_of_rows, lengths_of_outputs: natural lengths of all constraint rows and of the reducing outputs.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        rows: RowStack,
+        kept: Sequence[int],
+        actuation: Actuation,
+        reducing: OutputStack,
+        vertical: OutputStack,
+        singularity_limit: float,
+        lengths: np.ndarray,
+        free: bool = False,
+        kinematics: Kinematics | None = None,
+    ) -> None:
+        self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
+        self.reducing, self.vertical, self.free = reducing, vertical, free
+        self.constraints = RowStack([block for block, _, _ in rows.places], self.kept)
+        self.stack = RowStack.joined(self.constraints, reducing)
+        self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
+        self.affine = rows.affine
+        asked = (*rows.joints, *reducing.joints, *vertical.joints, *actuation.joints)
+        self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
+        self.template = self.stack.template(self.n)
+        self.lengths_of_rows, self.lengths_of_outputs = lengths[: rows.size], lengths[rows.size :]
+        self.lengths = np.concatenate([self.lengths_of_rows[list(self.kept)], self.lengths_of_outputs])
+        self.singularity_limit = singularity_limit
+        self.has_others = free or rows.size > self.m
+        limit = min(_CHOOSE_AGAIN, singularity_limit) if self.has_others else singularity_limit
+        self.quick_limit = limit**2
+        self.quick_length = float(self.lengths.dot(self.lengths))
+
+    def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> Parts:
+        """The same system in reducing velocities ``W v``, W (r, nv) constant with rows of unit length."""
+        names = names or [f"w[{k}]" for k in range(self.r)]
+        reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
+        return self._with(self.kept, reducing, np.ones(self.r), free)
+
+    def keeping(self, kept: Sequence[int]) -> Parts:
+        """The same with other constraint rows in A."""
+        return self._with(kept, self.reducing, self.lengths_of_outputs, self.free)
+
+    def _with(self, kept: Sequence[int], reducing: OutputStack, lengths: np.ndarray, free: bool) -> Parts:
+        return Parts(
+            self.robot,
+            self.rows,
+            kept,
+            self.actuation,
+            reducing,
+            self.vertical,
+            self.singularity_limit,
+            np.concatenate([self.lengths_of_rows, lengths]),
+            free,
+            self.kinematics,
+        )
+
+
+class VelocityRows(ConstantRows, OutputRows):
+    """Constant combinations of velocities, ``W v``: rates of no coordinate in general.
+
+    Args:
+        W: (k, nv).
+        names, units: of the rows, (k,).
+    """
+
+    quasi = True
+
+    def __init__(self, W: np.ndarray, names: Sequence[str], units: Sequence[str]) -> None:
+        self.matrix = W
+        self.names, self.units, self.angular = tuple(names), tuple(units), (False,) * len(W)
+
+
+def best_entries(rows: np.ndarray, r: int) -> list[int]:
+    """Entries of v, (r,), on which the motion under rows (m, nv) of full rank depends least violently.
+
+    The others are then moderate combinations of them: of an orthonormal basis of the null space those rows are taken
+    that column-pivoted QR picks.
+    """
+    null_space = scipy.linalg.null_space(rows) if len(rows) else np.eye(rows.shape[1])
+    order = scipy.linalg.qr(null_space.T, mode="r", pivoting=True)[1]
+    return sorted(order[:r].tolist())
+
+
+def natural_lengths(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
+    """The largest length of each row over configurations (count, nq): what it is where it does not vanish."""
+    stack = RowStack.joined(rows, reducing)
+    kinematics = Kinematics(robot, stack.joints)
+    largest = np.zeros(stack.size)
+    for q in configurations:
+        with suppress(SingularityError):  # some row is undefined there
+            largest = np.fmax(largest, np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
+    return largest

@@ -1,0 +1,299 @@
+"""The reduced model: ``F = H v2dot + V v2 + G`` for any system. Paper (2)-(3), (6)-(7).
+
+The formulas are in ``evaluation``. Here is what a user calls: ``at`` for an evaluation that can be asked for
+everything, and the single questions, a line each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import InputError
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.admission import Admission, ArrayInput, spread, vector
+from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parts import Parts
+from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
+from rnc_pin.robots.robot import Robot
+
+
+class ReducedModel:
+    """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
+
+    Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
+    It owns one Pinocchio workspace, so an instance serves one thread at a time.
+
+    Raises (every method):
+        InputError: an array has the wrong shape or is not finite.
+        SingularityError: the outputs do not parametrise the motion at q.
+    """
+
+    def __init__(self, parts: Parts, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
+        self._parts = parts
+        self._admission = Admission(parts.robot)
+        self.assembly = assembly
+        self.dropped_rows = tuple(dropped_rows)
+        """Constraint rows that add nothing, with the reasons."""
+
+    # ------------------------------------------------------------------ what it is made of
+
+    @property
+    def parts(self) -> Parts:
+        """What it is made of, for those who make another model of it."""
+        return self._parts
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._parts.robot
+
+    @property
+    def n(self) -> int:
+        """Degrees of freedom before the constraints, nv."""
+        return self._parts.n
+
+    @property
+    def m(self) -> int:
+        """Independent constraint rows."""
+        return self._parts.m
+
+    @property
+    def r(self) -> int:
+        """Reducing outputs, n - m."""
+        return self._parts.r
+
+    @property
+    def p(self) -> int:
+        """Actuators."""
+        return self._parts.p
+
+    @property
+    def affine(self) -> bool:
+        """Whether constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``."""
+        return self._parts.affine
+
+    @property
+    def constraints(self) -> RowStack:
+        """The rows of A."""
+        return self._parts.constraints
+
+    @property
+    def all_constraints(self) -> RowStack:
+        """All constraint rows, dropped ones included."""
+        return self._parts.rows
+
+    @property
+    def reducing(self) -> OutputStack:
+        """The outputs x2."""
+        return self._parts.reducing
+
+    @property
+    def vertical(self) -> OutputStack:
+        """The outputs x1."""
+        return self._parts.vertical
+
+    @property
+    def actuation(self) -> Actuation:
+        """The actuators."""
+        return self._parts.actuation
+
+    # ------------------------------------------------------------------ one evaluation
+
+    def at(self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None) -> Evaluation:
+        """The model at states: every quantity is computed when first asked for, once.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            v: instead, full velocities (..., nv) as they were measured; they need not satisfy the constraints. Without
+                any velocity the evaluation knows what depends on q alone.
+        """
+        q = self._admission.configuration(q)
+        if v2 is not None:
+            if v is not None:
+                raise InputError("give v2, or v as it was measured, not both")
+            v2 = vector(v2, self._parts.r, "v2")
+            if v2.ndim > 1 or q.ndim > 1:
+                q, v2 = spread(q, v2, "v2")
+            return Evaluation(self._parts, q, v2.copy())
+        if v is not None:
+            q, v = spread(q, vector(v, self._parts.n, "v"), "v")
+            return Evaluation(self._parts, q, v=v.copy())
+        return Evaluation(self._parts, q)
+
+    def settled_at(self, q: ArrayInput) -> ReducedModel:
+        """The same with the rows, and where no outputs were named the entries of v, that are chosen at q (nq,)."""
+        state = self.at(q)
+        _ = state.R
+        parts = self._parts.keeping(state.kept.tolist())
+        if self._parts.free:
+            entries = np.argmax(state.J2, axis=1)
+            parts = parts.in_velocities(state.J2, [self.robot.velocity_names[k] for k in entries])
+        return ReducedModel(parts, self.assembly, self.dropped_rows)
+
+    # ------------------------------------------------------------------ dynamics
+
+    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch r"]:
+        """Accelerations ``v2_dot`` under actuator inputs T [N or N m]."""
+        return self.at(q, v2).v2_dot(T)
+
+    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
+        """Reduced forces ``F = H v2dot + V v2 + G``."""
+        return self.at(q, v2).inverse_dynamics(v2_dot)
+
+    def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> Flow:
+        """Full velocity, reduced acceleration and power; ``damping`` (nv,) are viscous coefficients."""
+        return self.at(q, v2).flow(T, damping)
+
+    def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
+        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+
+        Raises:
+            ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
+        """
+        return self.at(q).allocate(F)
+
+    def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
+        """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``; see ``Evaluation``."""
+        return self.at(q, v2).multipliers(T)
+
+    def contact_forces(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch k"]:
+        """Multipliers of all constraint rows, dropped ones included, of least norm where they are not unique."""
+        return self.at(q, v2).contact_forces(T)
+
+    def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
+        """Kinetic plus potential energy [J]."""
+        return self.at(q, v2).energy
+
+    # ------------------------------------------------------------------ matrices
+
+    def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
+        """All matrices of the reduced system at (q, v2)."""
+        return self.at(q, v2).terms()
+
+    def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
+        """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2 + b``."""
+        state = self.at(q, v2)
+        return LagrangianTerms(H=state.M, C=state.C, g=state.g, B=state.B)
+
+    def inertia(self, q: ArrayInput) -> Float[Array, "*batch r r"]:
+        """Reduced inertia matrix H alone."""
+        return self.at(q).H
+
+    def input_matrix(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
+        """``R^T B``: reduced force for unit actuator inputs."""
+        return self.at(q).input_matrix
+
+    def drive_jacobian(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
+        """``J2 B``: rate of the reducing outputs while each actuator moves alone, constraints apart."""
+        state = self.at(q)
+        return state.J2 @ state.B
+
+    def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
+        """R and its derivatives (..., nv, r) along tangent vectors (..., nv)."""
+        state = self.at(q, v=along)
+        return state.R, state.R_dot
+
+    def kinematic_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
+        """Derivatives of ``A_star`` along the motion of single reducing outputs: how A_star depends on them.
+
+        Args:
+            q: configurations (..., nq).
+            along: positions in x2, (s,).
+        """
+        return np.moveaxis(self._alone(q, along).A_star_dot, -3, -1)
+
+    def log_determinant_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
+        """Derivatives of ``log |det E|``, that is ``tr(E^-1 Edot)``, along the motion of single reducing outputs.
+
+        Args:
+            q: configurations (..., nq).
+            along: positions in x2, (s,).
+        """
+        state = self._alone(q, along)
+        return np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot)
+
+    def _alone(self, q: ArrayInput, along: Sequence[int] | Array) -> Evaluation:
+        """Every configuration once for each of some outputs (..., s, nq), which moves alone at unit rate."""
+        R = self.at(q).R
+        directions = np.moveaxis(R[..., list(along)], -1, -2)
+        return self.at(np.asarray(q, float)[..., None, :], v=directions)
+
+    # ------------------------------------------------------------------ measurements
+
+    def measure(self, q: ArrayInput, v2: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
+        """What controllers may see at a state of this model: outputs, rates and kinematics, no inertia.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity outputs; without
+                them those are NaN, and a controller that needs one says so.
+        """
+        return self.at(q, v2).measure(integrals)
+
+    def measured(self, q: ArrayInput, v: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
+        """The same from a state as sensors give it: nothing of v is replaced by what the model believes.
+
+        Args:
+            q: configurations (..., nq).
+            v: full velocities (..., nv). They need not satisfy the constraints: ``residual`` is their slip.
+            integrals: integrals of v2 over time (..., r), as for ``measure``.
+        """
+        return self.at(q, v=v).measure(integrals)
+
+    def outputs(self, q: ArrayInput, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r) of the outputs; of quasi-velocities the integrals, by default zero."""
+        return self.at(q).outputs(integrals)
+
+    def velocity(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch nv"]:
+        """Full velocity ``v = R v2 + b``."""
+        return self.at(q, v2).v
+
+    def constraint_residual(self, q: ArrayInput, v: ArrayInput) -> Float[Array, "*batch m"]:
+        """``A v - mu``."""
+        return self.at(q, v=v).residual
+
+    # ------------------------------------------------------------------ how regular it is
+
+    def condition(self, q: ArrayInput) -> Array | float:
+        """Condition number (...) of E with unit rows: how well x2 parametrises the motion at q."""
+        return self.at(q).condition
+
+    def smallest_singular_value(self, q: ArrayInput) -> Array | float:
+        """Smallest singular value (...) of E with unit rows; zero at a singular configuration."""
+        return self.at(q).smallest_singular_value
+
+    def stacked_rows(self, q: ArrayInput) -> Float[Array, "*batch nv nv"]:
+        """``E = [A; J2]``, constraint rows above reducing outputs; raises at no singular configuration."""
+        return self.at(q).E
+
+    # ------------------------------------------------------------------ configurations that comply
+
+    def position_residual(self, q: ArrayInput) -> Float[Array, "*batch h"]:
+        """How far configurations (..., nq) are from satisfying the holonomic rows, ``assembly.names`` [m or rad]."""
+        return self.assembly.residual(self._admission.configuration(q))
+
+    def assembled(self, q: ArrayInput, hold: Sequence[str] = ()) -> Float[Array, " nq"]:
+        """The configuration near q (nq,) that satisfies the holonomic rows: loops closed, wheels on the ground.
+
+        Args:
+            q: one configuration (nq,).
+            hold: joints that stay where they are.
+
+        Raises:
+            ConstraintError: none was found.
+        """
+        return self.assembly.project(self._admission.configuration(q), hold)
+
+    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
+        """``Robot.random_configuration``, assembled."""
+        return self.assembly.random_configuration(generator, spread)

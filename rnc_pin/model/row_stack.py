@@ -1,0 +1,172 @@
+"""Rows of several blocks, one under the other, evaluated at one state or at many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.kinematics import Motion, Position, Rates
+from rnc_pin.model.rows import ConstantRows, OutputRows, Rows
+
+Selection = slice | list[int]
+_Value = TypeVar("_Value")
+
+
+class Place(NamedTuple):
+    """Where rows of a block stand in a stack."""
+
+    block: Rows
+    where: slice
+    """In the stack."""
+    rows: Selection
+    """Which of the block's rows count."""
+
+
+class RowStack:
+    """Some rows of several blocks, one under the other. What it gives has the leading axes of the states.
+
+    Args:
+        blocks: the bound rows.
+        kept: which rows of all blocks together count, in order; all of them by default.
+
+    Attributes:
+        names, units, holonomic: of the rows, (size,).
+        size: how many there are.
+        places: blocks with the places of their rows.
+        joints: whose placements the rows ask for.
+    """
+
+    def __init__(self, blocks: Sequence[Rows], kept: Sequence[int] | None = None) -> None:
+        self.places: list[Place] = []
+        start = first = 0
+        for block in blocks:
+            size = len(block.names)
+            chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
+            if len(chosen):
+                where = slice(start, start + len(chosen))
+                self.places.append(Place(block, where, _selection(list(chosen))))
+            start, first = start + len(chosen), first + size
+        self.size = start
+        self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
+        self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
+        self.holonomic = tuple(
+            flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
+        )
+        self.affine = any(block.affine for block, _, _ in self.places)
+        self.joints = tuple({joint for block, _, _ in self.places for joint in block.joints})
+        self._varying = _varying(self.places)
+
+    @classmethod
+    def joined(cls, *stacks: RowStack) -> RowStack:
+        """Several stacks as one."""
+        whole = RowStack([])
+        for stack in stacks:
+            for block, where, rows in stack.places:
+                whole.places.append(Place(block, slice(where.start + whole.size, where.stop + whole.size), rows))
+            whole.names, whole.units = whole.names + stack.names, whole.units + stack.units
+            whole.holonomic += stack.holonomic
+            whole.size += stack.size
+            whole.affine |= stack.affine
+            whole.joints = tuple({*whole.joints, *stack.joints})
+        whole._varying = _varying(whole.places)
+        return whole
+
+    def template(self, nv: int) -> np.ndarray:
+        """A stack (size, nv), by columns, with the rows that never change in it."""
+        out = np.zeros((self.size, nv), order="F")
+        for block, where, rows in self.places:
+            if isinstance(block, ConstantRows):
+                out[where] = block.matrix[rows]
+        return out
+
+    def write_jacobian(self, at: Position, out: np.ndarray) -> None:
+        """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
+        for block, where, rows in self._varying:
+            out[..., where, :] = block.jacobian(at)[..., rows, :]
+
+    def jacobian(self, at: Position) -> np.ndarray:
+        """J(q), (..., size, nv)."""
+        return self._gather(at, lambda block: block.jacobian(at), (at.M.shape[-1],))
+
+    def drift(self, at: Motion) -> np.ndarray:
+        """``Jdot v - mudot``, (..., size)."""
+        out = np.zeros((*at.q.shape[:-1], self.size))
+        for block, where, rows in self._varying:
+            out[..., where] = block.drift(at)[..., rows]
+        return out
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        """Jdot(q, v), (..., size, nv)."""
+        return self._gather(at, lambda block: block.jacobian_dot(at), (at.M.shape[-1],))
+
+    def rate(self, at: Position) -> np.ndarray:
+        """mu(q), (..., size)."""
+        return self._gather(at, lambda block: block.rate(at))
+
+    def rate_dot(self, at: Rates) -> np.ndarray:
+        """The rate of mu, (..., size)."""
+        return self._gather(at, lambda block: block.rate_dot(at))
+
+    def _gather(self, at: Position, of: Callable[[Rows], np.ndarray], last: tuple[int, ...] = ()) -> np.ndarray:
+        """What every block says, cut down to its rows that count, (..., size, *last)."""
+        out = np.empty((*at.q.shape[:-1], self.size, *last))
+        for block, where, rows in self.places:
+            found = of(block)
+            if last:
+                out[..., where, :] = found[..., rows, :]
+            else:
+                out[..., where] = found[..., rows]
+        return out
+
+    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        """Points and unit vectors, (..., size, 3) each; NaN for rows that act on no point."""
+        points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
+        for block, where, rows in self.places:
+            lines = block.lines_of_action(at)
+            if lines is not None:
+                points[..., where, :], directions[..., where, :] = (each[..., rows, :] for each in lines)
+        return points, directions
+
+
+class OutputStack(RowStack):
+    """Outputs one under the other, with their values.
+
+    Args:
+        blocks: the bound outputs.
+
+    Attributes:
+        angular, quasi: which of them are angles, and which are quasi-velocities, (size,).
+        coordinates: what they live on.
+    """
+
+    def __init__(self, blocks: Sequence[OutputRows]) -> None:
+        super().__init__(blocks)
+        self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
+        self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
+        self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
+        rotations = [where.start for block, where in self._values if block.rotation]
+        self.coordinates = Coordinates(self.angular, rotations)
+
+    def value(self, at: Position) -> np.ndarray:
+        """The coordinates, (..., size)."""
+        out = np.empty((*at.q.shape[:-1], self.size))
+        for block, where in self._values:
+            out[..., where] = block.value(at)
+        return out
+
+
+def _varying(places: Sequence[Place]) -> list[Place]:
+    return [place for place in places if not isinstance(place.block, ConstantRows)]
+
+
+def _selection(rows: list[int]) -> Selection:
+    """Rows that follow each other as a slice: a view, not a copy, on the hot path."""
+    first = rows[0]
+    return slice(first, first + len(rows)) if rows == list(range(first, first + len(rows))) else rows
+
+
+def _of(values: tuple[_Value, ...], rows: Selection) -> tuple[_Value, ...]:
+    return values[rows] if isinstance(rows, slice) else tuple(values[row] for row in rows)

@@ -1,0 +1,128 @@
+"""Scenario files as they are written: where they are, safe YAML, and values replaced on the command line.
+
+It knows nothing of what a scenario may say, so that listing and completing names is quick.
+"""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Hashable, Iterable, Mapping
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rnc_pin.errors import ConfigurationError, nearest
+
+_BUILT_IN = Path(__file__).resolve().parent / "builtin"
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that refuses a key given twice, where YAML would quietly keep the last."""
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
+        key = loader.construct_object(key_node, deep=True)
+        if isinstance(key, Hashable):
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is there twice", key_node.start_mark)
+            seen.add(key)
+    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+
+
+def built_in_names() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(path.stem for path in _BUILT_IN.glob("*.yaml"))
+
+
+def find_scenario(name: str) -> Path:
+    """The file of a built-in scenario, or the file named.
+
+    Raises:
+        ConfigurationError: neither exists; says the nearest name.
+    """
+    if name in built_in_names():
+        return _BUILT_IN / f"{name}.yaml"
+    if os.path.isfile(name):  # a name that no file can have is none
+        return Path(name)
+    raise ConfigurationError(f"no scenario '{name}': neither built in nor a file{nearest(name, built_in_names())}")
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        ConfigurationError: cannot be read, is not YAML (says the line), or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error}") from None
+    try:
+        raw = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        line = f"line {mark.line + 1}" if mark else "somewhere"
+        raise ConfigurationError(f"{path}, {line}: {error.problem or error.context}") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(raw, dict):
+        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot', found {describe(raw)}")
+    return raw
+
+
+def parse_option(option: str) -> tuple[str, Any]:
+    """``a.b=c`` as a key and a value read as YAML."""
+    key, equals, text = option.partition("=")
+    if not equals or not key.strip():
+        raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
+    try:
+        return key.strip(), yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
+
+
+def parse_options(options: Iterable[str]) -> dict[str, Any]:
+    """Keys and values, as ``with_options`` takes them; of a key given twice the last counts."""
+    return dict(parse_option(option) for option in options)
+
+
+def with_options(raw: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of a scenario with values at dotted keys replaced; numbers in a key index lists."""
+    result = deepcopy(dict(raw))
+    for key, value in options.items():
+        where: Any = result
+        parts = key.split(".")
+        for depth, part in enumerate(parts):
+            last = depth == len(parts) - 1
+            if isinstance(where, list):
+                if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
+                    raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
+                if last:
+                    where[int(part)] = value
+                else:
+                    where = where[int(part)]
+            elif isinstance(where, dict):
+                if last:
+                    where[part] = value
+                else:
+                    where = where.setdefault(part, {})
+            else:
+                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' holds {describe(where)}, nothing is inside it")
+    return result
+
+
+def describe(value: Any) -> str:
+    """A value in a few words."""
+    if isinstance(value, dict):
+        return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,181 @@
+"""Rows of a run, filled sample by sample; what follows from them is computed at the end, in blocks."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.control.protocol import Command
+from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.parts import best_entries
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation.trajectory import Trajectory
+
+_BLOCK = 1000  # samples
+
+
+class Record:
+    """A run under way.
+
+    Args:
+        reduced: the model.
+        capacity: most samples.
+    """
+
+    def __init__(self, reduced: ReducedModel, capacity: int) -> None:
+        self.reduced, self.capacity, self.count = reduced, capacity, 0
+        k, r = reduced.vertical.size, reduced.r
+        sizes = {
+            "time": (), "q": (reduced.robot.nq,), "v": (reduced.n,), "v2": (r,), "v2_desired": (r,), "x1": (k,),
+            "x1_desired": (k,), "v1": (k,), "x2": (r,), "x2_desired": (r,), "T": (reduced.p,), "work": (),
+            "estimates": (0,), "prediction_error": (0,),
+        }  # fmt: skip
+        self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
+        self._integrals = np.zeros((capacity, r))
+
+    def add(
+        self, t: float, state: Evaluation, integrals: np.ndarray, command: Command, T: np.ndarray, work: float
+    ) -> None:
+        """One sample."""
+        a, i = self.arrays, self.count
+        x1, x2 = state.outputs(integrals)
+        now = {"time": t, "q": state.q, "v": state.v, "v2": state.v2, "T": T, "work": work, "x1": x1, "x2": x2}
+        for name, value in now.items():
+            a[name][i] = value
+        a["v1"][i] = apply(state.J1, state.v)
+        self._integrals[i] = integrals
+        for name in ("v2_desired", "x1_desired", "x2_desired"):
+            value = getattr(command, name)
+            if value is not None:
+                a[name][i] = value
+        for name in ("estimates", "prediction_error"):
+            value = getattr(command, name)
+            if value is not None:
+                if not a[name].shape[1]:
+                    a[name] = np.full((self.capacity, np.size(value)), np.nan)
+                a[name][i] = value
+        self.count += 1
+
+    def finish(self, meta: dict[str, Any], dt: float) -> Trajectory:
+        """The run as a whole."""
+        reduced = self.reduced
+        a = {name: array[: self.count] for name, array in self.arrays.items()}
+        x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
+        a["x1"] = x1.unwrap(a["x1"], _integrated(a["x1"], a["v1"], a["time"]))
+        a["x2"] = x2.unwrap(a["x2"], a["x2"][:1] + self._integrals[: self.count])
+        goals = {
+            name: [
+                n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()
+            ]
+            for name, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
+        }
+        _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
+        return Trajectory(
+            **a,
+            **self._derived(a["q"], a["v"], a["T"]),
+            meta={
+                **output_names(reduced),
+                "goals": goals["x1"] + goals["x2"],
+                "dt": dt,
+                "versions": versions(),
+                **meta,
+            },
+        )
+
+    def _derived(self, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
+        reduced, N = self.reduced, len(q)
+        sizes = {
+            "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
+            "energy": (), "constraint_residual": (), "position_residual": (), "singular_value": (),
+        }  # fmt: skip
+        derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
+        for start in range(0, N, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            for name, values in _block(reduced, q[block], v[block], T[block]).items():
+                derived[name][block] = values
+        return derived
+
+
+def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, Any]:
+    seen = Evaluation(reduced.parts, q, v=v)
+    # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
+    entries = best_entries(seen.A[0], reduced.r)
+    names = [reduced.robot.velocity_names[k] for k in entries]
+    moved = seen.as_seen_by(reduced.parts.in_velocities(np.eye(reduced.n)[entries], names, free=True))
+    regular = seen.regular
+    F = np.full((len(q), reduced.r), np.nan)
+    if regular.any():
+        good = seen if regular.all() else reduced.at(q[regular], v=v[regular])
+        F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
+    return {
+        "F": F,
+        "multipliers": moved.multipliers(T),
+        "contact_forces": moved.contact_forces(T),
+        "energy": seen.energy,
+        "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
+        "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
+        "singular_value": seen.smallest_singular_value,
+    }
+
+
+def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Where values (N, k) should be by their rates, (N, k), by the trapezoidal rule."""
+    if not len(values):
+        return values
+    steps = 0.5 * np.diff(time)[:, None] * (rates[1:] + rates[:-1])
+    return values[:1] + np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray, dt: float) -> None:
+    """Where only a rate was desired, put its integral from the start (trapezoidal rule)."""
+    if not len(x2):
+        return
+    columns = np.isnan(x2_desired).all(axis=0) & ~np.isnan(v2_desired).any(axis=0)
+    rates = v2_desired[:, columns]
+    steps = 0.5 * dt * (rates[1:] + rates[:-1])
+    x2_desired[:, columns] = x2[0, columns] + np.vstack([np.zeros(rates.shape[1]), np.cumsum(steps, axis=0)])
+
+
+def output_names(reduced: ReducedModel) -> dict[str, Any]:
+    """Names, units and angularity of what a model's runs consist of, as ``Trajectory.meta`` has them."""
+
+    def coordinate(unit: str) -> str:
+        return unit.removesuffix("/s") if unit.endswith("/s") else unit
+
+    return {
+        "names": {
+            "x1": list(reduced.vertical.names),
+            "x2": list(reduced.reducing.names),
+            "T": list(reduced.actuation.names),
+            "multipliers": list(reduced.constraints.names),
+            "contact_forces": list(reduced.all_constraints.names),
+            "v": list(reduced.robot.velocity_names),
+        },
+        "units": {
+            "x1": [coordinate(unit) for unit in reduced.vertical.units],
+            "x2": [coordinate(unit) for unit in reduced.reducing.units],
+        },
+        "angular": {
+            "x1": reduced.vertical.angular.tolist(),
+            "x2": reduced.reducing.angular.tolist(),
+        },
+        "rotations": {
+            "x1": list(reduced.vertical.coordinates.rotations),
+            "x2": list(reduced.reducing.coordinates.rotations),
+        },
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions that a result depends on."""
+    return {
+        "rnc_pin": version("rnc_pin"),
+        "pin": pin.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }

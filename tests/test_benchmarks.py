@@ -1,0 +1,60 @@
+"""The benchmark measures what it says and writes down what its first page promises; times are not judged here."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import reduction
+from benchmarks.states import regular_states
+from rnc_pin.scenario.run import plan
+
+SYSTEM = "snakeboard"
+COST = {"us", "ratio", "limit", "within"}
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return plan(SYSTEM).experiment
+
+
+def test_states_are_regular_and_repeat_themselves(experiment):
+    reduced = experiment.reduced
+    states, again = (regular_states(reduced, experiment.q0, 5) for _ in range(2))
+    assert np.array_equal(states.q, again.q)
+    assert len(np.unique(states.q, axis=0)) == 5
+    assert np.isfinite(reduced.forward_dynamics(states.q, states.v2, states.T)).all()
+    assert np.abs(reduced.constraint_residual(states.q, states.v)).max() < 1e-12
+
+
+def test_figures_are_finite_and_positive():
+    costs = reduction.system_costs(SYSTEM, rounds=2)
+    figures = [costs.bare_us, costs.threads]
+    for cost in (costs.one_state, costs.of_batch, costs.tick):
+        figures += [cost.us, cost.ratio]
+    assert np.isfinite(figures).all()
+    assert min(figures) > 0
+    assert costs.one_state.ratio == pytest.approx(costs.one_state.us / costs.bare_us)
+
+
+def test_a_limit_that_is_not_kept_is_marked():
+    cost = reduction.Cost(us=30.0, ratio=11.0, limit=10.0)
+    assert not cost.within
+    assert reduction.cells(cost) == ("30.0", "[bold red]11.0[/]")
+
+
+def test_json_has_what_is_documented(tmp_path, capsys):
+    file = tmp_path / "costs.json"
+    reduction.main(["--systems", SYSTEM, "--rounds", "1", "--json", str(file)])
+    written = json.loads(file.read_text())
+    assert set(written) == {"rounds", "systems", "commands", "machine"}
+    (system,) = written["systems"]
+    assert set(system) == {"system", "nv", "r", "bare_us", "one_state", "of_batch", "tick", "threads", "within"}
+    assert all(set(system[name]) == COST for name in ("one_state", "of_batch", "tick"))
+    assert {each["command"] for each in written["commands"]} == {"import rnc_pin", "rnc-pin --help"}
+    assert all(set(each) == {"command", "seconds", "limit", "within"} for each in written["commands"])
+    assert all(each["seconds"] > 0 for each in written["commands"])
+    assert set(written["machine"]) == {"cpus", "python", "numpy", "pin", "python_loop_ms"}
+    shown = capsys.readouterr().out
+    assert SYSTEM in shown
+    assert "rnc-pin --help" in shown

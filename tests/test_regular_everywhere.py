@@ -1,0 +1,651 @@
+"""Where constraints have constant rank the motion is regular, whatever the outputs and the order of the rows.
+
+A roller racer folds through a configuration where its reducing outputs are dependent; cars with Ackermann steering and
+with four steered wheels drive through straight, where the rows of two wheels coincide. The references use neither
+rnc_pin nor Pinocchio: planar mechanics, body by body, in NumPy.
+"""
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import permutations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import rnc_pin as rnc
+from tolerances import KKT, ROUNDING
+
+MOTION = 1e-8  # positions and velocities after seconds of free motion, against the reference's own integration
+REFERENCE_ENERGY, REFERENCE_CONSTRAINT = 1e-11, 1e-10  # what the references themselves keep
+HERE = pin.SE3.Identity()
+
+
+def at(x, y=0.0, z=0.0):
+    return pin.SE3(np.eye(3), np.array([x, y, z]))
+
+
+def yawing(mass, inertia, x=0.0, y=0.0):
+    """A body of which only mass, centre and yaw inertia matter: it moves in the plane."""
+    return pin.Inertia(mass, np.array([x, y, 0.0]), inertia * np.eye(3))
+
+
+def integrated(rate, start, times):
+    """An ordinary differential equation from ``times[0]`` on, as well as double precision lets it: (times, size)."""
+    ends = (times[0], times[-1])
+    return solve_ivp(rate, ends, start, "DOP853", times, rtol=1e-13, atol=1e-13).y.T
+
+
+class Coasting:
+    """A sampled controller that does nothing."""
+
+    def __init__(self, p):
+        self.T = np.zeros(p)
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return rnc.control.Command(T=self.T), state
+
+
+# ---------------------------------------------------------------------- roller racer: outputs that become dependent
+
+L1, L2 = 1.0, 0.4  # rear axle to pivot, pivot to front axle [m]
+C1, C2 = 0.3, 0.15  # centres of mass, ahead of the rear axle and of the pivot [m]
+M1, M2, I1, I2 = 3.0, 1.2, 0.5, 0.08  # masses [kg] and yaw inertias about the centres of mass [kg m^2]
+FOLDED = np.arccos(-L2 / L1)  # of the pivot [rad]
+DURATION, SPACING = 3.0, 0.05  # of motions and of their samples [s]
+EDGES = ("no_side_slip(rear.y)", "no_side_slip(front.y)")
+
+
+@cache
+def racer():
+    """Two bodies, an axle under each, and a pivot in between; nothing drives it."""
+    model = pin.Model()
+    model.name = "roller racer"
+    seat = model.addJoint(0, pin.JointModelPlanar(), HERE, "root_joint")
+    model.appendBodyToJoint(seat, yawing(M1, I1, C1), HERE)
+    handle = model.addJoint(seat, pin.JointModelRZ(), at(L1), "pivot")
+    model.appendBodyToJoint(handle, yawing(M2, I2, C2), HERE)
+    model.addFrame(pin.Frame("rear", seat, 0, HERE, pin.FrameType.OP_FRAME))
+    model.addFrame(pin.Frame("front", handle, 0, at(L2), pin.FrameType.OP_FRAME))
+    return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("rear"), rnc.NoSideSlip("front")])
+
+
+@cache
+def racer_in_speed_and_pivot(**options):
+    return racer().reduce([rnc.FrameSpeed("rear"), rnc.JointPosition("pivot")], **options)
+
+
+def stack_determinant(pivot):
+    """Of ``[A; J2]`` with v = (u, side slip, w, pivot rate) and v2 = (u, pivot rate).
+
+    The rear axle's row is side slip = 0. The front axle moves sideways at ``-u sin(p) + (L1 cos(p) + L2) w + L2 pdot``
+    (Krishnaprasad and Tsakiris 2001, The dynamics of the roller racer), so that u and pdot leave w open where its
+    factor vanishes. The row itself never does: L2 stands before pdot everywhere.
+    """
+    return L1 * np.cos(pivot) + L2
+
+
+def racer_v(pivot, speed, yaw_rate):
+    """All velocities (u, side slip, w, pivot rate) from u and w, which parametrise the motion everywhere."""
+    pivot_rate = (speed * np.sin(pivot) - stack_determinant(pivot) * yaw_rate) / L2
+    return np.stack([speed, 0.0 * speed, yaw_rate, pivot_rate], axis=-1)
+
+
+def directions(angle):
+    """Unit vectors along and across."""
+    return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+
+
+MASSES = np.array([M1, M1, I1, M2, M2, I2])
+
+
+def racer_rows(z):
+    """Rows (4, 6) on the velocities of two free bodies, and their rate times these velocities (4,).
+
+    State z (12,): position of the centre of mass and heading of the seat, the same of the handle, and all their rates.
+    Rows: the pivot is one point (2), each axle's velocity across its body is zero.
+    """
+    (_, _, heading, _, _, front_heading), zdot = z[:6], z[6:]
+    (along, across), (front_along, front_across) = directions(heading), directions(front_heading)
+    w, front_w = zdot[2], zdot[5]
+    arm, front_arm = L1 - C1, -C2  # from the centres of mass ahead to the pivot
+    rows, drift = np.zeros((4, 6)), np.zeros(4)
+    rows[:2, :2], rows[:2, 2] = np.eye(2), arm * across
+    rows[:2, 3:5], rows[:2, 5] = -np.eye(2), -front_arm * front_across
+    drift[:2] = -arm * w**2 * along + front_arm * front_w**2 * front_along
+    rows[2, :2], rows[2, 2] = across, -C1
+    drift[2] = -w * along @ zdot[:2]
+    rows[3, 3:5], rows[3, 5] = front_across, L2 - C2
+    drift[3] = -front_w * front_along @ zdot[3:5]
+    return rows, drift
+
+
+def racer_rate(t, z):
+    """Newton and Euler for the two bodies, with the forces at pivot and axles as multipliers.
+
+    Regular wherever the four rows are independent, which they are everywhere; no mass matrix, no Coriolis terms.
+    """
+    rows, drift = racer_rows(z)
+    compliance = rows / MASSES
+    forces = np.linalg.solve(compliance @ rows.T, -drift)
+    return np.concatenate([z[6:], compliance.T @ forces])
+
+
+def bodies_from_racer(x, y, heading, pivot, v):
+    """Both bodies' centres of mass and headings, and their rates (12,), from the racer's own q and v."""
+    u, side, w, pivot_rate = v
+    (along, across), (front_along, front_across) = directions(heading), directions(heading + pivot)
+    axle, axle_dot = np.array([x, y]), u * along + side * across
+    front_w = w + pivot_rate
+    return np.concatenate(
+        [
+            axle + C1 * along,
+            [heading],
+            axle + L1 * along + C2 * front_along,
+            [heading + pivot],
+            axle_dot + C1 * w * across,
+            [w],
+            axle_dot + L1 * w * across + C2 * front_w * front_across,
+            [front_w],
+        ]
+    )
+
+
+def racer_from_bodies(z):
+    """Pinocchio's q (x, y, cos, sin, pivot) and v of the racer, (..., 5) and (..., 4)."""
+    heading, w = z[..., 2], z[..., 8]
+    along, across = (np.moveaxis(direction, 0, -1) for direction in directions(heading))
+    axle, axle_dot = z[..., :2] - C1 * along, z[..., 6:8] - C1 * w[..., None] * across
+    q = np.concatenate([axle, along, (z[..., 5] - heading)[..., None]], axis=-1)
+    speed, slip = np.vecdot(along, axle_dot), np.vecdot(across, axle_dot)
+    return q, np.stack([speed, slip, w, z[..., 11] - w], axis=-1)
+
+
+TIMES = np.linspace(0.0, DURATION, round(DURATION / SPACING) + 1)
+
+
+@cache
+def folding_motions(count=30):
+    """Reference motions (count, times, 12) from seeded random starts, which fold through dependent outputs."""
+    generator, found = np.random.default_rng(7), []
+    for _ in range(50 * count):
+        x, y, heading, pivot = generator.uniform(-1, 1, 4) * [1, 1, np.pi, np.pi]
+        speed, yaw_rate = generator.uniform(-1.5, 1.5, 2)
+        if abs(stack_determinant(pivot)) < 0.2:
+            continue  # starts are given in the outputs' rates, which have to say what moves
+        start = bodies_from_racer(x, y, heading, pivot, racer_v(pivot, speed, yaw_rate))
+        z = integrated(racer_rate, start, TIMES)
+        determinant = stack_determinant(z[:, 5] - z[:, 2])
+        if determinant.min() < -0.1 and determinant.max() > 0.1:
+            found.append(z)
+            if len(found) == count:
+                return np.stack(found)
+    raise AssertionError(f"only {len(found)} of {count} motions fold")
+
+
+def state_when_folded():
+    """A regular state of the two bodies (12,) of which the outputs' stack is singular, and moves on."""
+    return bodies_from_racer(0.3, -0.2, 0.5, FOLDED, racer_v(FOLDED, 0.9, -0.7))
+
+
+def test_reference_of_the_racer_keeps_energy_and_constraints():
+    z = folding_motions()
+    energy = 0.5 * (MASSES * z[..., 6:] ** 2).sum(axis=-1)
+    np.testing.assert_allclose(energy, np.broadcast_to(energy[:, :1], energy.shape), rtol=0, atol=REFERENCE_ENERGY)
+    for state in z.reshape(-1, 12):
+        rows, _ = racer_rows(state)
+        np.testing.assert_allclose(rows @ state[6:], 0.0, atol=REFERENCE_CONSTRAINT)
+        assert np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None], compute_uv=False)[-1] > 0.05
+    seat, handle = z[..., :3], z[..., 3:6]
+    gap = seat[..., :2] + np.moveaxis((L1 - C1) * directions(seat[..., 2])[0], 0, -1)
+    gap -= handle[..., :2] - np.moveaxis(C2 * directions(handle[..., 2])[0], 0, -1)
+    np.testing.assert_allclose(gap, 0.0, atol=REFERENCE_CONSTRAINT)
+    # The closed form of the front axle's row, which the determinant is read from, is that of the two bodies.
+    q, v = racer_from_bodies(z)
+    expected = racer_v(q[..., 4], v[..., 0], v[..., 2])
+    np.testing.assert_allclose(v, expected, rtol=0, atol=REFERENCE_CONSTRAINT)
+    # They do cross: the determinant changes sign between two samples, and nothing grows on the way.
+    determinant = stack_determinant(q[..., 4])
+    assert (np.abs(determinant[:, 0]) > 0.2).all()
+    assert (np.diff(np.sign(determinant), axis=1) != 0).any(axis=1).all()
+    assert np.abs(v).max() < 10
+
+
+def agree_while_folding(reduced, outputs, z):
+    q, v = racer_from_bodies(z)
+    run = rnc.free_motion(reduced, q[0], v[0, outputs], DURATION, dt=SPACING, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(run.time, TIMES, atol=ROUNDING)
+    np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.v2, v[:, outputs], rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("start", range(30))
+def test_a_racer_folds_through_dependent_outputs(start):
+    agree_while_folding(racer_in_speed_and_pivot(), [0, 3], folding_motions()[start])
+
+
+@pytest.mark.parametrize("start", range(3))
+def test_a_racer_in_outputs_that_are_regular_everywhere(start):
+    """Speed and yaw, for which the fold is a configuration like others: model and reference are the same machine."""
+    reduced = racer().reduce([rnc.FrameSpeed("rear"), rnc.FrameYaw("rear")])
+    agree_while_folding(reduced, [0, 2], folding_motions()[start])
+
+
+def through_the_fold(before=0.5, after=0.5, spacing=0.05):
+    """A motion (times, 12) with a sample exactly at the singular configuration, at t = ``before``."""
+    ends = (0.0, -before)
+    start = solve_ivp(racer_rate, ends, state_when_folded(), "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    times = np.linspace(0.0, before + after, round((before + after) / spacing) + 1)
+    return times, integrated(racer_rate, start, times)
+
+
+def test_a_sample_may_fall_on_the_fold():
+    """A trajectory holds q, v and J2 v, none of which is singular there."""
+    times, z = through_the_fold()
+    q, v = racer_from_bodies(z)
+    assert np.abs(stack_determinant(q[10, 4])) < 1e-11
+    run = rnc.free_motion(racer_in_speed_and_pivot(), q[0], v[0, [0, 3]], times[-1], dt=times[1])
+    np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
+
+
+def v2_of(reduced, q, v):
+    """Reducing velocities of a motion v that complies, for outputs that somebody else chose."""
+    v2, *_ = np.linalg.lstsq(reduced.terms(q, np.zeros(reduced.r)).R, v)
+    np.testing.assert_allclose(reduced.velocity(q, v2), v, atol=ROUNDING)
+    return v2
+
+
+def test_outputs_of_the_plants_own_are_regular_on_the_fold():
+    reduced = racer().reduce()
+    times, z = through_the_fold()
+    q, v = racer_from_bodies(z)
+    for i in (0, 9, 10, 11):  # the start; before, on and behind the fold
+        v2 = v2_of(reduced, q[i], v[i])
+        terms = reduced.terms(q[i], v2)
+        vdot = terms.R @ reduced.forward_dynamics(q[i], v2, np.zeros(0)) + terms.R_dot @ v2
+        # From accelerations in the world to those of the planar base's own axes.
+        zdot = racer_rate(0.0, z[i])
+        along, across = directions(z[i, 2])
+        slow = zdot[6:8] - C1 * (zdot[8] * across - z[i, 8] ** 2 * along)  # of the rear axle's middle
+        w, speed, slip = v[i, 2], v[i, 0], v[i, 1]
+        expected = [along @ slow + w * slip, across @ slow - w * speed, zdot[8], zdot[11] - zdot[8]]
+        np.testing.assert_allclose(vdot, expected, rtol=0, atol=KKT * np.abs(expected).max())
+    run = rnc.free_motion(reduced, q[0], v2_of(reduced, q[0], v[0]), times[-1], dt=times[1])
+    np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
+
+
+def test_a_measurement_in_dependent_outputs_is_refused():
+    """A controller works in the outputs, so for it the fold is singular; it is told which rows meet, and where."""
+    reduced = racer_in_speed_and_pivot()
+    q, v = racer_from_bodies(state_when_folded())
+    with pytest.raises(rnc.SingularityError) as refused:
+        reduced.measure(q, v[[0, 3]])
+    error = refused.value
+    np.testing.assert_allclose(error.q, q, atol=ROUNDING)
+    assert error.condition > 1e8
+    # The front axle's row is one of u, pivot rate and side slip there.
+    assert {"rear_speed_x", "pivot", EDGES[1]} <= set(error.rows) <= {"rear_speed_x", "pivot", *EDGES}
+    # Beside the fold there is nothing to refuse.
+    for beside in (-1e-3, 1e-3):
+        near = np.append(q[:4], FOLDED + beside)
+        assert np.isfinite(reduced.measure(near, v[[0, 3]]).v).all()
+
+
+def test_a_controlled_run_ends_on_the_fold_with_what_was_recorded():
+    times, z = through_the_fold(spacing=0.01)
+    q, v = racer_from_bodies(z)
+    reduced = racer_in_speed_and_pivot(singularity_limit=1e5)
+    with pytest.raises(rnc.SingularityError) as refused:
+        rnc.simulate(reduced, Coasting(0), q[0], times[-1], times[1], v2_0=v[0, [0, 3]])
+    error, run = refused.value, refused.value.trajectory
+    # The controller could not be given the measurement at 0.5 s; all those before it were.
+    assert error.time == pytest.approx(0.5, abs=times[1] / 2)
+    assert abs(error.q[4] - FOLDED) < 1e-5
+    count = len(run.time)
+    assert count >= 50
+    np.testing.assert_allclose(run.time, times[:count], atol=ROUNDING)
+    np.testing.assert_allclose(run.q, q[:count], rtol=0, atol=1e-6)  # of fourth-order steps
+    np.testing.assert_allclose(run.v, v[:count], rtol=0, atol=1e-6)
+
+
+# ---------------------------------------------------------------------- cars: rows that coincide when going straight
+
+TRACK, RADIUS = 1.4, 0.3  # distance of the wheels of an axle, radius of each [m]
+CHASSIS, CHASSIS_YAW, CENTRE = 90.0, 40.0, (0.9, 0.05)  # mass, yaw inertia about its centre of mass, where that is
+KNUCKLE, KNUCKLE_YAW = 4.0, 0.15  # what steers with a wheel
+WHEEL, WHEEL_YAW, WHEEL_SPIN = 7.0, 0.2, 0.35  # about a diameter, and about the axle
+
+
+@dataclass(frozen=True, eq=False)
+class Car:
+    """A planar car in its own axes: x ahead, y to the left, the origin on the line of turning centres.
+
+    Without slip every wheel's axle points to one centre (0, 1/k), k the curvature. So the wheel at (x, y) is steered by
+    ``atan2(k x, 1 - k y)`` and goes ``hypot(k x, 1 - k y)`` metres while the origin goes one (Ackermann).
+
+    Attributes:
+        wheels: where each wheel is, by name, in the order of the joints.
+        steered: those of them that are.
+        pairs: wheels that have to agree upon a turning centre.
+    """
+
+    wheels: dict
+    steered: tuple
+    pairs: tuple
+
+    @cached_property
+    def joints(self):
+        """Joints behind the base by name, each a column of v; in front are (u, side slip, w) of the origin.
+
+        Depth first, as Pinocchio's algorithms take joints: a wheel's steering before its spin.
+        """
+        kinds = {name: ("steer", "spin") if name in self.steered else ("spin",) for name in self.wheels}
+        return {f"{name}_{kind}": 3 + i for i, (name, kind) in enumerate((n, k) for n in kinds for k in kinds[n])}
+
+    @property
+    def size(self):
+        return 3 + len(self.joints)
+
+    def steer(self, wheel):
+        return self.joints[f"{wheel}_steer"]
+
+    def spin(self, wheel):
+        return self.joints[f"{wheel}_spin"]
+
+    def robot(self):
+        model = pin.Model()
+        model.name = "car"
+        base = model.addJoint(0, pin.JointModelPlanar(), HERE, "root_joint")
+        model.appendBodyToJoint(base, yawing(CHASSIS, CHASSIS_YAW, *CENTRE), HERE)
+        model.addFrame(pin.Frame("chassis", base, 0, HERE, pin.FrameType.OP_FRAME))
+        for name, (x, y) in self.wheels.items():
+            carrier, place = base, at(x, y, RADIUS)
+            if name in self.steered:
+                carrier, place = model.addJoint(base, pin.JointModelRZ(), place, f"{name}_steer"), HERE
+                model.appendBodyToJoint(carrier, yawing(KNUCKLE, KNUCKLE_YAW), HERE)
+            wheel = model.addJoint(carrier, pin.JointModelRY(), place, f"{name}_spin")
+            inertia = np.diag([WHEEL_YAW, WHEEL_SPIN, WHEEL_YAW])
+            model.appendBodyToJoint(wheel, pin.Inertia(WHEEL, np.zeros(3), inertia), HERE)
+            model.addFrame(pin.Frame(name, wheel, 0, HERE, pin.FrameType.OP_FRAME))
+        return rnc.Robot(model)
+
+    # ------------------------------------------------------------------ agreement upon a turning centre
+
+    def coupling(self, q):
+        """Residuals (pairs,), gradients (pairs, size) and second derivatives (pairs, size, size).
+
+        A wheel's centre is at curvature k with ``x cot(d) = 1/k - y``. Two of them agree if
+        ``x1 cot(d1) + y1 = x2 cot(d2) + y2``; times ``sin(d1) sin(d2)`` that is
+
+            x1 cos(d1) sin(d2) - x2 sin(d1) cos(d2) + (y1 - y2) sin(d1) sin(d2) = 0,
+
+        regular at zero. For the wheels of one axle: ``wheelbase sin(d2 - d1) + track sin(d1) sin(d2) = 0``.
+        """
+        angles = q[1:]  # (x, y, cos, sin) of the base: one entry more than v has
+        sizes = (len(self.pairs), self.size)
+        residual, gradient, second = np.zeros(sizes[0]), np.zeros(sizes), np.zeros((*sizes, self.size))
+        for k, pair in enumerate(self.pairs):
+            (x1, y1), (x2, y2) = (self.wheels[name] for name in pair)
+            i, j = (self.steer(name) for name in pair)
+            (c1, s1), (c2, s2) = ((np.cos(angles[n]), np.sin(angles[n])) for n in (i, j))
+            apart = y1 - y2
+            residual[k] = x1 * c1 * s2 - x2 * s1 * c2 + apart * s1 * s2
+            gradient[k, i] = -x1 * s1 * s2 - x2 * c1 * c2 + apart * c1 * s2
+            gradient[k, j] = x1 * c1 * c2 + x2 * s1 * s2 + apart * s1 * c2
+            second[k, i, i] = second[k, j, j] = -residual[k]
+            second[k, i, j] = second[k, j, i] = -x1 * s1 * c2 + x2 * c1 * s2 + apart * c1 * c2
+        return residual, gradient, second
+
+    def agreement(self):
+        """The coupling as a constraint of rnc_pin."""
+        return rnc.Pfaffian(
+            lambda q: self.coupling(q)[1],
+            lambda q, v: self.coupling(q)[2] @ v,
+            [f"ackermann({a},{b})" for a, b in self.pairs],
+            residual=lambda q: self.coupling(q)[0],
+        )
+
+    @cache  # noqa: B019
+    def reduce(self, order):
+        """In the speed of the origin and the rate of the first steering joint, wheels listed in some order."""
+        wheels = [rnc.RollingWheel(name, RADIUS) for name in order]
+        system = rnc.NonholonomicSystem(self.robot(), [self.agreement(), *wheels], self.actuators)
+        return system.reduce([rnc.FrameSpeed("chassis"), rnc.JointPosition(f"{self.steered[0]}_steer")])
+
+    @property
+    def actuators(self):
+        return [f"{self.steered[0]}_steer", "bl_spin", "br_spin"]
+
+    def force(self, T):
+        """Generalized forces (size,) of the actuators."""
+        force = np.zeros(self.size)
+        force[[self.steer(self.steered[0]), self.spin("bl"), self.spin("br")]] = T
+        return force
+
+    # ------------------------------------------------------------------ kinematics from the turning centre
+
+    def q(self, pose, curvature, spins):
+        x, y, heading = pose
+        q = np.concatenate([[x, y, np.cos(heading), np.sin(heading)], np.zeros(len(self.joints))])
+        for (name, (ahead, aside)), spin in zip(self.wheels.items(), spins, strict=True):
+            q[1 + self.spin(name)] = spin
+            if name in self.steered:
+                q[1 + self.steer(name)] = np.arctan2(curvature * ahead, 1 - curvature * aside)
+        return q
+
+    def basis(self, curvature, curvature_rate=0.0):
+        """Velocities per (u, curvature rate) and the rate of that, both (size, 2); never singular."""
+        R, R_dot = np.zeros((self.size, 2)), np.zeros((self.size, 2))
+        R[0, 0] = 1.0
+        R[2, 0], R_dot[2, 0] = curvature, curvature_rate
+        for name, (x, y) in self.wheels.items():
+            way = np.hypot(curvature * x, 1 - curvature * y)  # of the wheel, for a metre of the origin
+            slope = (curvature * x**2 - (1 - curvature * y) * y) / way
+            R[self.spin(name), 0], R_dot[self.spin(name), 0] = way / RADIUS, slope * curvature_rate / RADIUS
+            if name in self.steered:
+                R[self.steer(name), 1] = x / way**2
+                R_dot[self.steer(name), 1] = -2 * x / way**3 * slope * curvature_rate
+        return R, R_dot
+
+    def own_rates(self, curvature, v2):
+        """(u, curvature rate) from (u, first steering rate)."""
+        return np.array([v2[0], v2[1] / self.basis(curvature)[0][3, 1]])
+
+    # ------------------------------------------------------------------ dynamics, body by body
+
+    @cache  # noqa: B019
+    def inertia(self):
+        """Mass matrix in the car's own axes, constant, and the matrix S of ``w S v``, the forces of turning axes.
+
+        A point (x, y) of the car moves with P v and is accelerated by ``P vdot + w K P v``, K a quarter turn. Steering
+        axes meet the wheels' centres, and a wheel's inertia about a diameter is the same for each: so steering and
+        spinning move no mass, and gyroscopic moments are about horizontal axes, where the ground answers.
+        """
+        M, S = np.zeros((2, self.size, self.size))
+        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+        def add(mass, yaw, where, turning=2, spin=None):
+            P, yaw_row = np.zeros((2, self.size)), np.zeros(self.size)
+            P[:, :3] = [[1, 0, -where[1]], [0, 1, where[0]]]
+            yaw_row[[2, turning]] = 1.0
+            M[...] += mass * P.T @ P + yaw * np.outer(yaw_row, yaw_row)
+            S[...] += mass * P.T @ quarter @ P
+            if spin is not None:
+                M[spin, spin] += WHEEL_SPIN
+
+        add(CHASSIS, CHASSIS_YAW, CENTRE)
+        for name, where in self.wheels.items():
+            turning = self.steer(name) if name in self.steered else 2
+            add(WHEEL, WHEEL_YAW, where, turning, self.spin(name))
+            if name in self.steered:
+                add(KNUCKLE, KNUCKLE_YAW, where, turning)
+        return M, S
+
+    def rows(self, q, v):
+        """All constraint rows (wheels twice and pairs, size) and their rate times v, by hand.
+
+        A wheel's centre moves with (u - w y, slip + w x) in the car's axes: along its heading by spin times radius,
+        across not at all. Of the four lateral rows two are dependent if the pairs agree, and only then.
+        """
+        (u, slip, w), rows, drift = v[:3], [], []
+        for name, (x, y) in self.wheels.items():
+            angle = q[1 + self.steer(name)] if name in self.steered else 0.0
+            rate = v[self.steer(name)] if name in self.steered else 0.0
+            along, across = directions(angle)
+            P = np.zeros((2, self.size))
+            P[:, :3] = [[1, 0, -y], [0, 1, x]]
+            centre = np.array([u - w * y, slip + w * x])
+            rolling = along @ P
+            rolling[self.spin(name)] = -RADIUS
+            rows += [rolling, across @ P]
+            drift += [rate * across @ centre, -rate * along @ centre]
+        _, gradient, second = self.coupling(q)
+        return np.vstack([*rows, gradient]), np.concatenate([drift, second @ v @ v])
+
+    def acceleration(self, q, v, T):
+        """KKT, ``[M A'; A 0] [vdot; lambda] = [B T - w S v; -Adot v]``: all rows, the smallest multipliers."""
+        M, S = self.inertia()
+        A, drift = self.rows(q, v)
+        m = len(A)
+        kkt = np.block([[M, A.T], [A, np.zeros((m, m))]])
+        right = np.concatenate([self.force(T) - v[2] * S @ v, -drift])
+        return np.linalg.lstsq(kkt, right, rcond=1e-11)[0][: self.size]
+
+    def motion(self, y, times):
+        """Free motion (q, v) from (x, y, heading, curvature, spins, u, curvature rate), in these coordinates."""
+        M, S = self.inertia()
+        spins = [self.spin(name) for name in self.wheels]
+
+        def rate(t, y):
+            heading, curvature, own = y[2], y[3], y[-2:]
+            R, R_dot = self.basis(curvature, own[1])
+            v = R @ own
+            own_dot = np.linalg.solve(R.T @ M @ R, -R.T @ (M @ R_dot @ own + v[2] * S @ v))
+            place = own[0] * directions(heading)[0]
+            return np.concatenate([place, [v[2], own[1]], v[spins], own_dot])
+
+        states = integrated(rate, y, times)
+        q = np.stack([self.q(y[:3], y[3], y[4:-2]) for y in states])
+        v = np.stack([self.basis(y[3])[0] @ y[-2:] for y in states])
+        return states, q, v
+
+
+HALF = TRACK / 2
+ACKERMANN = Car(
+    {"fl": (2.1, HALF), "fr": (2.1, -HALF), "bl": (0.0, HALF), "br": (0.0, -HALF)}, ("fl", "fr"), (("fl", "fr"),)
+)
+# The turning centre is abeam of a point between the axles, not midway: the rear wheels turn less than the front ones.
+FOUR_STEERED = Car(
+    {"fl": (1.2, HALF), "fr": (1.2, -HALF), "bl": (-0.8, HALF), "br": (-0.8, -HALF)},
+    ("fl", "fr", "bl", "br"),
+    (("fl", "fr"), ("bl", "br"), ("fl", "bl")),
+)
+CARS = {"ackermann": ACKERMANN, "four-steered": FOUR_STEERED}
+ORDERS = list(permutations(["fl", "fr", "bl", "br"]))
+# Straight, straight but for so little that rows are nearly dependent, and turning both ways, once very sharply.
+CURVATURES = [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]
+
+each_car = pytest.mark.parametrize("car", CARS.values(), ids=CARS)
+each_order = pytest.mark.parametrize("order", ORDERS, ids=lambda order: "-".join(order))
+
+
+def car_states(car):
+    """Configurations that comply, velocities (u, first steering rate) and inputs, seeded: (curvature, q, v2, T)."""
+    generator, states = np.random.default_rng(3), []
+    for curvature in CURVATURES:
+        q = car.q(generator.uniform(-2, 2, 3), curvature, generator.uniform(-3, 3, 4))
+        states.append((curvature, q, generator.uniform(-2, 2, 2), generator.uniform(-20, 20, 3)))
+    return states
+
+
+def close(actual, expected, tolerance):
+    """Relative to the largest entry of each state (..., size), or to one."""
+    scale = np.maximum(1.0, np.abs(expected).max(axis=-1, keepdims=True))
+    np.testing.assert_allclose(actual / scale, expected / scale, rtol=0, atol=tolerance)
+
+
+CROSSING = np.linspace(0.0, 1.0, 21)
+
+
+@cache
+def through_straight(car):
+    """From a left turn through straight into a right turn, with no inputs: by its initial steering rate alone."""
+    start = [0.4, -0.3, 0.8, 0.35, 0.1, 0.2, 0.3, 0.4, 1.5, -1.5]
+    return car.motion(np.array(start), CROSSING)
+
+
+@each_car
+def test_reference_of_the_cars_keeps_energy_and_constraints(car):
+    """The turning centre's coordinates and the KKT solution over all rows are two derivations: they agree."""
+    M, _ = car.inertia()
+    states, q, v = through_straight(car)
+    assert states[0, 3] > 0.3
+    assert states[-1, 3] < -0.3
+    energy = 0.5 * np.einsum("ti,ij,tj->t", v, M, v)
+    np.testing.assert_allclose(energy / energy[0], 1.0, rtol=0, atol=REFERENCE_ENERGY)
+    rank = 4 + 2 + len(car.pairs)  # every wheel rolls; the car turns about one centre; the pairs agree upon it
+    for q_t, v_t in zip(q, v, strict=True):
+        A, _ = car.rows(q_t, v_t)
+        np.testing.assert_allclose(A @ v_t, 0.0, atol=REFERENCE_CONSTRAINT)
+        np.testing.assert_allclose(car.coupling(q_t)[0], 0.0, atol=REFERENCE_CONSTRAINT)
+    for curvature, q, v2, T in car_states(car):
+        own = car.own_rates(curvature, v2)
+        R, R_dot = car.basis(curvature, own[1])
+        v = R @ own
+        A, drift = car.rows(q, v)
+        np.testing.assert_allclose(A @ R, 0.0, atol=1e-14)
+        close(A @ R_dot @ own, -drift, 1e-13)
+        assert np.linalg.matrix_rank(A, tol=1e-11) == rank, "constant on the manifold of the coupling"
+        right = R.T @ (car.force(T) - v[2] * car.inertia()[1] @ v - M @ R_dot @ own)
+        close(car.acceleration(q, v, T), R @ np.linalg.solve(R.T @ M @ R, right) + R_dot @ own, 1e-11)
+    # Away from the manifold it is another.
+    q[1 + car.steer("fr")] += 0.2
+    assert np.linalg.matrix_rank(car.rows(q, v)[0], tol=1e-6) > rank
+
+
+@each_car
+@each_order
+def test_cars_turn_about_their_centre_in_every_order(car, order):
+    reduced = car.reduce(order)
+    states = car_states(car)
+    for curvature, q, v2, _ in states:
+        expected = car.basis(curvature)[0] @ car.own_rates(curvature, v2)
+        close(reduced.velocity(q, v2), expected, KKT)
+    # One call for straight and turning alike: what is chosen for one state must not be kept for the next.
+    together = reduced.velocity(np.stack([q for _, q, _, _ in states]), np.stack([v2 for _, _, v2, _ in states]))
+    expected = [car.basis(curvature)[0] @ car.own_rates(curvature, v2) for curvature, _, v2, _ in states]
+    close(together, np.stack(expected), KKT)
+
+
+@each_car
+@each_order
+def test_cars_accelerate_as_all_rows_say_in_every_order(car, order):
+    reduced = car.reduce(order)
+    states, expected = car_states(car), []
+    for curvature, q, v2, T in states:
+        v = car.basis(curvature)[0] @ car.own_rates(curvature, v2)
+        expected.append(car.acceleration(q, v, T))
+        terms = reduced.terms(q, v2)
+        close(terms.R @ reduced.forward_dynamics(q, v2, T) + terms.R_dot @ v2, expected[-1], KKT)
+    q, v2, T = (np.stack([state[i] for state in states]) for i in (1, 2, 3))
+    first = 3  # the first steering joint: v2 is (u, its rate)
+    close(reduced.forward_dynamics(q, v2, T), np.stack(expected)[:, [0, first]], KKT)
+
+
+@each_car
+@pytest.mark.parametrize("order", ["fl fr bl br", "fr fl br bl", "bl br fl fr", "br bl fr fl", "fl br fr bl"])
+def test_cars_steer_through_straight(car, order):
+    """Where both front wheels, or both steered rear wheels, come first, the first two lateral rows coincide there."""
+    _, q, v = through_straight(car)
+    reduced = car.reduce(tuple(order.split()))
+    run = rnc.free_motion(reduced, q[0], v[0, [0, 3]], CROSSING[-1], dt=CROSSING[1], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
+    np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)

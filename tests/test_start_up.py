@@ -1,0 +1,95 @@
+"""What starts at once: nothing heavy is imported before it is needed, and every public name is there when it is."""
+
+import ast
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.app import commands
+from rnc_pin.scenario.files import built_in_names
+
+COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
+HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "scipy", "xacro"}
+
+
+def imported(command, **environment):
+    """What a process prints, and the top-level packages that it imported."""
+    environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", **environment}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    modules = [line.split("|")[-1].strip() for line in process.stderr.splitlines() if line.startswith("import time:")]
+    assert "rnc_pin" in modules, process.stderr
+    return process.stdout, {module.split(".")[0] for module in modules}
+
+
+def completed(words):
+    """What bash is offered after these words; the last one is not finished yet."""
+    environment = {"_RNC_PIN_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    out, packages = imported([COMMAND], **environment)
+    assert not packages & HEAVY
+    offered = [line.partition(",") for line in out.splitlines()]
+    return {value for kind, _, value in offered if kind == "plain"}, {kind for kind, _, _ in offered}
+
+
+def test_the_package_imports_nothing_heavy():
+    _, packages = imported([sys.executable, "-c", "import rnc_pin"])
+    assert not packages & HEAVY
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["run", "--help"], ["sweep", "--help"], ["list"], ["list", "--json"], ["rnu"], ["run"]],
+    ids=" ".join,
+)
+def test_the_command_line_imports_nothing_heavy(arguments):
+    _, packages = imported([COMMAND, *arguments])
+    assert not packages & HEAVY
+
+
+def test_a_command_imports_what_it_needs():
+    _, packages = imported([COMMAND, "schema"])
+    assert {"pinocchio", "pydantic"} <= packages & HEAVY
+
+
+def test_the_shell_learns_to_complete():
+    out, packages = imported([COMMAND], _RNC_PIN_COMPLETE="bash_source")
+    assert "complete -o nosort" in out
+    assert not packages & HEAVY
+
+
+@pytest.mark.parametrize("command", ["run", "inspect", "sweep"])
+def test_scenarios_are_completed_by_name_or_file(command):
+    names, kinds = completed(f"rnc-pin {command} space")
+    assert names == {name for name in built_in_names() if name.startswith("space")}
+    assert "file" in kinds
+
+
+def test_commands_and_options_are_completed():
+    assert completed("rnc-pin in") == ({"init", "inspect"}, {"plain"})
+    assert {"--set", "--show"} <= completed("rnc-pin run --s")[0]
+
+
+@pytest.mark.parametrize("package", [rnc, commands], ids=lambda package: package.__name__)
+def test_every_public_name_is_there(package):
+    stub = ast.parse(Path(package.__file__).with_suffix(".pyi").read_text())
+    names = ast.literal_eval(next(node.value for node in stub.body if isinstance(node, ast.Assign)))
+    assert package.__all__ == dir(package) == sorted(names)
+    assert all(getattr(package, name) is not None for name in names)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = package.nothing
+
+
+def test_packages_are_there_without_importing_them_by_name():
+    code = "import rnc_pin as rnc; print(rnc.simulation.tracking_errors.__name__, rnc.control.Command.__name__)"
+    out, _ = imported([sys.executable, "-c", code])
+    assert out == "tracking_errors Command\n"
+
+
+def test_a_star_takes_every_public_name():
+    taken = {}
+    exec("from rnc_pin import *", taken)
+    assert set(rnc.__all__) <= set(taken)

@@ -1,0 +1,355 @@
+"""Robots with one joint, and joints about any axis: Pinocchio stores and returns both unlike the others."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.special import ellipk
+
+import rnc_pin as rnc
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.analysis.differences import gradient
+from rnc_pin.control import Command
+from rnc_pin.planning import Hold, TaskReference
+from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.files import read_yaml
+from rnc_pin.scenario.run import execute, plan
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+INTEGRATED = 1e-9  # positions after a period of a thousand fourth-order steps [rad or m]
+
+MASS, INERTIA, LENGTH, GRAVITY = 1.3, 0.07, 0.4, 9.81  # of the bob; inertia about any axis through its centre
+AXES = ["0 1 0", "0 -1 0", "0.6 0 0.8", "-0.8 0 -0.6"]
+KINDS = ["revolute", "continuous"]
+BODY = f'<inertial><origin xyz="0 0 {{z}}"/><mass value="{MASS}"/>'
+BODY += f'<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def link(name, z=0.0, shape=""):
+    return f'<link name="{name}">{BODY.format(z=z)}{shape}</link>'
+
+
+def joint(name, parent, child, kind="fixed", axis="0 1 0", at="0 0 0"):
+    limit = '<limit lower="-3" upper="2" effort="50" velocity="50"/>' if kind in ("revolute", "prismatic") else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def write(folder, *parts, base='<link name="base"/>', name="robot.urdf"):
+    (folder / name).write_text(f'<robot name="strange">{base}{"".join(parts)}</robot>')
+    return folder / name
+
+
+def pendulum(kind, axis):
+    """A bob below a hinge; ``tip`` is at its centre."""
+    return (
+        link("bob", -LENGTH) + joint("hinge", "base", "bob", kind, axis),
+        '<link name="tip"/>' + joint("tip_joint", "bob", "tip", at=f"0 0 {-LENGTH}"),
+    )
+
+
+def slider(axis):
+    return (link("bob") + joint("slide", "base", "bob", "prismatic", axis),)
+
+
+def vector(axis):
+    return np.array(axis.split(), float)
+
+
+def reduced_of(robot, vertical=(), reducing=None):
+    (name,) = robot.joint_names
+    return rnc.NonholonomicSystem(robot, [], [name]).reduce([reducing or rnc.JointPosition(name)], vertical)
+
+
+class Swing(NamedTuple):
+    """A pendulum: ``inertia q'' = torque - weight sin q``. Inertia and weight are those about its axis, by hand."""
+
+    robot: rnc.Robot
+    axis: np.ndarray
+    inertia: float
+    weight: float
+
+
+@pytest.fixture(params=[(kind, axis) for kind in KINDS for axis in AXES], ids=lambda p: f"{p[0]} about {p[1]}")
+def swing(request, tmp_path):
+    kind, axis = request.param
+    a = vector(axis)
+    square = 1 - a[2] ** 2  # of the part of the bob's lever, and of gravity, across the axis
+    robot = rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, axis)))
+    return Swing(robot, a, INERTIA + MASS * LENGTH**2 * square, MASS * GRAVITY * LENGTH * square)
+
+
+# ---------------------------------------------------------------------- names, values, configurations
+
+
+def test_one_joint_is_named_set_and_read(swing):
+    robot, axis, *_ = swing
+    assert robot.velocity_names == ("hinge",)
+    assert robot.velocity_units == ("rad/s",)
+    assert robot.velocity_indices("hinge") == slice(0, 1)
+    for angle in (-2.9, 0.0, 1.7):
+        q = robot.configuration({"hinge": angle})
+        assert robot.joint_values(q) == pytest.approx({"hinge": angle}, abs=ROUNDING)
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        turned = data.oMf[robot.frame_id("bob")].rotation
+        np.testing.assert_allclose(turned, pin.exp3(angle * axis), atol=ROUNDING)
+    with pytest.raises(rnc.ModelError, match=r"joint 'hinge' takes 1 value, found 3$"):
+        robot.configuration({"hinge": [1, 2, 3]})
+
+
+def test_random_configurations_are_on_the_circle_or_within_limits(swing):
+    robot, *_ = swing
+    generator = np.random.default_rng(0)
+    drawn = [robot.random_configuration(generator) for _ in range(50)]
+    angles = [robot.joint_values(q)["hinge"] for q in drawn]
+    if robot.nq == 2:
+        np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0, atol=ROUNDING)
+    assert min(angles) >= (-np.pi if robot.nq == 2 else -3.0)
+    assert max(angles) <= (np.pi if robot.nq == 2 else 2.0)
+    assert np.ptp(angles) > 3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("held", ["first", "second"])
+def test_one_joint_of_two_is_locked(kind, axis, held, tmp_path):
+    values = {"first": -1.9, "second": 0.7}
+    parts = link("upper") + joint("first", "base", "upper", kind, axis, at="0.1 0.2 0.3")
+    parts += link("lower", -LENGTH) + joint("second", "upper", "lower", kind, axis, at="0 0 -0.5")
+    path = write(tmp_path, parts)
+    locked = rnc.Robot.from_urdf(path, lock={held: values.pop(held)})
+    assert locked.joint_names == tuple(values)
+    q = locked.configuration(values)
+    data = locked.model.createData()
+    pin.framesForwardKinematics(locked.model, data, q)
+    turn = pin.exp3(-1.9 * vector(axis))
+    place = data.oMf[locked.frame_id("lower")]
+    np.testing.assert_allclose(place.translation, [0.1, 0.2, 0.3] + turn @ [0, 0, -0.5], atol=ROUNDING)
+    np.testing.assert_allclose(place.rotation, turn @ pin.exp3(0.7 * vector(axis)), atol=ROUNDING)
+
+
+# ---------------------------------------------------------------------- dynamics, by hand
+
+
+def test_a_pendulum_moves_as_by_hand(swing):
+    robot, axis, inertia, weight = swing
+    reduced = reduced_of(robot)
+    angle, rate, torque = np.random.default_rng(1).uniform(-2, 2, (3, 2, 4))
+    q = np.array([robot.configuration({"hinge": each}) for each in angle.ravel()]).reshape(2, 4, -1)
+    v2, T = rate[..., None], torque[..., None]
+    expected = (torque - weight * np.sin(angle)) / inertia
+    height = -LENGTH * axis[2] ** 2 - weight / (MASS * GRAVITY) * np.cos(angle)
+    energy = inertia * rate**2 / 2 + MASS * GRAVITY * height
+    np.testing.assert_allclose(reduced.forward_dynamics(q, v2, T)[..., 0], expected, atol=ROUNDING)
+    np.testing.assert_allclose(reduced.energy(q, v2), energy, atol=ROUNDING)
+    np.testing.assert_allclose(reduced.inverse_dynamics(q, v2, expected[..., None]), T, atol=ROUNDING)
+    for at, w, u, i in zip(q[0], v2[0], T[0], range(4), strict=True):
+        np.testing.assert_allclose(reduced.forward_dynamics(at, w, u), [expected[0, i]], atol=ROUNDING)
+        terms = reduced.terms(at, w)
+        found = np.concatenate([getattr(terms, name).ravel() for name in ("H", "V", "G", "R", "input_matrix")])
+        np.testing.assert_allclose(found, [inertia, 0, weight * np.sin(angle[0, i]), 1, 1], atol=ROUNDING)
+        assert reduced.energy(at, w) == pytest.approx(energy[0, i], abs=ROUNDING)
+
+
+class Idle:
+    """A controller that leaves the inputs as they are."""
+
+    def __init__(self, *inputs):
+        self.inputs = np.array(inputs)
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return Command(T=self.inputs), None
+
+
+def test_a_pendulum_is_back_after_its_period(swing):
+    """4 K(sin^2 (amplitude / 2)) / omega, K the complete elliptic integral."""
+    robot, _, inertia, weight = swing
+    period = 4 * ellipk(np.sin(0.75) ** 2) / np.sqrt(weight / inertia)
+    q = robot.configuration({"hinge": 1.5})
+    run = rnc.simulate(reduced_of(robot), Idle(0.0), q, period, period / 1000)
+    assert run.outcome == rnc.Outcome.COMPLETED
+    np.testing.assert_allclose(run.x2[[0, 500, 1000], 0], [1.5, -1.5, 1.5], atol=INTEGRATED)
+    exact = rnc.free_motion(reduced_of(robot), q, np.zeros(1), period, period / 10)
+    np.testing.assert_allclose(exact.q[-1], q, atol=INTEGRATED)
+
+
+def test_a_pendulum_linearized_where_it_hangs(swing):
+    robot, _, inertia, weight = swing
+    found = rnc.linearize(reduced_of(robot), robot.configuration())
+    omega = np.sqrt(weight / inertia)
+    np.testing.assert_allclose(found.eigenvalues, [-1j * omega, 1j * omega], atol=ROUNDING)
+    np.testing.assert_allclose(found.B, [[0], [1 / inertia]], atol=ROUNDING)
+    assert found.difference_error == 0
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 0 -1", "0.6 0 0.8"])
+def test_a_slider_falls_as_by_hand(axis, tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path, *slider(axis)))
+    reduced = reduced_of(robot)
+    assert robot.velocity_units == reduced.reducing.units == ("m/s",)
+    acceleration = 0.5 / MASS - GRAVITY * vector(axis)[2]
+    run = rnc.simulate(reduced, Idle(0.5), np.array([0.1]), 0.5, 0.01, v2_0=np.array([0.2]))
+    fallen = 0.1 + 0.2 * run.time + acceleration * run.time**2 / 2
+    np.testing.assert_allclose(run.x2[:, 0], fallen, atol=ROUNDING)
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=ROUNDING)
+    np.testing.assert_allclose(reduced.terms(run.q[0], run.v2[0]).H, [[MASS]], atol=ROUNDING)
+
+
+# ---------------------------------------------------------------------- every output and constraint on one joint
+
+OUTPUTS = [
+    rnc.FramePosition("tip"),
+    rnc.FrameYaw("tip", "y"),
+    rnc.FrameTilt("tip", "x"),
+    rnc.FrameOrientation("tip"),
+    rnc.FrameSpeed("tip", "x"),
+    rnc.FrameSpin("tip", "x"),
+    rnc.Distance("base", "tip"),
+]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("output", OUTPUTS, ids=lambda output: type(output).__name__)
+def test_outputs_of_one_joint(kind, output, tmp_path):
+    reduced = reduced_of(rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, "0 -0.6 0.8"))), [output])
+    model, q, v2 = reduced.robot.model, reduced.robot.configuration({"hinge": 0.6}), np.array([0.9])
+    terms = reduced.terms(q, v2)
+    rate = gradient(model, lambda p: reduced.terms(p, v2).A_star, q)[..., 0] * v2
+    np.testing.assert_allclose(terms.A_star_dot, rate, atol=FINITE_DIFFERENCE)
+    if not reduced.vertical.quasi.any() and not isinstance(output, rnc.FrameOrientation):
+        slope = gradient(model, lambda p: reduced.outputs(p)[0], q)
+        np.testing.assert_allclose(terms.A_star, slope, atol=FINITE_DIFFERENCE)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "output",
+    [rnc.FramePosition("tip", "x"), rnc.FrameTilt("tip", "x"), rnc.FrameSpeed("tip")],
+    ids=lambda output: type(output).__name__,
+)
+def test_derivatives_in_an_output_of_one_joint(kind, output, tmp_path):
+    """In motion, where second derivatives of the output count."""
+    reduced = reduced_of(rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, "0 -1 0"))), reducing=output)
+    q, v2, T = reduced.robot.configuration({"hinge": 0.6}), np.array([0.9]), np.array([0.3])
+    found = state_derivatives(reduced, q, v2, T)
+    slope = gradient(reduced.robot.model, lambda p: reduced.forward_dynamics(p, v2, T), q)
+    np.testing.assert_allclose(found.v2_dot_q, slope, atol=FINITE_DIFFERENCE)
+
+
+def test_analysis_of_one_joint(swing):
+    robot, _, _, weight = swing
+    reduced = reduced_of(robot, [rnc.FramePosition("tip", "z")])
+    report = rnc.analyze(reduced, primary=["hinge"])
+    assert (report.n, report.r, report.actuation_rank, report.growth_vector) == (1, 1, 1, (1,))
+    assert report.lemma1_holds
+    task = rnc.Task.of(reduced, [], ["hinge"])
+    q = robot.configuration({"hinge": 1.0})
+    height = reduced.outputs(q)[0]
+    margins = rnc.preflight(reduced, task, TaskReference(Hold([]), Hold(height)), q, 0.1)
+    assert margins.stack.value == pytest.approx(1.0, abs=ROUNDING)
+    # What the tip rises by in a radian.
+    assert margins.A4.value == pytest.approx(weight * np.sin(1.0) / (MASS * GRAVITY), abs=ROUNDING)
+
+
+def test_a_loop_that_is_always_closed_says_nothing(swing):
+    """Frame and hinge are at one place: Pinocchio's anchor has three rows of zeros for it."""
+    robot, *_ = swing
+    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("universe", "bob", "point")], ["hinge"])
+    assert (system.m, len(system.dropped_rows)) == (0, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        rnc.NoSideSlip("tip", "x"),
+        rnc.LoopClosure("universe", "bob", "frame"),
+        rnc.RollingWheel("bob", 0.1),
+        rnc.MomentumConservation("hinge"),
+    ],
+    ids=lambda each: type(each).__name__,
+)
+def test_a_constraint_on_the_only_joint_leaves_no_motion(kind, constraint, tmp_path):
+    weightless = rnc.Robot.from_urdf(write(tmp_path, *pendulum(kind, "0 -1 0")), gravity=(0, 0, 0))
+    with pytest.raises(rnc.ConstraintError, match="1 independent constraint rows leave no motion of 1 degrees"):
+        rnc.NonholonomicSystem(weightless, [constraint])
+
+
+# ---------------------------------------------------------------------- wheels
+
+RADIUS = 0.1
+CYLINDER = f'<cylinder radius="{RADIUS}" length="0.04"/>'
+TYRE = f'<collision><origin rpy="1.5707963267948966 0 0"/><geometry>{CYLINDER}</geometry></collision>'
+
+
+def cart(folder, left, right):
+    """Two wheels on one line, each with an axis of its own."""
+    box = '<collision><geometry><box size="0.4 0.2 0.05"/></geometry></collision>'
+    wheels = [
+        link(f"{name}_link", shape=TYRE) + joint(name, "base", f"{name}_link", "continuous", axis, f"0 {y} 0")
+        for name, axis, y in (("left", left, 0.2), ("right", right, -0.2))
+    ]
+    return write(folder, *wheels, base=link("base", shape=box), name="cart.urdf")
+
+
+@pytest.mark.parametrize(("left", "right"), [("0 1 0", "0 -1 0"), ("0 -1 0", "0 -1 0")])
+def test_a_wheel_rolls_the_way_its_axis_says(left, right, tmp_path):
+    """About +y forwards and about -y backwards: the point below the axle has velocity v - radius * rate * axis_y."""
+    robot = rnc.Robot.from_urdf(cart(tmp_path, left, right), base="planar")
+    system = rnc.NonholonomicSystem(
+        robot, [rnc.RollingWheel(f"{name}_link", RADIUS) for name in ("left", "right")], ["left", "right"]
+    )
+    reduced = system.reduce([rnc.JointPosition("left"), rnc.JointPosition("right")])
+    q = robot.configuration({"root_joint": (0.3, -0.2, 0.8), "left": 2.5, "right": -0.4})
+    rates = np.array([1.7, -0.6])
+    forward = RADIUS * rates * [vector(left)[1], vector(right)[1]]  # of the wheels, at y = 0.2 and -0.2
+    body = [forward.mean(), 0.0, (forward[1] - forward[0]) / 0.4]
+    np.testing.assert_allclose(reduced.velocity(q, rates), [*body, *rates], atol=ROUNDING)
+
+
+def test_a_draft_finds_wheels_about_any_direction_of_their_axle(tmp_path):
+    path = tmp_path / "draft.yaml"
+    path.write_text(draft(str(cart(tmp_path, "0 1 0", "0 -1 0")), tmp_path))
+    content = read_yaml(path)
+    rolling = [each["rolling_wheel"] for each in content["constraints"]]
+    assert {each["frame"]: each["radius"] for each in rolling} == {"left_link": RADIUS, "right_link": RADIUS}
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    trajectory = execute(plan(str(path), {"simulation.duration": 1.0})).trajectory
+    left, right = trajectory.v[-1, 3:]
+    assert left > 0 > right  # forwards, and turning little
+
+
+# ---------------------------------------------------------------------- the command
+
+
+@pytest.mark.parametrize(
+    ("parts", "steps"),
+    [
+        (pendulum("revolute", "0 1 0"), [-0.2]),  # there is more room below
+        (pendulum("continuous", "0 -1 0"), [0.2]),
+        (pendulum("continuous", "0.6 0 0.8"), [0.2]),
+        (slider("0 0 -1"), [-0.05]),
+        ([link("wheel", shape=TYRE) + joint("axle", "base", "wheel", "continuous", "0 -1 0")], [0.5, 0.4]),
+    ],
+    ids=["pendulum", "continuous", "skew", "slider", "wheel"],
+)
+def test_init_inspect_and_run_of_one_joint(parts, steps, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, *parts)
+    for command in (
+        ("init", "robot.urdf"),
+        ("inspect", "robot.yaml", "--samples", 4),
+        ("run", "robot.yaml", "--set", "simulation.duration=0.1"),
+    ):
+        status, _, error = call(*command)
+        assert (status, error) == (0, "")
+    assert read_yaml(tmp_path / "robot.yaml")["reference"]["primary"]["minimum_jerk"]["by"] == steps
