@@ -15,6 +15,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.simulation.plant import Plant
 from systems import mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
@@ -362,20 +363,17 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
     reduced, kinematic, q0 = space_robot_task(duration=1.0)
     tracker = VelocityTracker(kinematic, scaled(reduced, kinematic, q0, 1.0))
     run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
-    integrator, q, y, r = LieRungeKutta4(reduced.robot), q0, np.zeros(7), 3
-    state = tracker.initial_state(reduced.measure(q, y[:r]))
+    integrator, q, plant = LieRungeKutta4(reduced.robot), q0, Plant(reduced)
+    y = plant.start(q, np.zeros(reduced.n))
+    state = tracker.initial_state(reduced.measure(q, np.zeros(3)))
     for sample in range(201):
-        measurement = reduced.measure(q, y[:r])
+        measurement = reduced.measured(q, plant.seen(q, y).v)
         command, state = tracker.step(sample * 0.002, measurement, state)
         T = reduced.allocate(q, command.F)
         np.testing.assert_array_equal(T, run.T[sample])
         np.testing.assert_array_equal(q, run.q[sample])
-
-        def rate(p, y, T=T):
-            v, v2_dot, power = reduced.flow(p, y[:r], T)
-            return v, np.concatenate([v2_dot, y[:r], [power]])
-
-        q, y = integrator.step(rate, q, y, 0.002)
+        seen, y = plant.settled(q, y)
+        q, y = integrator.step(plant.rate(T), q, y, 0.002, plant.first_slope(seen, T))
 
 
 def test_stepping_twice_from_one_state_gives_one_answer():

@@ -145,9 +145,10 @@ def test_batches_are_one_call():
     q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 4, seed=9, condition=20.0), strict=True))
     parts = every(reduced, task)
     objective = Combined([*parts.values(), Posture(task, Hold(np.zeros(2)))])
-    together = objective(0.0, reduced.measure(q, v2))
+    still = np.zeros((4, reduced.r))
+    together = objective(0.0, reduced.measure(q, v2, still))
     for i in range(4):
-        one = reduced.measure(q[i], v2[i])
+        one = reduced.measure(q[i], v2[i], still[i])
         for whole, alone in zip(together, objective(0.0, one), strict=True):
             np.testing.assert_allclose(whole[i], alone, atol=1e-6 * (1 + np.abs(alone).max()))
         added = sum(part(0.0, one)[0] for part in objective.parts)

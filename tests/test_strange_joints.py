@@ -17,7 +17,7 @@ from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")
 
 INTEGRATED = 1e-9  # positions after a period of a thousand fourth-order steps [rad or m]
 

@@ -106,8 +106,9 @@ class _Brackets:
         columns = self.scaling @ np.column_stack([first, second])
 
         def value(p: np.ndarray) -> np.ndarray:
-            x, y = (self.reduced.at(p).R @ columns).T
-            along_x, along_y = self.reduced.basis_rate(p, np.stack([x, y]))[1]
+            here = self.reduced.at(p)
+            x, y = (here.R @ columns).T
+            along_x, along_y = (here.moving(each).R_dot for each in (x, y))
             return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
 
         return value
@@ -118,8 +119,8 @@ class _Brackets:
 
         def value(p: np.ndarray) -> np.ndarray:
             y = field(p)
-            R, along_y = self.reduced.basis_rate(p, y)
-            x = R @ column
+            here = self.reduced.at(p)
+            x, along_y = here.R @ column, here.moving(y).R_dot
             return _derivative(self.model, field, p, x) - along_y @ column + self.algebra(x, y)
 
         return value

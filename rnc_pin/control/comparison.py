@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin.errors import InputError
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning.references import ReferencePoint
 
@@ -27,3 +28,20 @@ def compare(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndarra
     velocity, acceleration = coordinates.to_rates(desired.position, desired.velocity, desired.acceleration)
     error = coordinates.difference(desired.position, actual)
     return Comparison(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
+
+
+def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
+    """``gain * error`` (..., k); an output that has no value needs none where its gain is zero.
+
+    Raises:
+        InputError: there is a gain on a quasi-velocity whose integral nobody gave.
+    """
+    product = gain * error
+    if np.isfinite(product).all():
+        return product
+    if np.isnan(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, error)).any():
+        raise InputError(
+            "an output that has to be fed back has no value: it is a quasi-velocity, and its integral was not given; "
+            "measure(q, v2, integrals) takes it"
+        )
+    return np.asarray(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, product))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.comparison import fed_back
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, check_size, elapsed_time, spread
 from rnc_pin.errors import ConfigurationError
@@ -95,7 +96,8 @@ class PositionTracker:
         )
 
     def _error(self, t: float, measurement: Measurement) -> np.ndarray:
-        return angle_difference(self.reference.at(t).position, measurement.x2[..., self.outputs], self.angular)
+        error = angle_difference(self.reference.at(t).position, measurement.x2[..., self.outputs], self.angular)
+        return fed_back(1.0, error)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
         """One sample; the time since the last one may vary.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.comparison import compare
+from rnc_pin.control.comparison import compare, fed_back
 from rnc_pin.control.protocol import VelocityTarget, check_size, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
@@ -90,7 +90,7 @@ class SteeringController:
         task, m = self.task, measurement
         x21d = self.primary.at(t)
         first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        v21d = first.velocity + self.k21 * first.error
+        v21d = first.velocity + fed_back(self.k21, first.error)
         v21d_dot = first.acceleration + self.k21 * first.error_rate
         v2_dot = np.zeros(m.v2.shape)  # of steering rates unknown: it would take the references' third derivatives
         v2_dot[..., task.primary] = v21d_dot

@@ -34,6 +34,7 @@ from rnc_pin.model.once import once
 from rnc_pin.model.parts import Parts, best_entries
 from rnc_pin.model.terms import Flow, ReducedTerms
 
+_OF_Q = ("position", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "_MR", "H", "mu", "b")
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
 _WELL = 1e-3  # smallest singular value of rows of natural length above which the default ones stay
 
@@ -74,6 +75,12 @@ class Evaluation:
         for name in ("position", "motion"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
+        return other
+
+    def moving(self, v: Array) -> Evaluation:
+        """The same configurations with other full velocities (..., nv); what depends on q alone goes over."""
+        other = Evaluation(self._parts, self.q, v=v)
+        other.__dict__.update({name: self.__dict__[name] for name in _OF_Q if name in self.__dict__})
         return other
 
     # ------------------------------------------------------------------ configurations

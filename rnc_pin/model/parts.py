@@ -120,11 +120,13 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
 
 
 def natural_lengths(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
-    """The largest length of each row over configurations (count, nq): what it is where it does not vanish."""
+    """A typical length of each row: the median over configurations (count, nq), or the largest where most are zero."""
     stack = RowStack.joined(rows, reducing)
     kinematics = Kinematics(robot, stack.joints)
-    largest = np.zeros(stack.size)
+    found = []
     for q in configurations:
         with suppress(SingularityError):  # some row is undefined there
-            largest = np.fmax(largest, np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
-    return largest
+            found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
+    lengths = np.array(found) if found else np.zeros((1, stack.size))
+    typical = np.median(lengths, axis=0)
+    return np.where(typical > 0, typical, lengths.max(axis=0))
