@@ -114,12 +114,13 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
     if not v.any():
         return out, error
     gradients = kinematics.gradients(q, v)
-    for block, place, selection in rows.places:
+    for place in rows.places:
+        block = place.block
         whole = None if block.affine else block.drift_gradient(gradients)
         if whole is None:
             whole, found = _differences(block, kinematics, q, v)
             error = max(error, found)
-        out[place] = whole[selection]
+        out[place.where] = place.of_matrix(whole)
     return out, error
 
 

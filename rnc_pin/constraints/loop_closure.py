@@ -130,7 +130,7 @@ def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
 def _skew(vectors: np.ndarray) -> np.ndarray:
     """Matrices (..., 3, 3) of the vector product with (..., 3) from the left."""
     x, y, z = components(vectors)
-    return packed([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return packed([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], x)
 
 
 def _action(placement: Placement) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.components import Component, components, cross, packed, packed_vector
+from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Gradients, Kinematics, Motion, Position, Rates
@@ -80,9 +80,10 @@ class RollingRows(Rows):
 
     def _axis(self, at: Position) -> tuple[Component, Component, Component, Component]:
         """The axle in the world and the length of its horizontal part."""
-        x, y, z = components(apply(at.placement(self.frame).rotation, self._axle))
+        x, y, z = components(apply(at.rotation(self.frame), self._axle))
         s = (x * x + y * y) ** 0.5
-        refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
+        if smallest(s) < _FLAT:
+            refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
         return x, y, z, s
 
     def contact_matrix(self, at: Position) -> np.ndarray:
@@ -94,7 +95,8 @@ class RollingRows(Rows):
                 [hx, hy, 0.0, -r * x, -r * y, -r * z],
                 [-hy, hx, 0.0, r * y, -r * x, 0.0],
                 [0.0, 0.0, 1.0, r * z * hx, r * z * hy, 0.0],
-            ]
+            ],
+            x,
         )
 
     def jacobian(self, at: Position) -> np.ndarray:
@@ -110,14 +112,15 @@ class RollingRows(Rows):
                 [-turn * hy, turn * hx, 0.0, -r * dx, -r * dy, -r * dz],
                 [-turn * hx, -turn * hy, 0.0, r * dy, -r * dx, 0.0],
                 [0.0, 0.0, 0.0, r * (dz * hx - z * turn * hy), r * (dz * hy + z * turn * hx), 0.0],
-            ]
+            ],
+            x,
         )
         return rate @ at.jacobian(self.frame) + self.contact_matrix(at) @ at.jacobian_dot(self.frame)
 
     def drift(self, at: Motion) -> np.ndarray:
         x, y, z, _ = self._axis(at)
         velocity, acceleration = components(at.velocity(self.frame)), components(at.acceleration(self.frame))
-        return packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration))
+        return packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration), x)
 
     def residual(self, at: Position) -> np.ndarray:
         _, _, _, s = self._axis(at)
@@ -127,7 +130,7 @@ class RollingRows(Rows):
     def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
         x, y, z, s = self._axis(at)
         directions = self.contact_matrix(at)[..., :3]
-        arm = packed_vector([self.radius * z * x / s, self.radius * z * y / s, -self.radius * s])
+        arm = packed_vector([self.radius * z * x / s, self.radius * z * y / s, -self.radius * s], s)
         contact = at.placement(self.frame).translation + arm
         return np.broadcast_to(contact[..., None, :], directions.shape), directions
 

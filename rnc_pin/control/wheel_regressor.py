@@ -97,9 +97,9 @@ class WheelRegressor:
         self.units = ("m",) * len(self.names)
         robot = reduced.robot
         found = {
-            block.wheel: (block, list(range(len(block.names)))[rows] if isinstance(rows, slice) else rows)
-            for block, _, rows in reduced.constraints.places
-            if isinstance(block, RollingRows)
+            place.block.wheel: (place.block, place.of(np.arange(3)).tolist())
+            for place in reduced.constraints.places
+            if isinstance(place.block, RollingRows)
         }
         radii: dict[str, int] = {}
         tracks: dict[str, tuple[int, _Axle]] = {}

@@ -23,21 +23,25 @@ def components(vectors: np.ndarray) -> Sequence[Component]:
     return [vectors[..., k] for k in range(vectors.shape[-1])]
 
 
-def packed(rows: Sequence[Sequence[Component]]) -> np.ndarray:
-    """A matrix (..., k, l) of components; those that are numbers are the same in the whole stack."""
-    shape = next((entry.shape for row in rows for entry in row if isinstance(entry, np.ndarray)), None)
-    if shape is None:
+def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
+    """A matrix (..., k, l) of components; those that are numbers are the same in the whole stack.
+
+    Args:
+        rows: k times l components.
+        like: one of them that is an array where there are many states.
+    """
+    if not isinstance(like, np.ndarray):
         return np.array(rows)
-    out = np.empty((*shape, len(rows), len(rows[0])))
+    out = np.empty((*like.shape, len(rows), len(rows[0])))
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             out[..., i, j] = entry
     return out
 
 
-def packed_vector(entries: Sequence[Component]) -> np.ndarray:
+def packed_vector(entries: Sequence[Component], like: Component) -> np.ndarray:
     """A vector (..., k) of components."""
-    return packed([entries])[..., 0, :]
+    return np.array(entries) if not isinstance(like, np.ndarray) else np.stack(entries, axis=-1)
 
 
 def cross(a: Sequence[Component], b: Sequence[Component]) -> Triple:

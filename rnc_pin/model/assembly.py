@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.model.kinematics import Kinematics, Position
@@ -127,10 +126,11 @@ class Assembly:
     def _step(self, at: Position, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
         rows = np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])[:, free]
         factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
-        scaled = scipy.linalg.solve_triangular(factor, rows.T, lower=True).T  # A L^-T
+        # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
+        scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
         reduced = np.linalg.lstsq(scaled, -residual, rcond=_DEPENDENT)[0]
         step = np.zeros(len(free))
-        step[free] = scipy.linalg.solve_triangular(factor.T, reduced)
+        step[free] = np.linalg.solve(factor.T, reduced)
         return step
 
     def _moving(self, block: Rows, rows: list[int]) -> list[int]:

@@ -34,7 +34,7 @@ from rnc_pin.model.once import once
 from rnc_pin.model.parts import Parts, best_entries
 from rnc_pin.model.terms import Flow, ReducedTerms
 
-_OF_Q = ("position", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "_MR", "H", "mu", "b")
+_OF_Q = ("position", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
 _WELL = 1e-3  # smallest singular value of rows of natural length above which the default ones stay
 
@@ -64,6 +64,8 @@ class Evaluation:
         self._basis = (..., slice(parts.m, None))  # of E^-1: the columns that are R
         self._multiplied = (..., slice(None, parts.m))  # the columns that carry multipliers
         known = self.__dict__
+        if parts.B is not None and q.ndim == 1:
+            known["B"] = parts.B
         if v2 is not None:
             known["v2"] = v2
         if v is not None:
@@ -231,13 +233,9 @@ class Evaluation:
         return product(self.R.mT, self.B)
 
     @once
-    def _MR(self) -> Array:
-        return product(self.M, self.R)
-
-    @once
     def H(self) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix."""
-        return product(self.R.mT, self._MR)
+        return product(self.R.mT, product(self.M, self.R))
 
     @once
     def mu(self) -> Float[Array, "*batch m"]:
@@ -300,7 +298,8 @@ class Evaluation:
     @once
     def v(self) -> Float[Array, "*batch nv"]:
         """Full velocity: ``R v2 + b``, or what was measured."""
-        return self.velocity(self.v2)
+        v = apply(self.R, self.v2)
+        return v + self.b if self._parts.affine else v
 
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` of other reduced velocities (..., r)."""
@@ -463,7 +462,7 @@ class Evaluation:
         # With vdot = R v2dot - E^-1 gamma:  H v2dot = R^T (force - bias + H* E^-1 gamma).
         free = force - self.bias + apply(self.M, self._E_inverse_gamma)
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
-        if not np.vdot(v2_dot, v2_dot) < np.inf:
+        if not (v2_dot.dot(v2_dot) < np.inf if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
             raise DivergenceError("accelerations have no bound")
         return v2_dot
 

@@ -58,6 +58,10 @@ class Position(ABC):
         """Placement of a frame in the world."""
 
     @abstractmethod
+    def rotation(self, frame: int) -> np.ndarray:
+        """Its rotation alone, (..., 3, 3)."""
+
+    @abstractmethod
     def joint_placement(self, joint: int) -> Placement:
         """Placement of the frame that moves with a joint."""
 
@@ -226,6 +230,11 @@ class _OnePosition(Position):
         place = pin.updateFramePlacement(at.model, at.data, frame)
         return Placement(place.rotation, place.translation)
 
+    def rotation(self, frame: int) -> np.ndarray:
+        at = self._at
+        at.stand_at(self.q)
+        return pin.updateFramePlacement(at.model, at.data, frame).rotation
+
     def joint_placement(self, joint: int) -> Placement:
         self._at.stand_at(self.q)
         place = self._at.places[joint]
@@ -372,6 +381,9 @@ class _ManyPositions(Position):
         joint, on_joint = self._at.frame(frame)
         rotation, translation = self.joint_placement(joint)
         return Placement(rotation @ on_joint.rotation, translation + rotation @ on_joint.translation)
+
+    def rotation(self, frame: int) -> np.ndarray:
+        return self.placement(frame).rotation
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
         place = self.placement(frame)

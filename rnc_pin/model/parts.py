@@ -34,6 +34,7 @@ class Parts:
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
+        B: the actuation matrix, where it is the same at every configuration.
         template: E with the rows that never change in it.
         lengths_of_rows, lengths_of_outputs: natural lengths of all constraint rows and of the reducing outputs.
     """
@@ -59,6 +60,7 @@ class Parts:
         self.affine = rows.affine
         asked = (*rows.joints, *reducing.joints, *vertical.joints, *actuation.joints)
         self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
+        self.B = actuation.constant
         self.template = self.stack.template(self.n)
         self.lengths_of_rows, self.lengths_of_outputs = lengths[: rows.size], lengths[rows.size :]
         self.lengths = np.concatenate([self.lengths_of_rows[list(self.kept)], self.lengths_of_outputs])

@@ -6,7 +6,7 @@ everything, and the single questions, a line each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -209,7 +209,7 @@ class ReducedModel:
             q: configurations (..., nq).
             along: positions in x2, (s,).
         """
-        return np.moveaxis(self._alone(q, along).A_star_dot, -3, -1)
+        return np.moveaxis(self._alone(q, along, lambda state: state.A_star_dot), 0, -1)
 
     def log_determinant_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
         """Derivatives of ``log |det E|``, that is ``tr(E^-1 Edot)``, along the motion of single reducing outputs.
@@ -218,14 +218,13 @@ class ReducedModel:
             q: configurations (..., nq).
             along: positions in x2, (s,).
         """
-        state = self._alone(q, along)
-        return np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot)
+        traces = self._alone(q, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
+        return np.moveaxis(traces, 0, -1)
 
-    def _alone(self, q: ArrayInput, along: Sequence[int] | Array) -> Evaluation:
-        """Every configuration once for each of some outputs (..., s, nq), which moves alone at unit rate."""
-        R = self.at(q).R
-        directions = np.moveaxis(R[..., list(along)], -1, -2)
-        return self.at(np.asarray(q, float)[..., None, :], v=directions)
+    def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[Evaluation], Array]) -> Array:
+        """Something (s, ...) of the states in which one output after the other moves alone at unit rate."""
+        here = self.at(q)
+        return np.stack([what(here.moving(here.R[..., j])) for j in along])
 
     # ------------------------------------------------------------------ measurements
 

@@ -21,8 +21,16 @@ class Place(NamedTuple):
     block: Rows
     where: slice
     """In the stack."""
-    rows: Selection
-    """Which of the block's rows count."""
+    rows: Selection | None
+    """Which of the block's rows count; None for all."""
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Of what the block has for each row, (..., k), that of the rows that count."""
+        return values if self.rows is None else values[..., self.rows]
+
+    def of_matrix(self, values: np.ndarray) -> np.ndarray:
+        """The same of rows (..., k, l)."""
+        return values if self.rows is None else values[..., self.rows, :]
 
 
 class RowStack:
@@ -47,7 +55,7 @@ class RowStack:
             chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
             if len(chosen):
                 where = slice(start, start + len(chosen))
-                self.places.append(Place(block, where, _selection(list(chosen))))
+                self.places.append(Place(block, where, None if len(chosen) == size else _selection(list(chosen))))
             start, first = start + len(chosen), first + size
         self.size = start
         self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
@@ -77,30 +85,30 @@ class RowStack:
     def template(self, nv: int) -> np.ndarray:
         """A stack (size, nv), by columns, with the rows that never change in it."""
         out = np.zeros((self.size, nv), order="F")
-        for block, where, rows in self.places:
-            if isinstance(block, ConstantRows):
-                out[where] = block.matrix[rows]
+        for place in self.places:
+            if isinstance(place.block, ConstantRows):
+                out[place.where] = place.of_matrix(place.block.matrix)
         return out
 
     def write_jacobian(self, at: Position, out: np.ndarray) -> None:
         """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
-        for block, where, rows in self._varying:
-            out[..., where, :] = block.jacobian(at)[..., rows, :]
+        for place in self._varying:
+            out[..., place.where, :] = place.of_matrix(place.block.jacobian(at))
 
     def jacobian(self, at: Position) -> np.ndarray:
         """J(q), (..., size, nv)."""
-        return self._gather(at, lambda block: block.jacobian(at), (at.M.shape[-1],))
+        return self._gather_matrix(at, lambda block: block.jacobian(at))
 
     def drift(self, at: Motion) -> np.ndarray:
         """``Jdot v - mudot``, (..., size)."""
         out = np.zeros((*at.q.shape[:-1], self.size))
-        for block, where, rows in self._varying:
-            out[..., where] = block.drift(at)[..., rows]
+        for place in self._varying:
+            out[..., place.where] = place.of(place.block.drift(at))
         return out
 
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         """Jdot(q, v), (..., size, nv)."""
-        return self._gather(at, lambda block: block.jacobian_dot(at), (at.M.shape[-1],))
+        return self._gather_matrix(at, lambda block: block.jacobian_dot(at))
 
     def rate(self, at: Position) -> np.ndarray:
         """mu(q), (..., size)."""
@@ -110,24 +118,27 @@ class RowStack:
         """The rate of mu, (..., size)."""
         return self._gather(at, lambda block: block.rate_dot(at))
 
-    def _gather(self, at: Position, of: Callable[[Rows], np.ndarray], last: tuple[int, ...] = ()) -> np.ndarray:
-        """What every block says, cut down to its rows that count, (..., size, *last)."""
-        out = np.empty((*at.q.shape[:-1], self.size, *last))
-        for block, where, rows in self.places:
-            found = of(block)
-            if last:
-                out[..., where, :] = found[..., rows, :]
-            else:
-                out[..., where] = found[..., rows]
+    def _gather(self, at: Position, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
+        """What every block says, cut down to its rows that count, (..., size)."""
+        out = np.empty((*at.q.shape[:-1], self.size))
+        for place in self.places:
+            out[..., place.where] = place.of(of(place.block))
+        return out
+
+    def _gather_matrix(self, at: Position, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
+        """The same of matrices, (..., size, nv)."""
+        out = np.empty((*at.q.shape[:-1], self.size, at.M.shape[-1]))
+        for place in self.places:
+            out[..., place.where, :] = place.of_matrix(of(place.block))
         return out
 
     def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit vectors, (..., size, 3) each; NaN for rows that act on no point."""
         points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
-        for block, where, rows in self.places:
-            lines = block.lines_of_action(at)
+        for place in self.places:
+            lines = place.block.lines_of_action(at)
             if lines is not None:
-                points[..., where, :], directions[..., where, :] = (each[..., rows, :] for each in lines)
+                points[..., place.where, :], directions[..., place.where, :] = (place.of_matrix(each) for each in lines)
         return points, directions
 
 
@@ -168,5 +179,7 @@ def _selection(rows: list[int]) -> Selection:
     return slice(first, first + len(rows)) if rows == list(range(first, first + len(rows))) else rows
 
 
-def _of(values: tuple[_Value, ...], rows: Selection) -> tuple[_Value, ...]:
+def _of(values: tuple[_Value, ...], rows: Selection | None) -> tuple[_Value, ...]:
+    if rows is None:
+        return values
     return values[rows] if isinstance(rows, slice) else tuple(values[row] for row in rows)

@@ -49,7 +49,7 @@ class SpinFormRow(OutputRows):
         """Raise where the angle has no rate."""
 
     def _direction(self, at: Position) -> np.ndarray:
-        return at.placement(self._frame).rotation[..., self._axis]
+        return at.rotation(self._frame)[..., self._axis]
 
     def _defined(self, at: Position) -> Vector:
         direction = components(self._direction(at))
@@ -57,13 +57,16 @@ class SpinFormRow(OutputRows):
         return direction
 
     def jacobian(self, at: Position) -> np.ndarray:
-        form = packed([self._form(self._defined(at))])
+        direction = self._defined(at)
+        form = packed([self._form(direction)], direction[0])
         return form @ at.jacobian(self._frame)[..., 3:, :]
 
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         direction = self._defined(at)
         rate = cross(components(at.velocity(self._frame)[..., 3:]), direction)
-        form, form_rate = packed([self._form(direction)]), packed([self._form_rate(direction, rate)])
+        form, form_rate = (
+            packed([each], direction[0]) for each in (self._form(direction), self._form_rate(direction, rate))
+        )
         return form @ at.jacobian_dot(self._frame)[..., 3:, :] + form_rate @ at.jacobian(self._frame)[..., 3:, :]
 
     def drift(self, at: Motion) -> np.ndarray:
