@@ -159,7 +159,7 @@ def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
 def test_the_position_tracker_holds_too():
     reduced, q0, x2, held = held_tiago()
     tracker = PositionTracker(Hold(x2), held=held)
-    measurement = reduced.measure(q0, np.zeros(reduced.r))
+    measurement = reduced.measure(q0, np.zeros(reduced.r), integrals=x2)
     command, _ = tracker.step(0.0, measurement, tracker.initial_state(measurement))
     np.testing.assert_allclose(command.F, held, atol=1e-9)
 

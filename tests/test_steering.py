@@ -64,9 +64,11 @@ def test_the_missing_rate_fades_at_k4():
         return x1d.velocity + 2.0 * (x1d.position - m.x1[[2]]) - m.v1[[2]]
 
     # Two targets a moment apart, each with the primary rates followed exactly.
-    target, _ = controller.step(t, reduced.measure(q, v2), None)
+    here = path.reference.at(t).position
+    integrals = np.array([here[0], 0.0, 0.0])
+    target, _ = controller.step(t, reduced.measure(q, v2, integrals), None)
     moving = np.array([*v2[:2], target.v2[2]])
-    target, _ = controller.step(t, reduced.measure(q, moving), None)
+    target, _ = controller.step(t, reduced.measure(q, moving, integrals), None)
     ahead = pin.integrate(reduced.robot.model, q, h * reduced.terms(q, moving).v)
     later = moving + h * np.array([*target.v2_dot[:2], 0.0])
     before, after = missing(q, t, moving), missing(ahead, t + h, later)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +18,8 @@ from rnc_pin.model.rows import Rows, refuse_undefined
 from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
+
+Axle: TypeAlias = "tuple[Component, Component, Component, Component]"
 
 
 @dataclass(frozen=True)
@@ -76,15 +79,18 @@ class RollingRows(Rows):
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
         self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
+        self._seen: tuple[np.ndarray | None, Axle] = None, (0.0, 0.0, 0.0, 0.0)
         self._axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
-    def _axis(self, at: Position) -> tuple[Component, Component, Component, Component]:
+    def _axis(self, at: Position) -> Axle:
         """The axle in the world and the length of its horizontal part."""
-        x, y, z = components(apply(at.rotation(self.frame), self._axle))
-        s = (x * x + y * y) ** 0.5
-        if smallest(s) < _FLAT:
-            refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
-        return x, y, z, s
+        if self._seen[0] is not at.q:
+            x, y, z = components(apply(at.rotation(self.frame), self._axle))
+            s = (x * x + y * y) ** 0.5
+            if smallest(s) < _FLAT:
+                refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
+            self._seen = at.q, (x, y, z, s)  # rows and their drift ask for the same
+        return self._seen[1]
 
     def contact_matrix(self, at: Position) -> np.ndarray:
         """The rows (..., 3, 6) on velocity of the centre and spin, in world axes."""

@@ -90,7 +90,6 @@ class SteeringController:
         task, m = self.task, measurement
         x21d = self.primary.at(t)
         first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        v21d = first.velocity + fed_back(self.k21, first.error)
         v21d_dot = first.acceleration + self.k21 * first.error_rate
         v2_dot = np.zeros(m.v2.shape)  # of steering rates unknown: it would take the references' third derivatives
         v2_dot[..., task.primary] = v21d_dot
@@ -115,7 +114,8 @@ class SteeringController:
         v22 = np.linalg.solve(square, apply(N.mT, right)[..., None])[..., 0]
         v22 = np.clip(v22, -self.fastest, self.fastest)
         v2 = np.empty(m.v2.shape)
-        v2[..., task.primary], v2[..., task.redundant] = v21d, v22
+        v2[..., task.primary] = first.velocity + fed_back(self.k21, first.error)
+        v2[..., task.redundant] = v22
         x1 = spread(x11d.position, task.vertical, m.x1.shape)
         if self.watched is not None:
             x1[..., self.watched[0]] = self.watched[1].at(t).position

@@ -97,16 +97,20 @@ class Coordinates:
             velocity[triple] = J @ velocity[triple]
         return velocity, acceleration
 
-    def unwrap(self, series: np.ndarray, about: np.ndarray) -> np.ndarray:
+    def unwrap(self, series: np.ndarray, about: np.ndarray | None = None) -> np.ndarray:
         """A record (N, k) without jumps: angles go on past a half turn, and so do rotation vectors.
 
         Args:
             series: the record.
             about: roughly where the values should be (N, k), by their rates: full turns between two samples show there.
+                Without it no angle moves by more than a half turn from one sample to the next.
         """
         smooth = np.array(series)
-        turns = np.round((about - smooth)[:, self.angular] / (2 * np.pi))
-        smooth[:, self.angular] += 2 * np.pi * turns
+        if about is None:
+            smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
+        else:
+            turns = np.round((about - smooth)[:, self.angular] / (2 * np.pi))
+            smooth[:, self.angular] += 2 * np.pi * turns
         for triple in self._triples:
             column = smooth[:, triple]
             for previous, vector in pairwise(column):

@@ -129,7 +129,7 @@ class Actuation:
         matrix = np.empty((*at.q.shape[:-1], *shape))
         matrix[...] = self._constant
         for column, frame, row in self._frames:
-            matrix[..., column] = at.jacobian(frame, OWN_AXES)[..., row, :]
+            matrix[..., column] = at.jacobian(frame, OWN_AXES, [row])[..., 0, :]
         return matrix
 
     def _called(self, q: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ from rnc_pin.model.once import once
 from rnc_pin.model.parts import Parts, best_entries
 from rnc_pin.model.terms import Flow, ReducedTerms
 
-_OF_Q = ("position", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
+_OF_Q = ("position", "_values", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
 _WELL = 1e-3  # smallest singular value of rows of natural length above which the default ones stay
 
@@ -111,9 +111,10 @@ class Evaluation:
     def _settled(self) -> tuple[Array, Array, Array | bool]:
         """E and its inverse, and where E is regular; with other rows where the default ones are dependent."""
         parts, position = self._parts, self.position
-        E = parts.template.copy("F")
-        if self.q.ndim > 1:
-            E = np.array(np.broadcast_to(E, (*self.q.shape[:-1], parts.n, parts.n)))
+        if self.q.ndim == 1:
+            E = parts.template.copy("F")
+        else:
+            E = np.array(np.broadcast_to(parts.template, (*self.q.shape[:-1], parts.n, parts.n)))
         parts.stack.write_jacobian(position, E)
         E_inverse = inverse(E)
         if E.ndim == 2:
@@ -280,11 +281,16 @@ class Evaluation:
 
     def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
-        x1, x2 = self._parts.vertical.value(self.position), self._parts.reducing.value(self.position)
-        if integrals is not None:
-            quasi = self._parts.reducing.quasi
+        x1, x2 = self._values
+        quasi = self._parts.reducing.quasi
+        if integrals is not None and quasi.any():
+            x2 = x2.copy()
             x2[..., quasi] = vector(integrals, self._parts.r, "integrals")[..., quasi]
         return x1, x2
+
+    @once
+    def _values(self) -> tuple[Array, Array]:
+        return self._parts.vertical.value(self.position), self._parts.reducing.value(self.position)
 
     # ------------------------------------------------------------------ velocities
 
@@ -325,6 +331,11 @@ class Evaluation:
         """``A v - mu``: by how much the velocity violates the constraints."""
         residual = apply(self.A, self.v)
         return residual - self.mu if self._parts.affine else residual
+
+    @once
+    def v1(self) -> Float[Array, "*batch k"]:
+        """Rates of the vertical outputs, ``J1 v``."""
+        return apply(self.J1, self.v)
 
     @once
     def rates(self) -> Rates:
@@ -407,6 +418,7 @@ class Evaluation:
         quasi = self._parts.reducing.quasi
         x1, x2 = self.outputs(integrals)
         if integrals is None and quasi.any():
+            x2 = x2.copy()
             x2[..., quasi] = np.nan
         offset = offset_dot = None
         if self._parts.affine:
@@ -418,7 +430,7 @@ class Evaluation:
             v2=self.v2,
             x1=x1,
             x2=x2,
-            v1=apply(self.J1, self.v),
+            v1=self.v1,
             A_star=self.A_star,
             A_star_dot=self.A_star_dot,
             v1_offset=offset,
@@ -437,7 +449,7 @@ class Evaluation:
         """
         force = self._force(vector(T, self._parts.p, "T"), damping)
         v2_dot = self._accelerated(force)
-        power = np.vecdot(self.v, force)
+        power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._parts.affine:  # constraints that move do work
             power = power - np.vecdot(self.mu, self._multipliers(force))
         return Flow(self.v, v2_dot, power)

@@ -42,13 +42,13 @@ class FrameVelocityRows(Rows):
         self._rows: slice | list[int] = slice(chosen[0], chosen[-1] + 1) if following else chosen
 
     def jacobian(self, at: Position) -> np.ndarray:
-        return at.jacobian(self._frame, self._axes)[..., self._rows, :]
+        return at.jacobian(self._frame, self._axes, self._rows)
 
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         return at.jacobian_dot(self._frame, self._axes)[..., self._rows, :]
 
     def drift(self, at: Motion) -> np.ndarray:
-        return at.acceleration(self._frame, self._axes)[..., self._rows]
+        return at.acceleration(self._frame, self._axes, self._rows)
 
     def drift_gradient(self, at: Gradients) -> np.ndarray:
         if self._axes is OWN_AXES:

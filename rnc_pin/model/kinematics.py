@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.components import components, cross
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.once import once
 from rnc_pin.robots.robot import Robot
@@ -31,6 +32,10 @@ WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
 
 _LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
+
+Components = slice | list[int]
+ALL = slice(0, 6)
+"""Of a motion: linear x, y, z, then angular x, y, z."""
 
 
 class Placement(NamedTuple):
@@ -66,8 +71,8 @@ class Position(ABC):
         """Placement of the frame that moves with a joint."""
 
     @abstractmethod
-    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Frame Jacobian (..., 6, nv): linear rows first, about the frame's origin."""
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        """Frame Jacobian (..., 6, nv), or some of its rows: linear ones first, about the frame's origin."""
 
     @abstractmethod
     def moving(self, v: np.ndarray) -> Motion:
@@ -94,8 +99,8 @@ class Motion(Position):
         """Spatial velocity (..., 6) of the body that moves with a joint, in its own axes."""
 
     @abstractmethod
-    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        """Rate (..., 6) of the components of the frame's velocity along these axes, at zero ``vdot``."""
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        """Rate (..., 6), or some of it, of the components of the frame's velocity along these axes at zero ``vdot``."""
 
     @abstractmethod
     def rates(self) -> Rates:
@@ -133,6 +138,7 @@ class Kinematics:
         self.J, self.dJ = (self.by_columns(block) for block in (self.data.J, self.data.dJ))
         places = {joint: self.data.oMi[joint] for joint in range(robot.model.njoints)}
         self.places = {joint: Placement(place.rotation, place.translation) for joint, place in places.items()}
+        self._carriers: dict[int, np.ndarray] = {}
         # The arrays at which the workspace stands; who finds another one there sets it again.
         self._q: np.ndarray | None = None
         self._v: np.ndarray | None = None
@@ -210,6 +216,15 @@ class Kinematics:
         """Pinocchio's (6, nv), which is (6,) for a robot with one degree of freedom."""
         return matrix.reshape(6, self.nv) if self.nv == 1 else matrix
 
+    def carriers(self, frame: int) -> np.ndarray:
+        """One for entries of v whose joints carry a frame, zero for the others, (nv,)."""
+        if frame not in self._carriers:
+            columns = self._carriers[frame] = np.zeros(self.nv)
+            for joint in self.model.supports[self.frame(frame)[0]]:
+                where = self.model.joints[joint]
+                columns[where.idx_v : where.idx_v + where.nv] = 1.0
+        return self._carriers[frame]
+
     def frame(self, frame: int) -> tuple[int, pin.SE3]:
         """The joint that carries a frame, and where on it."""
         found = self.model.frames[frame]
@@ -240,11 +255,13 @@ class _OnePosition(Position):
         place = self._at.places[joint]
         return Placement(place.rotation.copy(), place.translation.copy())
 
-    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         at = self._at
         at.stand_at(self.q)
         jacobian = pin.getFrameJacobian(at.model, at.data, frame, axes)
-        return jacobian if at.nv > 1 else at.by_columns(jacobian)
+        if at.nv == 1:
+            jacobian = at.by_columns(jacobian)
+        return jacobian if rows is ALL else jacobian[rows]
 
     def moving(self, v: np.ndarray) -> Motion:
         return _OneMotion(self, v)
@@ -265,11 +282,12 @@ class _OneMotion(_OnePosition, Motion):
         self._at.move_at(self.q, self.v)
         return self._at.data.v[joint].vector.copy()
 
-    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         at = self._at
         at.move_at(self.q, self.v)
         getter = pin.getFrameClassicalAcceleration if axes is WORLD_AXES else pin.getFrameAcceleration
-        return getter(at.model, at.data, frame, axes).vector
+        acceleration: np.ndarray = getter(at.model, at.data, frame, axes).vector
+        return acceleration if rows is ALL else acceleration[rows]
 
     def rates(self) -> Rates:
         return _OneRates(self)
@@ -346,6 +364,7 @@ class _ManyPositions(Position):
     def __init__(self, kinematics: Kinematics, q: np.ndarray) -> None:
         at, self.q = kinematics, q
         self._at = at
+        self._frames: dict[int, Placement] = {}
         batch, n = q.shape[:-1], at.nv
         self.M, self.J = np.empty((*batch, n, n)), np.empty((*batch, 6, n))
         self._places = {joint: Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3))) for joint in at.joints}
@@ -378,25 +397,40 @@ class _ManyPositions(Position):
         return place
 
     def placement(self, frame: int) -> Placement:
-        joint, on_joint = self._at.frame(frame)
-        rotation, translation = self.joint_placement(joint)
-        return Placement(rotation @ on_joint.rotation, translation + rotation @ on_joint.translation)
+        if frame not in self._frames:
+            joint, on_joint = self._at.frame(frame)
+            rotation, translation = self.joint_placement(joint)
+            self._frames[frame] = Placement(rotation @ on_joint.rotation, translation + rotation @ on_joint.translation)
+        return self._frames[frame]
 
     def rotation(self, frame: int) -> np.ndarray:
         return self.placement(frame).rotation
 
-    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        place = self.placement(frame)
-        moved = _about(place.translation, self._columns(self.J, frame))
-        return moved if axes is WORLD_AXES else _along(place.rotation, moved)
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        return (self._wrenches(frame, axes, rows) @ self.J) * self._at.carriers(frame)
+
+    def _wrenches(self, frame: int, axes: pin.ReferenceFrame, rows: Components) -> np.ndarray:
+        """Unit forces along and torques about axes at the frame's origin (..., k, 6), taken about the world's origin.
+
+        Their power on a motion about the world's origin is that component of it.
+        """
+        rotation, (x, y, z) = self.rotation(frame), np.moveaxis(self.placement(frame).translation, -1, 0)
+        chosen = range(*rows.indices(6)) if isinstance(rows, slice) else rows
+        wrenches = np.zeros((*x.shape, len(chosen), 6))
+        for i, row in enumerate(chosen):
+            wrench, direction = wrenches[..., i, :], np.eye(3)[row % 3]
+            along = direction if axes is WORLD_AXES else rotation[..., :, row % 3]
+            if row >= 3:
+                wrench[..., _ANGULAR] = along
+                continue
+            wrench[..., _LINEAR] = along
+            dx, dy, dz = along[..., 0], along[..., 1], along[..., 2]
+            wrench[..., 3], wrench[..., 4], wrench[..., 5] = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx
+        return wrenches
 
     def _columns(self, block: np.ndarray, frame: int) -> np.ndarray:
         """Of a block (..., 6, nv) the columns of joints that carry a frame, zero at the others."""
-        at, columns = self._at, np.zeros(self._at.nv)
-        for joint in at.model.supports[at.frame(frame)[0]]:
-            where = at.model.joints[joint]
-            columns[where.idx_v : where.idx_v + where.nv] = 1.0
-        return block * columns
+        return block * self._at.carriers(frame)
 
     def moving(self, v: np.ndarray) -> Motion:
         return _ManyMotions(self, v)
@@ -405,7 +439,8 @@ class _ManyPositions(Position):
 class _ManyMotions(_ManyPositions, Motion):
     def __init__(self, positions: _ManyPositions, v: np.ndarray) -> None:
         at = self._at = positions._at
-        self.q, self.M, self.J, self._places = positions.q, positions.M, positions.J, positions._places
+        self.q, self.M, self.J = positions.q, positions.M, positions.J
+        self._places, self._frames = positions._places, positions._frames
         self.v, self.bias = v, np.empty(v.shape)
         self.dJ = np.empty(self.J.shape)
         dJ, bias, model, data = self.dJ.reshape(-1, 6, at.nv), self.bias.reshape(-1, at.nv), at.model, at.data
@@ -416,8 +451,18 @@ class _ManyMotions(_ManyPositions, Motion):
             dJ[i] = at.dJ
             bias[i] = pin.nonLinearEffects(model, data, q_i, v_i)
 
+    @once
+    def _twists(self) -> np.ndarray:
+        """What each column adds to motions about the world's origin, (..., 6, nv)."""
+        return self.J * self.v[..., None, :]
+
+    @once
+    def _twist_rates(self) -> np.ndarray:
+        """What each column adds to their rates at zero ``vdot``."""
+        return self.dJ * self.v[..., None, :]
+
     def velocity(self, frame: int) -> np.ndarray:
-        return apply(self.jacobian(frame), self.v)
+        return apply(self._wrenches(frame, WORLD_AXES, ALL), self._twists @ self._at.carriers(frame))
 
     def joint_velocity(self, joint: int) -> np.ndarray:
         def one(q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -426,13 +471,14 @@ class _ManyMotions(_ManyPositions, Motion):
 
         return over_states(one, (6,), self.q, self.v)
 
-    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
-        place = self.placement(frame)
-        spatial = _about(place.translation, apply(self._columns(self.dJ, frame), self.v)[..., None])
-        if axes is not WORLD_AXES:
-            return _along(place.rotation, spatial)[..., 0]
-        result, velocity = spatial[..., 0], self.velocity(frame)
-        result[..., _LINEAR] += np.cross(velocity[..., _ANGULAR], velocity[..., _LINEAR])  # of the origin as a point
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        result = apply(self._wrenches(frame, axes, rows), self._twist_rates @ self._at.carriers(frame))
+        if axes is WORLD_AXES:  # of the origin as a point: it moves with the turning body
+            velocity = components(self.velocity(frame))
+            turned = cross(velocity[_ANGULAR], velocity[_LINEAR])
+            for i, row in enumerate(range(*rows.indices(6)) if isinstance(rows, slice) else rows):
+                if row < 3:
+                    result[..., i] += turned[row]
         return result
 
     def rates(self) -> Rates:
@@ -442,7 +488,8 @@ class _ManyMotions(_ManyPositions, Motion):
 class _ManyRates(_ManyMotions, Rates):
     def __init__(self, motions: _ManyMotions) -> None:
         self._at = motions._at
-        self.q, self.M, self.J, self._places = motions.q, motions.M, motions.J, motions._places
+        self.q, self.M, self.J = motions.q, motions.M, motions.J
+        self._places, self._frames = motions._places, motions._frames
         self.v, self.bias, self.dJ = motions.v, motions.bias, motions.dJ
 
     @once

@@ -66,6 +66,7 @@ class RowStack:
         self.affine = any(block.affine for block, _, _ in self.places)
         self.joints = tuple({joint for block, _, _ in self.places for joint in block.joints})
         self._varying = _varying(self.places)
+        self._constant: np.ndarray | None = None
 
     @classmethod
     def joined(cls, *stacks: RowStack) -> RowStack:
@@ -83,12 +84,13 @@ class RowStack:
         return whole
 
     def template(self, nv: int) -> np.ndarray:
-        """A stack (size, nv), by columns, with the rows that never change in it."""
-        out = np.zeros((self.size, nv), order="F")
-        for place in self.places:
-            if isinstance(place.block, ConstantRows):
-                out[place.where] = place.of_matrix(place.block.matrix)
-        return out
+        """A stack (size, nv), by columns, with the rows that never change in it; not to be written to."""
+        if self._constant is None:
+            self._constant = np.zeros((self.size, nv), order="F")
+            for place in self.places:
+                if isinstance(place.block, ConstantRows):
+                    self._constant[place.where] = place.of_matrix(place.block.matrix)
+        return self._constant
 
     def write_jacobian(self, at: Position, out: np.ndarray) -> None:
         """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
@@ -97,7 +99,10 @@ class RowStack:
 
     def jacobian(self, at: Position) -> np.ndarray:
         """J(q), (..., size, nv)."""
-        return self._gather_matrix(at, lambda block: block.jacobian(at))
+        template, batch = self.template(at.M.shape[-1]), at.q.shape[:-1]
+        out = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy()
+        self.write_jacobian(at, out)
+        return out
 
     def drift(self, at: Motion) -> np.ndarray:
         """``Jdot v - mudot``, (..., size)."""
@@ -108,7 +113,10 @@ class RowStack:
 
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         """Jdot(q, v), (..., size, nv)."""
-        return self._gather_matrix(at, lambda block: block.jacobian_dot(at))
+        out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
+        for place in self._varying:
+            out[..., place.where, :] = place.of_matrix(place.block.jacobian_dot(at))
+        return out
 
     def rate(self, at: Position) -> np.ndarray:
         """mu(q), (..., size)."""
@@ -123,13 +131,6 @@ class RowStack:
         out = np.empty((*at.q.shape[:-1], self.size))
         for place in self.places:
             out[..., place.where] = place.of(of(place.block))
-        return out
-
-    def _gather_matrix(self, at: Position, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
-        """The same of matrices, (..., size, nv)."""
-        out = np.empty((*at.q.shape[:-1], self.size, at.M.shape[-1]))
-        for place in self.places:
-            out[..., place.where, :] = place.of_matrix(of(place.block))
         return out
 
     def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:

@@ -87,7 +87,7 @@ def free_motion(
     _ = start.flow(at(0.0, start))  # shapes and singularities speak before the solver does
     y = plant.start(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(reduced, len(times))
+    record = Record(reduced, len(times), plant.carries)
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
     outcome, information = Outcome.COMPLETED, dict(meta or {})
     t = 0.0

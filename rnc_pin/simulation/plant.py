@@ -11,6 +11,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import ConstantRows
 from rnc_pin.simulation.lie_runge_kutta import Rate
 from rnc_pin.simulation.velocity_chart import VelocityChart
 
@@ -21,8 +22,8 @@ class Plant:
     """A system whose state is (q, v), with what the URDF says of damping, effort and position limits on or off.
 
     Beside q it integrates ``y = [w, integrals, work]``: the velocities of its present chart (r,), integrals of the
-    model's reducing velocities (r,), of those outputs that need one (quasi-velocities have no other value, angles would
-    forget full turns), and the work done.
+    model's reducing velocities (r,) where an output needs one (quasi-velocities have no other value, a continuous joint
+    would forget full turns), and the work done.
 
     Args:
         reduced: the model whose outputs are looked at.
@@ -58,10 +59,16 @@ class Plant:
                     if low < high:
                         self._ranges.append((name, joint.idx_q, low, high))
         self._r, x2 = reduced.r, reduced.reducing
-        carried = x2.quasi | x2.angular
-        places = [place for place in x2.places if carried[place.where].any()]
+        places = [
+            place
+            for place in x2.places
+            if x2.quasi[place.where].any() or (x2.angular[place.where].any() and isinstance(place.block, ConstantRows))
+        ]
+        self.carries = np.zeros(x2.size, dtype=bool)
+        for place in places:
+            self.carries[place.where] = True
         self._carried = RowStack([place.block for place in places])
-        self._where = np.array([k for place in places for k in range(place.where.start, place.where.stop)], dtype=int)
+        self._where = np.flatnonzero(self.carries)
         self._chart: VelocityChart
 
     # ------------------------------------------------------------------ states

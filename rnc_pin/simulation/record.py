@@ -25,9 +25,10 @@ class Record:
     Args:
         reduced: the model.
         capacity: most samples.
+        carries: of which reducing outputs the integrals mean something, (r,).
     """
 
-    def __init__(self, reduced: ReducedModel, capacity: int) -> None:
+    def __init__(self, reduced: ReducedModel, capacity: int, carries: np.ndarray) -> None:
         self.reduced, self.capacity, self.count = reduced, capacity, 0
         k, r = reduced.vertical.size, reduced.r
         sizes = {
@@ -36,18 +37,16 @@ class Record:
             "estimates": (0,), "prediction_error": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
-        self._integrals = np.zeros((capacity, r))
+        self._integrals, self._carries = np.zeros((capacity, r)), carries
 
     def add(
         self, t: float, state: Evaluation, integrals: np.ndarray, command: Command, T: np.ndarray, work: float
     ) -> None:
         """One sample."""
         a, i = self.arrays, self.count
-        x1, x2 = state.outputs(integrals)
-        now = {"time": t, "q": state.q, "v": state.v, "v2": state.v2, "T": T, "work": work, "x1": x1, "x2": x2}
-        for name, value in now.items():
-            a[name][i] = value
-        a["v1"][i] = apply(state.J1, state.v)
+        a["time"][i], a["q"][i], a["v"][i], a["v2"][i], a["T"][i], a["work"][i] = t, state.q, state.v, state.v2, T, work
+        a["x1"][i], a["x2"][i] = state.outputs(integrals)
+        a["v1"][i] = state.v1
         self._integrals[i] = integrals
         for name in ("v2_desired", "x1_desired", "x2_desired"):
             value = getattr(command, name)
@@ -67,7 +66,9 @@ class Record:
         a = {name: array[: self.count] for name, array in self.arrays.items()}
         x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
         a["x1"] = x1.unwrap(a["x1"], _integrated(a["x1"], a["v1"], a["time"]))
-        a["x2"] = x2.unwrap(a["x2"], a["x2"][:1] + self._integrals[: self.count])
+        about = _integrated(a["x2"], a["v2"], a["time"])
+        about[:, self._carries] = (a["x2"][:1] + self._integrals[: self.count])[:, self._carries]
+        a["x2"] = x2.unwrap(a["x2"], about)
         goals = {
             name: [
                 n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()
@@ -126,7 +127,7 @@ def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -
 def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Where values (N, k) should be by their rates, (N, k), by the trapezoidal rule."""
     if not len(values):
-        return values
+        return values.copy()
     steps = 0.5 * np.diff(time)[:, None] * (rates[1:] + rates[:-1])
     return values[:1] + np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 

@@ -111,7 +111,7 @@ def simulate(
     if controller_state is None:
         state_of_controller = controller.initial_state(start.measure(plant.integrals(y)))
     integrator = LieRungeKutta4(reduced.robot)
-    record = Record(reduced, samples)
+    record = Record(reduced, samples, plant.carries)
     outcome, t = Outcome.COMPLETED, 0.0
     information = dict(meta or {})
     try:
