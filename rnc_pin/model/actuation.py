@@ -126,10 +126,10 @@ class Actuation:
             return over_states(self._called, shape, at.q)
         if not self._frames:
             return self._constant if at.q.ndim == 1 else np.broadcast_to(self._constant, (*at.q.shape[:-1], *shape))
-        matrix = np.empty((*at.q.shape[:-1], *shape))
-        matrix[...] = self._constant
+        batch = at.q.shape[:-1]
+        matrix = np.array(np.broadcast_to(self._constant, (*batch, *shape))) if batch else self._constant.copy()
         for column, frame, row in self._frames:
-            matrix[..., column] = at.jacobian(frame, OWN_AXES, [row])[..., 0, :]
+            matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]
         return matrix
 
     def _called(self, q: np.ndarray) -> np.ndarray:

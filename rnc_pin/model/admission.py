@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -21,20 +22,20 @@ class Admission:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._model, self._nq = robot.model, robot.nq
+        self._model, self._nq, self._shape = robot.model, robot.nq, (robot.nq,)
         self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
 
     def configuration(self, q: ArrayInput) -> np.ndarray:
         """A copy of q (..., nq), so that what is computed from it stays true."""
         q = np.array(q, float)  # by position: a keyword costs as much as the call
-        if q.ndim == 0 or q.shape[-1] != self._nq:
-            raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
-        if q.ndim == 1:
-            if not q.dot(q) < np.inf:
+        if q.shape == self._shape:  # one state, on the hot path
+            if not isfinite(sum(q.tolist())):
                 refuse_not_finite("q", q)
             if self._on_spheres and not pin.isNormalized(self._model, q, 1e-6):
                 raise _NOT_OF_UNIT_LENGTH
             return q
+        if q.ndim == 0 or q.shape[-1] != self._nq:
+            raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
         refuse_not_finite("q", q)
         if self._on_spheres and not all(pin.isNormalized(self._model, q_i, 1e-6) for q_i in q.reshape(-1, self._nq)):
             raise _NOT_OF_UNIT_LENGTH
@@ -47,10 +48,13 @@ _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that
 def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
     """A float array (..., size) of finite numbers."""
     array = np.asarray(array, float)
+    if array.shape == (size,):
+        if not isfinite(sum(array.tolist())):  # of few numbers faster than any array function
+            refuse_not_finite(name, array)
+        return array
     if array.ndim == 0 or array.shape[-1] != size:
         raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
-    if array.ndim > 1 or not array.dot(array) < np.inf:
-        refuse_not_finite(name, array)
+    refuse_not_finite(name, array)
     return array
 
 

@@ -14,6 +14,8 @@ Paper (2)-(3), (6)-(7). Everything is written over leading axes.
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float
@@ -57,15 +59,12 @@ class Evaluation:
         InputError: a velocity is needed, and none was given.
     """
 
+    _kept: Array | None = None  # (..., m) where other rows than the default ones were chosen
+
     def __init__(self, parts: Parts, q: Array, v2: Array | None = None, v: Array | None = None) -> None:
         self._parts = parts
         self.q: Array = q
-        self._kept: Array | None = None  # (..., m) where other rows than the default ones were chosen
-        self._basis = (..., slice(parts.m, None))  # of E^-1: the columns that are R
-        self._multiplied = (..., slice(None, parts.m))  # the columns that carry multipliers
         known = self.__dict__
-        if parts.B is not None and q.ndim == 1:
-            known["B"] = parts.B
         if v2 is not None:
             known["v2"] = v2
         if v is not None:
@@ -100,15 +99,15 @@ class Evaluation:
     @once
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        return self._parts.actuation.matrix(self.position)
+        parts = self._parts
+        return parts.actuation.matrix(self.position) if parts.B is None or self.q.ndim > 1 else parts.B
 
     @once
     def all_rows(self) -> Float[Array, "*batch k nv"]:
         """All constraint rows, dropped ones included."""
         return self._parts.rows.jacobian(self.position)
 
-    @once
-    def _settled(self) -> tuple[Array, Array, Array | bool]:
+    def _settle(self) -> tuple[Array, Array, Array | bool]:
         """E and its inverse, and where E is regular; with other rows where the default ones are dependent."""
         parts, position = self._parts, self.position
         if self.q.ndim == 1:
@@ -121,6 +120,7 @@ class Evaluation:
             # The product of Frobenius norms bounds what any row's dependence can be: one cheap test on the hot path.
             rows, columns = E.ravel("K"), E_inverse.ravel("K")
             if (rows.dot(rows) + parts.quick_length) * columns.dot(columns) < parts.quick_limit:
+                self.__dict__["E_inverse"], self.__dict__["R"] = E_inverse, E_inverse[parts.basis]
                 return E, E_inverse, True
         with np.errstate(invalid="ignore", over="ignore"):
             worst = self._dependences(E, E_inverse).max(axis=-1)
@@ -130,6 +130,8 @@ class Evaluation:
                     self._choose_again(tuple(i), E, E_inverse)
                 worst = self._dependences(E, E_inverse).max(axis=-1)
         return E, E_inverse, worst < parts.singularity_limit
+
+    _settled = once(_settle)
 
     def _dependences(self, E: Array, E_inverse: Array) -> Array:
         """How nearly each row depends on the others, (..., n): one over the sine of its angle to them.
@@ -221,7 +223,7 @@ class Evaluation:
     @once
     def R(self) -> Float[Array, "*batch nv r"]:
         """Null-space basis, ``v = R v2 + b``."""
-        return self.E_inverse[self._basis]
+        return self.E_inverse[self._parts.basis]
 
     @once
     def A_star(self) -> Float[Array, "*batch k r"]:
@@ -236,7 +238,8 @@ class Evaluation:
     @once
     def H(self) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix."""
-        return product(self.R.mT, product(self.M, self.R))
+        R = self.R
+        return product(R.mT, product(self.position.M, R))
 
     @once
     def mu(self) -> Float[Array, "*batch m"]:
@@ -251,7 +254,7 @@ class Evaluation:
         """Velocity at ``v2 = 0``: zero unless constraints are affine."""
         if not self._parts.affine:
             return np.zeros((*self.q.shape[:-1], self._parts.n))
-        return apply(self.E_inverse[self._multiplied], self.mu)
+        return apply(self.E_inverse[self._parts.multiplied], self.mu)
 
     @property
     def regular(self) -> Array:
@@ -304,8 +307,7 @@ class Evaluation:
     @once
     def v(self) -> Float[Array, "*batch nv"]:
         """Full velocity: ``R v2 + b``, or what was measured."""
-        v = apply(self.R, self.v2)
-        return v + self.b if self._parts.affine else v
+        return self.velocity(self.v2)
 
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` of other reduced velocities (..., r)."""
@@ -317,11 +319,11 @@ class Evaluation:
         """What Pinocchio says of q and v."""
         return self.position.moving(self.v)
 
-    @once
+    @property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """``Edot v - [mudot; 0]``: accelerations of constraint rows and reducing outputs at zero ``vdot``."""
         parts = self._parts
-        if self._by_default:
+        if self._kept is None:
             return parts.stack.drift(self.motion)
         chosen = np.take_along_axis(parts.rows.drift(self.motion), self._broad_kept, axis=-1)
         return np.concatenate([chosen, parts.reducing.drift(self.motion)], axis=-1)
@@ -378,7 +380,7 @@ class Evaluation:
         if not parts.affine:
             return np.zeros_like(self.b)
         mu_dot = np.take_along_axis(parts.rows.rate_dot(self.rates), self._broad_kept, axis=-1)
-        return apply(self.E_inverse[self._multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+        return apply(self.E_inverse[self._parts.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     @property
     def C(self) -> Float[Array, "*batch nv nv"]:
@@ -470,11 +472,28 @@ class Evaluation:
         force = apply(self.B, T)
         return force if damping is None else force - damping * self.v
 
+    @once
+    def _unforced(self) -> Array:
+        """``H* E^-1 gamma - bias``: what moves the system beside its actuators, as ``vdot = R v2dot - E^-1 gamma``."""
+        # On the hot path each step is called by itself: a chain of properties would cost as much as the arithmetic.
+        known, parts = self.__dict__, self._parts
+        if "position" not in known:
+            known["position"] = parts.kinematics.position(self.q)
+        if "_settled" not in known:
+            known["_settled"] = self._settle()
+        if "motion" not in known:
+            if "v" not in known:
+                known["v"] = self.velocity(self.v2)
+            known["motion"] = self.position.moving(self.v)
+        gamma = parts.stack.drift(self.motion) if self._kept is None else self.gamma
+        known["_E_inverse_gamma"] = still = apply(self.E_inverse, gamma)
+        return apply(self.position.M, still) - self.motion.bias
+
     def _accelerated(self, force: Array) -> Array:
-        # With vdot = R v2dot - E^-1 gamma:  H v2dot = R^T (force - bias + H* E^-1 gamma).
-        free = force - self.bias + apply(self.M, self._E_inverse_gamma)
+        # H v2dot = R^T (force - bias + H* E^-1 gamma).
+        free = force + self._unforced
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
-        if not (v2_dot.dot(v2_dot) < np.inf if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
+        if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
             raise DivergenceError("accelerations have no bound")
         return v2_dot
 
@@ -517,7 +536,7 @@ class Evaluation:
 
     def _multipliers(self, force: Array) -> Array:
         # A^T lambda + J2^T 0 = what is left of the balance, that is E^T [lambda; 0] = it.
-        return apply_transposed(self.E_inverse[self._multiplied], self._unbalanced(force))
+        return apply_transposed(self.E_inverse[self._parts.multiplied], self._unbalanced(force))
 
     def _unbalanced(self, force: Array) -> Array:
         """``A^T lambda``: what the constraints have to take up."""

@@ -31,6 +31,8 @@ from rnc_pin.robots.robot import Robot
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
 
+_WORLD = pin.Convention.WORLD
+_UNIT = np.eye(3)
 _LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
 
 Components = slice | list[int]
@@ -140,8 +142,8 @@ class Kinematics:
         self.places = {joint: Placement(place.rotation, place.translation) for joint, place in places.items()}
         self._carriers: dict[int, np.ndarray] = {}
         # The arrays at which the workspace stands; who finds another one there sets it again.
-        self._q: np.ndarray | None = None
-        self._v: np.ndarray | None = None
+        self.q: np.ndarray | None = None
+        self.v: np.ndarray | None = None
         self._rated: np.ndarray | None = None
         self._graded: np.ndarray | None = None
 
@@ -157,22 +159,16 @@ class Kinematics:
 
     def stand_at(self, q: np.ndarray) -> None:
         """Placements and joint Jacobians at q (nq,)."""
-        if self._q is not q:
+        if self.q is not q:
             pin.computeJointJacobians(self.model, self.data, q)
-            self._stands(q)
-
-    def inertia(self, q: np.ndarray) -> np.ndarray:
-        """The inertia matrix (nv, nv); in this convention it comes with placements and joint Jacobians."""
-        M = pin.crba(self.model, self.data, q, pin.Convention.WORLD)
-        self._stands(q)
-        return M
+            self.stands(q)
 
     def move_at(self, q: np.ndarray, v: np.ndarray) -> None:
         """Velocities and accelerations too, at v (nv,)."""
         self.stand_at(q)
-        if self._v is not v:
+        if self.v is not v:
             pin.forwardKinematics(self.model, self.data, q, v, self.zero)
-            self._v = v
+            self.v = v
 
     def rate_at(self, q: np.ndarray, v: np.ndarray) -> None:
         """Time variations of joint Jacobians too."""
@@ -188,11 +184,6 @@ class Kinematics:
             pin.computeForwardKinematicsDerivatives(self.model, self.data, q, v, self.zero)
             self._graded = v
 
-    def nonlinear_effects(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """``C* v + g*``, (nv,)."""
-        self._v = self._rated = self._graded = None  # it writes velocities of its own
-        return pin.nonLinearEffects(self.model, self.data, q, v)
-
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The Coriolis matrix (nv, nv)."""
         self.leave()
@@ -206,11 +197,11 @@ class Kinematics:
 
     def leave(self) -> None:
         """Forget where the workspace stands, before it is moved in another way."""
-        self._q = self._v = self._rated = self._graded = None
+        self.q = self.v = self._rated = self._graded = None
 
-    def _stands(self, q: np.ndarray) -> None:
-        self._q = q
-        self._v = self._rated = self._graded = None
+    def stands(self, q: np.ndarray) -> None:
+        self.q = q
+        self.v = self._rated = self._graded = None
 
     def by_columns(self, matrix: np.ndarray) -> np.ndarray:
         """Pinocchio's (6, nv), which is (6,) for a robot with one degree of freedom."""
@@ -236,8 +227,11 @@ class Kinematics:
 
 class _OnePosition(Position):
     def __init__(self, kinematics: Kinematics, q: np.ndarray) -> None:
-        self._at, self.q = kinematics, q
-        self.M = kinematics.inertia(q)
+        at = self._at = kinematics
+        self.q = q
+        # In this convention it comes with placements and joint Jacobians.
+        self.M = pin.crba(at.model, at.data, q, _WORLD)
+        at.stands(q)
 
     def placement(self, frame: int) -> Placement:
         at = self._at
@@ -247,7 +241,8 @@ class _OnePosition(Position):
 
     def rotation(self, frame: int) -> np.ndarray:
         at = self._at
-        at.stand_at(self.q)
+        if at.q is not self.q:
+            at.stand_at(self.q)
         return pin.updateFramePlacement(at.model, at.data, frame).rotation
 
     def joint_placement(self, joint: int) -> Placement:
@@ -257,7 +252,8 @@ class _OnePosition(Position):
 
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         at = self._at
-        at.stand_at(self.q)
+        if at.q is not self.q:
+            at.stand_at(self.q)
         jacobian = pin.getFrameJacobian(at.model, at.data, frame, axes)
         if at.nv == 1:
             jacobian = at.by_columns(jacobian)
@@ -271,11 +267,13 @@ class _OneMotion(_OnePosition, Motion):
     def __init__(self, position: _OnePosition, v: np.ndarray) -> None:
         at = self._at = position._at
         self.q, self.M, self.v = position.q, position.M, v
-        self.bias = at.nonlinear_effects(self.q, v)
+        self.bias = pin.nonLinearEffects(at.model, at.data, self.q, v)
+        at.v = None  # that wrote velocities of its own
 
     def velocity(self, frame: int) -> np.ndarray:
         at = self._at
-        at.move_at(self.q, self.v)
+        if at.v is not self.v or at.q is not self.q:
+            at.move_at(self.q, self.v)
         return pin.getFrameVelocity(at.model, at.data, frame, WORLD_AXES).vector
 
     def joint_velocity(self, joint: int) -> np.ndarray:
@@ -284,7 +282,8 @@ class _OneMotion(_OnePosition, Motion):
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         at = self._at
-        at.move_at(self.q, self.v)
+        if at.v is not self.v or at.q is not self.q:
+            at.move_at(self.q, self.v)
         getter = pin.getFrameClassicalAcceleration if axes is WORLD_AXES else pin.getFrameAcceleration
         acceleration: np.ndarray = getter(at.model, at.data, frame, axes).vector
         return acceleration if rows is ALL else acceleration[rows]
@@ -372,8 +371,9 @@ class _ManyPositions(Position):
         kept = [
             (place.rotation.reshape(-1, 3, 3), at.places[joint].rotation) for joint, place in self._places.items()
         ] + [(place.translation.reshape(-1, 3), at.places[joint].translation) for joint, place in self._places.items()]
+        at.leave()
         for i, q_i in enumerate(q.reshape(-1, at.nq)):
-            M[i] = at.inertia(q_i)
+            M[i] = pin.crba(at.model, at.data, q_i, _WORLD)
             J[i] = at.J
             for out, view in kept:
                 out[i] = view
@@ -418,8 +418,8 @@ class _ManyPositions(Position):
         chosen = range(*rows.indices(6)) if isinstance(rows, slice) else rows
         wrenches = np.zeros((*x.shape, len(chosen), 6))
         for i, row in enumerate(chosen):
-            wrench, direction = wrenches[..., i, :], np.eye(3)[row % 3]
-            along = direction if axes is WORLD_AXES else rotation[..., :, row % 3]
+            wrench = wrenches[..., i, :]
+            along = _UNIT[row % 3] if axes is WORLD_AXES else rotation[..., :, row % 3]
             if row >= 3:
                 wrench[..., _ANGULAR] = along
                 continue
@@ -442,6 +442,7 @@ class _ManyMotions(_ManyPositions, Motion):
         self.q, self.M, self.J = positions.q, positions.M, positions.J
         self._places, self._frames = positions._places, positions._frames
         self.v, self.bias = v, np.empty(v.shape)
+        self._velocities: dict[int, np.ndarray] = {}
         self.dJ = np.empty(self.J.shape)
         dJ, bias, model, data = self.dJ.reshape(-1, 6, at.nv), self.bias.reshape(-1, at.nv), at.model, at.data
         states = zip(self.q.reshape(-1, at.nq), v.reshape(-1, at.nv), strict=True)
@@ -462,7 +463,10 @@ class _ManyMotions(_ManyPositions, Motion):
         return self.dJ * self.v[..., None, :]
 
     def velocity(self, frame: int) -> np.ndarray:
-        return apply(self._wrenches(frame, WORLD_AXES, ALL), self._twists @ self._at.carriers(frame))
+        if frame not in self._velocities:
+            twist = self._twists @ self._at.carriers(frame)
+            self._velocities[frame] = apply(self._wrenches(frame, WORLD_AXES, ALL), twist)
+        return self._velocities[frame]
 
     def joint_velocity(self, joint: int) -> np.ndarray:
         def one(q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -490,7 +494,7 @@ class _ManyRates(_ManyMotions, Rates):
         self._at = motions._at
         self.q, self.M, self.J = motions.q, motions.M, motions.J
         self._places, self._frames = motions._places, motions._frames
-        self.v, self.bias, self.dJ = motions.v, motions.bias, motions.dJ
+        self.v, self.bias, self.dJ, self._velocities = motions.v, motions.bias, motions.dJ, motions._velocities
 
     @once
     def C(self) -> np.ndarray:

@@ -8,12 +8,15 @@ from typing import Any, Generic, TypeVar, overload
 _Value = TypeVar("_Value")
 
 
-class once(Generic[_Value]):  # noqa: N801: reads as a decorator
+class once(Generic[_Value]):  # noqa: N801 (it reads as a decorator)
     """A property that is computed once: ``functools.cached_property`` without its lock, for the hot path."""
 
     def __init__(self, compute: Callable[[Any], _Value]) -> None:
         self._compute, self._name = compute, compute.__name__
         self.__doc__ = compute.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
 
     @overload
     def __get__(self, owner: None, kind: type) -> once[_Value]: ...

@@ -35,6 +35,7 @@ class Parts:
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
         B: the actuation matrix, where it is the same at every configuration.
+        basis, multiplied: of E^-1 the columns that are R, and those that carry multipliers.
         template: E with the rows that never change in it.
         lengths_of_rows, lengths_of_outputs: natural lengths of all constraint rows and of the reducing outputs.
     """
@@ -54,13 +55,14 @@ class Parts:
     ) -> None:
         self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
         self.reducing, self.vertical, self.free = reducing, vertical, free
-        self.constraints = RowStack([block for block, _, _ in rows.places], self.kept)
+        self.constraints = RowStack([block for block, *_ in rows.places], self.kept)
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
         self.affine = rows.affine
         asked = (*rows.joints, *reducing.joints, *vertical.joints, *actuation.joints)
         self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
         self.B = actuation.constant
+        self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
         self.lengths_of_rows, self.lengths_of_outputs = lengths[: rows.size], lengths[rows.size :]
         self.lengths = np.concatenate([self.lengths_of_rows[list(self.kept)], self.lengths_of_outputs])

@@ -120,10 +120,10 @@ class ReducedModel:
         if v2 is not None:
             if v is not None:
                 raise InputError("give v2, or v as it was measured, not both")
-            v2 = vector(v2, self._parts.r, "v2")
+            v2 = vector(v2, self._parts.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
                 q, v2 = spread(q, v2, "v2")
-            return Evaluation(self._parts, q, v2.copy())
+            return Evaluation(self._parts, q, v2)
         if v is not None:
             q, v = spread(q, vector(v, self._parts.n, "v"), "v")
             return Evaluation(self._parts, q, v=v.copy())

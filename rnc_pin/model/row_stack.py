@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from types import EllipsisType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -23,6 +24,15 @@ class Place(NamedTuple):
     """In the stack."""
     rows: Selection | None
     """Which of the block's rows count; None for all."""
+    entries: tuple[EllipsisType, slice]
+    """The same place as the index of entries (..., size) of a stack."""
+    lines: tuple[EllipsisType, slice, slice]
+    """And of rows (..., size, nv)."""
+
+    @classmethod
+    def at(cls, block: Rows, where: slice, rows: Selection | None) -> Place:
+        """With the indices that its place makes."""
+        return cls(block, where, rows, (..., where), (..., where, slice(None)))
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Of what the block has for each row, (..., k), that of the rows that count."""
@@ -55,16 +65,19 @@ class RowStack:
             chosen = range(size) if kept is None else [row - first for row in kept if first <= row < first + size]
             if len(chosen):
                 where = slice(start, start + len(chosen))
-                self.places.append(Place(block, where, None if len(chosen) == size else _selection(list(chosen))))
+                rows = None if len(chosen) == size else _selection(list(chosen))
+                self.places.append(Place.at(block, where, rows))
             start, first = start + len(chosen), first + size
         self.size = start
-        self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
-        self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
+        self.names = tuple(name for block, _, rows, *_ in self.places for name in _of(block.names, rows))
+        self.units = tuple(unit for block, _, rows, *_ in self.places for unit in _of(block.units, rows))
         self.holonomic = tuple(
-            flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
+            flag
+            for block, _, rows, *_ in self.places
+            for flag in _of(block.holonomic or (False,) * len(block.names), rows)
         )
-        self.affine = any(block.affine for block, _, _ in self.places)
-        self.joints = tuple({joint for block, _, _ in self.places for joint in block.joints})
+        self.affine = any(place.block.affine for place in self.places)
+        self.joints = tuple({joint for place in self.places for joint in place.block.joints})
         self._varying = _varying(self.places)
         self._constant: np.ndarray | None = None
 
@@ -73,8 +86,8 @@ class RowStack:
         """Several stacks as one."""
         whole = RowStack([])
         for stack in stacks:
-            for block, where, rows in stack.places:
-                whole.places.append(Place(block, slice(where.start + whole.size, where.stop + whole.size), rows))
+            for block, where, rows, *_ in stack.places:
+                whole.places.append(Place.at(block, slice(where.start + whole.size, where.stop + whole.size), rows))
             whole.names, whole.units = whole.names + stack.names, whole.units + stack.units
             whole.holonomic += stack.holonomic
             whole.size += stack.size
@@ -94,8 +107,9 @@ class RowStack:
 
     def write_jacobian(self, at: Position, out: np.ndarray) -> None:
         """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
-        for place in self._varying:
-            out[..., place.where, :] = place.of_matrix(place.block.jacobian(at))
+        for block, _, rows, _, lines in self._varying:
+            values = block.jacobian(at)
+            out[lines] = values if rows is None else values[..., rows, :]
 
     def jacobian(self, at: Position) -> np.ndarray:
         """J(q), (..., size, nv)."""
@@ -107,15 +121,16 @@ class RowStack:
     def drift(self, at: Motion) -> np.ndarray:
         """``Jdot v - mudot``, (..., size)."""
         out = np.zeros((*at.q.shape[:-1], self.size))
-        for place in self._varying:
-            out[..., place.where] = place.of(place.block.drift(at))
+        for block, _, rows, entries, _ in self._varying:
+            values = block.drift(at)
+            out[entries] = values if rows is None else values[..., rows]
         return out
 
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         """Jdot(q, v), (..., size, nv)."""
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
         for place in self._varying:
-            out[..., place.where, :] = place.of_matrix(place.block.jacobian_dot(at))
+            out[place.lines] = place.of_matrix(place.block.jacobian_dot(at))
         return out
 
     def rate(self, at: Position) -> np.ndarray:
@@ -158,7 +173,7 @@ class OutputStack(RowStack):
         super().__init__(blocks)
         self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
         self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
-        self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
+        self._values = [(block, where) for block, where, *_ in self.places if isinstance(block, OutputRows)]
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations)
 
