@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import rnc_pin as rnc
 
@@ -232,6 +233,14 @@ ALL = {
         bicycle,
     )
 }
+
+
+def without_outputs(name: str, **options) -> rnc.ReducedModel:
+    """The same system reduced without naming an output."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rnc.NonholonomicSystem, "reduce", lambda system, *_: system)
+        system = ALL[name].__wrapped__()
+    return system.reduce(**options)
 
 
 def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, condition: float = 3e2):

@@ -1,19 +1,20 @@
-"""Lemma 1 of the paper, and the reduction against the KKT solution, on every system."""
+"""Lemma 1 of the paper, and the reduction against the KKT solution, on every system, with and without outputs."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from systems import ALL, random_states
+from systems import ALL, random_states, without_outputs
 from tolerances import CONSTRAINT, FINITE_DIFFERENCE, KKT, LEMMA_1, ROUNDING
 
 STATES = 6
 STEP = 4e-4
 
 
-@pytest.fixture(params=ALL, scope="module")
+@pytest.fixture(params=[*ALL, *(f"{name} without outputs" for name in ALL)], scope="module")
 def reduced(request):
-    return ALL[request.param]()
+    name, _, without = request.param.partition(" ")
+    return without_outputs(name) if without else ALL[name]()
 
 
 @pytest.fixture(scope="module")

@@ -60,8 +60,12 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
 
 def refuse_not_finite(name: str, array: np.ndarray) -> None:
     """Refuse an array that holds NaN or infinities."""
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} holds values that are not finite: {np.array2string(array, precision=4)}")
+    finite = np.isfinite(array).all(axis=-1)
+    if not finite.all():
+        first = np.unravel_index(int(np.argmin(finite)), finite.shape) if finite.ndim else ()
+        values = np.array2string(array[first], precision=4, separator=", ", max_line_width=10**6, threshold=10**6)
+        where = f" at state {', '.join(str(int(i)) for i in first)}" if finite.ndim else ""
+        raise InputError(f"{name} holds values that are not finite{where}: {values}")
 
 
 def spread(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar, overload
 _Value = TypeVar("_Value")
 
 
-class once(Generic[_Value]):  # noqa: N801 (it reads as a decorator)
+class once(Generic[_Value]):
     """A property that is computed once: ``functools.cached_property`` without its lock, for the hot path."""
 
     def __init__(self, compute: Callable[[Any], _Value]) -> None:
