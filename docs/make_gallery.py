@@ -17,6 +17,7 @@ from PIL import Image
 
 from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.pictures import draw
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result, execute, plan, write
 from rnc_pin.visualization.capture import take_pictures
@@ -58,6 +59,7 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     with TemporaryDirectory() as scratch:
         folder = OutputFolder(Path(scratch) / "run")
         write(prepared, result, folder)
+        draw(prepared, result, folder)
         plots = [f"{plot}.png" for plot in scenario.plots]
         for plot in plots:
             shrink(Image.open(folder.path / plot), IMAGES / plot, colors=128)

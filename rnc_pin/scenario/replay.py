@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -13,9 +12,8 @@ from rnc_pin.scenario.builder import build_reduced
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Trajectory
-
-if TYPE_CHECKING:
-    from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.show import View
 
 
 @dataclass(frozen=True)
@@ -75,14 +73,10 @@ def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
 
 def record(runs: Sequence[Run], aside: bool = False) -> Recording:
     """The animation of a run, with others as pale robots in it or set aside."""
-    from rnc_pin.visualization.recording import Recording
-
     run = runs[0]
     return Recording(run.reduced, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
 
 
-def view_of(scenario: Scenario) -> Any:
+def view_of(scenario: Scenario) -> View:
     """How the scenario wants to be looked at."""
-    from rnc_pin.visualization.show import View
-
     return View(**scenario.view.model_dump())

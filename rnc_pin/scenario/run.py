@@ -1,10 +1,10 @@
-"""Running a scenario: the run, what it is compared with, and everything it writes."""
+"""Running a scenario: the run, what it is compared with, and the numbers that stay of them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -164,8 +164,8 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
         return trajectory, error
 
 
-def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = True) -> list[Path]:
-    """Write a result: trajectory, summary, scenario, plots and animation."""
+def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
+    """Write the numbers of a result: trajectories, summary and scenario."""
     trajectory = result.trajectory
     written = [folder.file("trajectory.npz")]
     trajectory.save(written[0])
@@ -175,32 +175,6 @@ def write(plan: Plan, result: Result, folder: OutputFolder, pictures: bool = Tru
         written.append(path)
     written.append(folder.write_json("summary.json", result.summary))
     written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
-    if not pictures or len(trajectory.time) < 2:
-        return written
-    from rnc_pin.visualization.plot_style import save
-    from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview
-
-    scenario = plan.experiment.scenario
-    for name, settings in scenario.plots.items():
-        labels = result.comparisons if settings.comparisons is None else settings.comparisons
-        shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
-        path = folder.file(f"{name}.png")
-        if settings.quantity == "outputs":
-            figure = plot_outputs(trajectory, settings.outputs, settings.title, shown)
-        else:
-            figure = plot_learning(trajectory, settings.quantity, settings.title, shown)
-        written.append(save(figure, path))
-    written.append(save(plot_overview(trajectory, scenario.title), folder.file("overview.png")))
-    visual = plan.experiment.reduced.robot.visual_model
-    if visual is not None and len(visual.geometryObjects):
-        from rnc_pin.scenario.replay import view_of
-        from rnc_pin.visualization.recording import Recording
-
-        title = scenario.title or plan.name
-        view = view_of(scenario)
-        view = replace(view, hide=[*view.hide, "compared"])  # there for who asks
-        recording = Recording(plan.experiment.reduced, trajectory, view, title, result.comparisons)
-        written.append(recording.save(folder.file("animation.html")))
     return written
 
 

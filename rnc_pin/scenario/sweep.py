@@ -68,7 +68,7 @@ def one_run(scenario: str, options: dict[str, Any], run: int, folder: Path) -> d
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         try:
             result = execute(prepared)
-            write(prepared, result, OutputFolder(folder), pictures=False)
+            write(prepared, result, OutputFolder(folder))
         except RncError as error:
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         summary = result.summary

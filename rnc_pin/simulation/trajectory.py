@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -18,11 +18,9 @@ from numpy import ndarray as Array
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 
-# By name, as a plug-in would be: a run knows no pictures, and loads what draws them when it is asked to.
-_PLOTTERS = {
-    "matplotlib": ("rnc_pin.visualization.plots", "plot_run"),
-    "plotly": ("rnc_pin.visualization.interactive", "interactive_figure"),
-}
+_PLOTTERS = "rnc_pin.plotters"
+"""Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
+installed may add some."""
 
 
 class Outcome(StrEnum):
@@ -109,10 +107,10 @@ class Trajectory:
             ConfigurationError: another backend, or one that is not installed.
             InputError: the run has fewer than two samples.
         """
-        if backend not in _PLOTTERS:
-            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), _PLOTTERS)}")
-        module, function = _PLOTTERS[backend]
-        return getattr(import_module(module), function)(self, title, comparisons)
+        plotters = entry_points(group=_PLOTTERS)
+        if backend not in plotters.names:
+            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), plotters.names)}")
+        return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""

@@ -13,6 +13,7 @@ from rnc_pin.app.tables import print_summary
 from rnc_pin.app.watching import live_view
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.pictures import draw
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import execute, plan, write
 
@@ -46,7 +47,7 @@ def run_scenario(
     finally:
         if live is not None:
             live.close()
-    written = write(prepared, result, folder)
+    written = write(prepared, result, folder) + draw(prepared, result, folder)
     result.summary["files"] = [path.name for path in written]
     if as_json:
         print_json(result.summary)
