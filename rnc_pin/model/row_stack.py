@@ -24,15 +24,6 @@ class Place(NamedTuple):
     """In the stack."""
     rows: Selection | None
     """Which of the block's rows count; None for all."""
-    entries: tuple[EllipsisType, slice]
-    """The same place as the index of entries (..., size) of a stack."""
-    lines: tuple[EllipsisType, slice, slice]
-    """And of rows (..., size, nv)."""
-
-    @classmethod
-    def at(cls, block: Rows, where: slice, rows: Selection | None) -> Place:
-        """With the indices that its place makes."""
-        return cls(block, where, rows, (..., where), (..., where, slice(None)))
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Of what the block has for each row, (..., k), that of the rows that count."""
@@ -41,6 +32,15 @@ class Place(NamedTuple):
     def of_matrix(self, values: np.ndarray) -> np.ndarray:
         """The same of rows (..., k, l)."""
         return values if self.rows is None else values[..., self.rows, :]
+
+
+class _Varying(NamedTuple):
+    """A place of rows that are not constant, and the index of its entries (..., size) or rows (..., size, nv)."""
+
+    block: Rows
+    rows: Selection | None
+    entries: tuple[EllipsisType, slice]
+    lines: tuple[EllipsisType, slice, slice]
 
 
 class RowStack:
@@ -66,15 +66,13 @@ class RowStack:
             if len(chosen):
                 where = slice(start, start + len(chosen))
                 rows = None if len(chosen) == size else _selection(list(chosen))
-                self.places.append(Place.at(block, where, rows))
+                self.places.append(Place(block, where, rows))
             start, first = start + len(chosen), first + size
         self.size = start
-        self.names = tuple(name for block, _, rows, *_ in self.places for name in _of(block.names, rows))
-        self.units = tuple(unit for block, _, rows, *_ in self.places for unit in _of(block.units, rows))
+        self.names = tuple(name for block, _, rows in self.places for name in _of(block.names, rows))
+        self.units = tuple(unit for block, _, rows in self.places for unit in _of(block.units, rows))
         self.holonomic = tuple(
-            flag
-            for block, _, rows, *_ in self.places
-            for flag in _of(block.holonomic or (False,) * len(block.names), rows)
+            flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
         )
         self.affine = any(place.block.affine for place in self.places)
         self.joints = tuple({joint for place in self.places for joint in place.block.joints})
@@ -86,8 +84,8 @@ class RowStack:
         """Several stacks as one."""
         whole = RowStack([])
         for stack in stacks:
-            for block, where, rows, *_ in stack.places:
-                whole.places.append(Place.at(block, slice(where.start + whole.size, where.stop + whole.size), rows))
+            for block, where, rows in stack.places:
+                whole.places.append(Place(block, slice(where.start + whole.size, where.stop + whole.size), rows))
             whole.names, whole.units = whole.names + stack.names, whole.units + stack.units
             whole.holonomic += stack.holonomic
             whole.size += stack.size
@@ -107,7 +105,7 @@ class RowStack:
 
     def write_jacobian(self, at: Position, out: np.ndarray) -> None:
         """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
-        for block, _, rows, _, lines in self._varying:
+        for block, rows, _, lines in self._varying:
             values = block.jacobian(at)
             out[lines] = values if rows is None else values[..., rows, :]
 
@@ -121,7 +119,7 @@ class RowStack:
     def drift(self, at: Motion) -> np.ndarray:
         """``Jdot v - mudot``, (..., size)."""
         out = np.zeros((*at.q.shape[:-1], self.size))
-        for block, _, rows, entries, _ in self._varying:
+        for block, rows, entries, _ in self._varying:
             values = block.drift(at)
             out[entries] = values if rows is None else values[..., rows]
         return out
@@ -129,8 +127,9 @@ class RowStack:
     def jacobian_dot(self, at: Rates) -> np.ndarray:
         """Jdot(q, v), (..., size, nv)."""
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
-        for place in self._varying:
-            out[place.lines] = place.of_matrix(place.block.jacobian_dot(at))
+        for block, rows, _, lines in self._varying:
+            values = block.jacobian_dot(at)
+            out[lines] = values if rows is None else values[..., rows, :]
         return out
 
     def rate(self, at: Position) -> np.ndarray:
@@ -173,7 +172,7 @@ class OutputStack(RowStack):
         super().__init__(blocks)
         self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
         self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
-        self._values = [(block, where) for block, where, *_ in self.places if isinstance(block, OutputRows)]
+        self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations)
 
@@ -185,8 +184,12 @@ class OutputStack(RowStack):
         return out
 
 
-def _varying(places: Sequence[Place]) -> list[Place]:
-    return [place for place in places if not isinstance(place.block, ConstantRows)]
+def _varying(places: Sequence[Place]) -> list[_Varying]:
+    return [
+        _Varying(block, rows, (..., where), (..., where, slice(None)))
+        for block, where, rows in places
+        if not isinstance(block, ConstantRows)
+    ]
 
 
 def _selection(rows: list[int]) -> Selection:
