@@ -5,6 +5,7 @@ from scipy.linalg import solve_continuous_are
 
 import rnc_pin as rnc
 from rnc_pin.control import Command
+from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
 system = rnc.NonholonomicSystem(
@@ -41,3 +42,4 @@ run = rnc.simulate(
 )
 print(f"starts {np.degrees(run.x2[0, 1]):.1f} deg off, ends {np.degrees(run.x2[-1, 1]):.1e} deg off")
 print(f"rolled {np.ptp(run.q[:, 0]):.2f} m to catch itself, ends {abs(run.q[-1, 0]):.1e} m from where it began")
+print("to see it, open", Recording(reduced, run).save("balance.html"))

@@ -7,6 +7,7 @@ import numpy as np
 import rnc_pin as rnc
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import MinimumJerk
+from rnc_pin.visualization.recording import Recording
 
 if len(sys.argv) > 1:
     robot = rnc.Robot.from_urdf(sys.argv[1], base="planar")
@@ -29,8 +30,9 @@ q0 = robot.configuration()
 _, start = reduced.outputs(q0)
 goal = start + np.array([1.0, 0.5, *[0.3] * len(joints)])
 kinematic = ReducingOutputController(reduced, MinimumJerk(start, goal, duration=3.0))
-run = rnc.simulate(reduced, ComputedTorque(reduced, kinematic, k=20.0), q0, duration=4.0, dt=0.002)
+run = rnc.simulate(reduced, ComputedTorque(reduced, kinematic, k=20.0), q0, duration=4.0)
 
 errors = rnc.summarize(run)
 print(f"largest error under way {max(errors['max_error'].values()):.1e}", end=", ")
 print(f"at the end {max(errors['final_error'].values()):.1e} [m, rad]; slip {run.constraint_residual.max():.0e} m/s")
+print("to see it, open", Recording(reduced, run).save("bring_your_own.html"))

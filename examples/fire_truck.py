@@ -1,8 +1,9 @@
 """Figure 8 of the paper: the fire truck drives to the origin, and its trailer slithers after it."""
 
 import rnc_pin as rnc
-from rnc_pin.control import SlitheringReference, SteeringController, VelocityGains, VelocityTracker
+from rnc_pin.control import SlitheringReference, SteeringController
 from rnc_pin.planning import CarPath
+from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
 system = rnc.NonholonomicSystem(
@@ -23,8 +24,7 @@ behind = SlitheringReference(reduced, task, tractor="tractor", axle="rear_axle")
 steering = SteeringController(reduced, task, primary=path.reference, vertical=behind)
 
 q0 = robot.configuration({"root_joint": start})
-_, region = rnc.kinematic_rollout(reduced, steering, q0, duration=8.0, dt=0.1)
-tracker = VelocityTracker(steering, VelocityGains.scaled(reduced, region, dt=0.002))
-run = rnc.simulate(reduced, tracker, q0, duration=9.0, dt=0.002)
+run = rnc.simulate(reduced, rnc.tuned_tracker(reduced, steering, q0, duration=8.0), q0, duration=9.0)
 x, y, _, heading = run.x1[-1]
 print(f"tractor at ({x:.4f}, {y:.4f}) m, trailer heading {heading:.3f} rad")
+print("to see it, open", Recording(reduced, run).save("fire_truck.html"))

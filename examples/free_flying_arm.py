@@ -3,8 +3,9 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.control import RedundancyController, VelocityGains, VelocityTracker
+from rnc_pin.control import RedundancyController
 from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.visualization.recording import Recording
 
 satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
 arm = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.03, "panda_finger_joint2": 0.03})
@@ -19,15 +20,15 @@ reduced = system.reduce(
 q0 = robot.configuration(dict(zip(joints, [-1.95, -0.9, 1.25, -1.9, 0.25, 0.7, 0.2], strict=True)))
 x1, _ = reduced.outputs(q0)
 
-# Class 1 with a wide A4: seven joints for three coordinates of the hand and three of the attitude.
+# Seven joints for three coordinates of the hand and three of the attitude: one freedom is left.
 task = rnc.Task.of(reduced, primary=[], redundant=joints)
 goal = x1 + np.array([0.1, 0.0, -0.1, 0.0, 0.0, 0.0])
 kinematic = RedundancyController(task, primary=Hold([]), vertical=MinimumJerk(x1, goal, duration=2.0))
-_, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration=3.0, dt=0.05)
-tracker = VelocityTracker(kinematic, VelocityGains.scaled(reduced, region, dt=0.002))
+tracker = rnc.tuned_tracker(reduced, kinematic, q0, duration=3.0)
+run = rnc.simulate(reduced, tracker, q0, duration=3.0)
 
-run = rnc.simulate(reduced, tracker, q0, duration=3.0, dt=0.002)
 errors = rnc.summarize(run)["max_error"]
 print("largest errors [m, rad]:", {name: f"{error:.1e}" for name, error in errors.items()})
 moved = np.ptp(run.x2, axis=0).max()
 print(f"momentum stays below {run.constraint_residual.max():.0e}, joints move by up to {moved:.2f} rad")
+print("to see it, open", Recording(reduced, run).save("free_flying_arm.html"))

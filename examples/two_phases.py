@@ -12,6 +12,7 @@ from rnc_pin.control import (
     VelocityTracker,
 )
 from rnc_pin.planning import MinimumJerk
+from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
 system = rnc.NonholonomicSystem(
@@ -25,16 +26,18 @@ reduced = system.reduce(
 )
 hand, platform = np.array([0, 1]), np.array([2, 3])  # their places in x2
 
+dt = 0.002  # sampling period [s]
 q0 = robot.configuration({"root_joint": (-1.6, 0.4, 0.2), "joint_1": 0.4, "joint_2": -1.4})
 _, x2 = reduced.outputs(q0)
 H = reduced.inertia(q0)[None]
-tracker = PositionTracker(MinimumJerk(x2[hand], [0.0, 0.0], 3.0), PositionGains.scaled(H[:, :2, :2], dt=0.002))
+tracker = PositionTracker(MinimumJerk(x2[hand], [0.0, 0.0], 3.0), PositionGains.scaled(H[:, :2, :2], dt))
 stabilizer = UnicycleStabilizer(goal=(-1.3, 0.0, 0.0), position=np.array([0, 1]), begin=4.0, k=0.4, rate=1.0)
-drive = VelocityTracker(stabilizer, VelocityGains.scaled(reduced, q0[None], dt=0.002, outputs=platform))
+drive = VelocityTracker(stabilizer, VelocityGains.scaled(reduced, q0[None], dt, outputs=platform))
 controller = SplitController([(tracker, hand), (drive, platform)], reduced.r)
 
-run = rnc.simulate(reduced, controller, q0, duration=17.0, dt=0.002)
+run = rnc.simulate(reduced, controller, q0, duration=17.0, dt=dt)
 off = np.linalg.norm(run.x2[:, hand], axis=1)
 print(f"hand within 0.02 m of its goal after {run.time[off > 0.02][-1]:.1f} s")
 print(f"hand strays {1e3 * off[run.time > 4.0].max():.2f} mm while the platform drives")
 print(f"platform ends at ({run.x1[-1, 0]:.3f}, {run.x1[-1, 1]:.3f}) m, heading {run.x2[-1, 3]:.3f} rad")
+print("to see it, open", Recording(reduced, run).save("two_phases.html"))

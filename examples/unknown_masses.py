@@ -8,10 +8,9 @@ from rnc_pin.control import (
     RedundancyController,
     UncertainRedundancyController,
     UnknownMass,
-    VelocityGains,
-    VelocityTracker,
 )
 from rnc_pin.planning import Harmonic
+from rnc_pin.visualization.recording import Recording
 
 robot = rnc.Robot.from_urdf("space_robot.urdf")
 joints = ["joint_1", "joint_2", "joint_3"]
@@ -27,14 +26,14 @@ task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
 tip = Harmonic(x2[:2], amplitude=[0.3, 0.1], frequency=[0.2, 0.13], ramp=3.0)
 platform = Harmonic([0.0], amplitude=[0.15], frequency=0.1, ramp=3.0)
 exact = RedundancyController(task, tip, platform, k21=2.0)
-_, region = rnc.kinematic_rollout(reduced, exact, q0, duration=10.0, dt=0.1)
 
 # In units of the platform's inertia: 1 is true.
 unknown = MomentumRegressor(robot, "platform", [UnknownMass(joint, unit=10.0) for joint in joints])
 for alpha in (0.0, 20.0):
     guessing = UncertainRedundancyController(reduced, exact, unknown, [1.6, 0.4, 1.5], alpha=alpha)
-    tracker = VelocityTracker(guessing, VelocityGains.scaled(reduced, region, dt=0.002))
-    run = rnc.simulate(reduced, tracker, q0, duration=16.0, dt=0.002)
+    tracker = rnc.tuned_tracker(reduced, guessing, q0, duration=10.0, along=exact)
+    run = rnc.simulate(reduced, tracker, q0, duration=16.0)
     late = run.time > 8.0
     error = np.sqrt(np.mean(run.prediction_error[late] ** 2))
     print(f"alpha {alpha:4.1f}: estimates {run.estimates[-1].round(3)}, prediction error {error:.4f} rad/s")
+print("to see it, open", Recording(reduced, run).save("unknown_masses.html"))

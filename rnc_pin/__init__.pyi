@@ -41,7 +41,16 @@ from .outputs import (
     Output,
 )
 from .robots.robot import Robot
-from .simulation import Outcome, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
+from .simulation import (
+    Outcome,
+    Trajectory,
+    free_motion,
+    kinematic_rollout,
+    preflight,
+    simulate,
+    summarize,
+    tuned_tracker,
+)
 
 __all__ = [
     "ConfigurationError",
@@ -97,4 +106,5 @@ __all__ = [
     "simulate",
     "simulation",
     "summarize",
+    "tuned_tracker",
 ]

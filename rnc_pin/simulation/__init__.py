@@ -7,6 +7,7 @@ from rnc_pin.simulation.rollout import kinematic_rollout
 from rnc_pin.simulation.simulate import Observer, Sample, sample_count, simulate
 from rnc_pin.simulation.summary import summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
     "Margin",
@@ -24,4 +25,5 @@ __all__ = [
     "simulate",
     "summarize",
     "tracking_errors",
+    "tuned_tracker",
 ]

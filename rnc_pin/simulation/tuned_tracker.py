@@ -1,0 +1,49 @@
+"""A velocity tracker with gains that suit the way it will go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.control import KinematicController, VelocityGains, VelocityTracker
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation.rollout import kinematic_rollout
+
+
+def tuned_tracker(
+    reduced: ReducedModel,
+    kinematic: KinematicController,
+    q0: np.ndarray,
+    duration: float,
+    dt: float = 0.002,
+    *,
+    along: KinematicController | None = None,
+    step: float = 0.05,
+    bandwidth: float | None = None,
+    adaptation: float = 1.0,
+    held: bool = False,
+) -> VelocityTracker:
+    """The adaptive velocity tracker over a kinematic controller, ready for ``simulate``.
+
+    The kinematics are rolled out first, without dynamics; the gains are scaled to the inertia met on the way. The
+    tracker itself reads nothing of the model.
+
+    Args:
+        reduced: the model.
+        kinematic: what wants velocities.
+        q0: initial configuration (nq,).
+        duration: of the roll-out [s], as long as the references move.
+        dt: sampling period that the gains are for [s], that of ``simulate``.
+        along: another kinematic controller to roll out, where ``kinematic`` has yet to learn its way.
+        step: of the roll-out [s].
+        bandwidth: of the velocity loop [rad/s]; by default the largest that the sampling allows.
+        adaptation: how fast it adapts, ``beta / k`` [1/s]; 30 where gravity is large for what it acts on.
+        held: tell the tracker what its actuators hold up at the start, as they would report at rest.
+
+    Raises:
+        InfeasibleError: no gains suit both the inertia and the sampling.
+        SingularityError: the references lead through a singular configuration, with the time.
+    """
+    _, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
+    gains = VelocityGains.scaled(reduced, region, dt, bandwidth, adaptation=adaptation)
+    rest = np.zeros(reduced.r)
+    return VelocityTracker(kinematic, gains, reduced.inverse_dynamics(q0, rest, rest) if held else None)
