@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,11 +11,14 @@ from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SimulationError, SingularityError
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
+from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import Outcome, Provenance
 from rnc_pin.simulation.simulate import OUTCOMES, assembled_start
-from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.trajectory import Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
@@ -33,7 +35,7 @@ def free_motion(
     atol: float = 1e-12,
     joint_damping: bool = False,
     speed_limit: float = 1e3,
-    meta: Mapping[str, Any] | None = None,
+    meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
     """Let a reduced system move by itself, under constant inputs, or under a continuous feedback.
 
@@ -52,13 +54,15 @@ def free_motion(
         rtol, atol: relative and absolute tolerance of a step.
         joint_damping: let the URDF's viscous damping act.
         speed_limit: a reduced velocity beyond this counts as diverged.
-        meta: kept with the trajectory.
+        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Raises:
         SingularityError, DivergenceError: with the run so far in ``error.trajectory``.
         InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
             satisfy the holonomic rows.
+        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
     """
+    provenance = provenance_of(meta)
     if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):
         raise InputError(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
@@ -89,8 +93,7 @@ def free_motion(
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times), plant.carries)
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
-    outcome, information = Outcome.COMPLETED, dict(meta or {})
-    t = 0.0
+    outcome, t = Outcome.COMPLETED, 0.0
     try:
         for t, q_t, y_t in integrator.run(times, start.q, y):
             state = plant.seen(q_t, y_t)
@@ -101,10 +104,8 @@ def free_motion(
     except SimulationError as error:
         if isinstance(error, SingularityError) and error.time is None:
             error.time = t
-        information.update(outcome=OUTCOMES[type(error)], message=str(error))
-        error.trajectory = record.finish(information, dt)
+        error.trajectory = record.finish(dt, provenance, OUTCOMES[type(error)], str(error))
         raise
     except KeyboardInterrupt:
         outcome = Outcome.INTERRUPTED
-    information.update(outcome=outcome)
-    return record.finish(information, dt)
+    return record.finish(dt, provenance, outcome)

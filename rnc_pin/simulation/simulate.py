@@ -12,10 +12,13 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InputError, LimitEr
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
+from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.run_info import Outcome, Provenance
+from rnc_pin.simulation.trajectory import Trajectory
 
 _MOST_SAMPLES = 10_000_000
 _ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
@@ -67,7 +70,7 @@ def simulate(
     controller_state: Any = None,
     speed_limit: float = 1e3,
     observer: Observer | None = None,
-    meta: Mapping[str, Any] | None = None,
+    meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
     """Run a controller against the reduced model.
 
@@ -90,7 +93,7 @@ def simulate(
         controller_state: resume from this state instead of a fresh one.
         speed_limit: a reduced velocity beyond this counts as diverged.
         observer: called with every ``Sample``.
-        meta: kept with the trajectory.
+        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Returns:
         The run. Ctrl-C ends it early, with outcome "interrupted".
@@ -100,7 +103,9 @@ def simulate(
         ConstraintError: the actuators cannot produce what the controller asks for.
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
+        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
     """
+    provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
     closed = reduced.assembly.size > 0
     plant = Plant(reduced, joint_damping, actuator_limits, position_limits)
@@ -113,7 +118,6 @@ def simulate(
     integrator = LieRungeKutta4(reduced.robot)
     record = Record(reduced, samples, plant.carries)
     outcome, t = Outcome.COMPLETED, 0.0
-    information = dict(meta or {})
     try:
         for sample in range(record.capacity):
             t = sample * dt
@@ -144,11 +148,9 @@ def simulate(
         if isinstance(error, SingularityError | DivergenceError) and error.time is None:
             error.time = t
         outcome = next((value for kind, value in OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
-        information.update(outcome=outcome, message=str(error))
-        error.trajectory = record.finish(information, dt)
+        error.trajectory = record.finish(dt, provenance, outcome, str(error))
         raise
-    information.update(outcome=outcome)
-    return record.finish(information, dt)
+    return record.finish(dt, provenance, outcome)
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
