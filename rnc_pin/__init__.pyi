@@ -41,7 +41,7 @@ from .outputs import (
     Output,
 )
 from .robots.robot import Robot
-from .simulation import Outcome, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
+from .simulation import Outcome, Plant, Stop, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
 
 __all__ = [
     "ConfigurationError",
@@ -72,6 +72,7 @@ __all__ = [
     "Outcome",
     "Output",
     "Pfaffian",
+    "Plant",
     "ReducedModel",
     "Report",
     "RncError",
@@ -80,6 +81,7 @@ __all__ = [
     "RollingWheel",
     "SimulationError",
     "SingularityError",
+    "Stop",
     "Task",
     "Trajectory",
     "analysis",

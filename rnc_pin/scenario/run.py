@@ -169,9 +169,8 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             settings.duration,
             settings.dt,
             substeps=settings.substeps,
-            joint_damping=settings.joint_damping,
-            actuator_limits=settings.actuator_limits,
-            position_limits=settings.position_limits,
+            plant=settings.plant,
+            stop=settings.stop,
             observer=observer,
             meta=provenance,
         ), None

@@ -1,6 +1,7 @@
 """Running controllers against models."""
 
 from rnc_pin.simulation.free_motion import free_motion
+from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
@@ -14,6 +15,7 @@ from rnc_pin.simulation.run_info import (
     TaskNames,
 )
 from rnc_pin.simulation.simulate import Observer, Sample, sample_count, simulate
+from rnc_pin.simulation.stop import Stop
 from rnc_pin.simulation.summary import Summary, summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Trajectory
 
@@ -25,10 +27,12 @@ __all__ = [
     "Outcome",
     "OutputNames",
     "PlannedPath",
+    "Plant",
     "Provenance",
     "Rollout",
     "RunInfo",
     "Sample",
+    "Stop",
     "Summary",
     "TaskNames",
     "Trajectory",
