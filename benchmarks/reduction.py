@@ -220,9 +220,8 @@ def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
             ticks * settings.dt,
             settings.dt,
             substeps=settings.substeps,
-            joint_damping=settings.joint_damping,
-            actuator_limits=settings.actuator_limits,
-            position_limits=settings.position_limits,
+            plant=settings.plant,
+            stop=settings.stop,
             observer=lambda _: stamps.append((time.process_time(), time.thread_time())),
         )
         each, own = np.diff(stamps, axis=0).T

@@ -43,6 +43,8 @@ from .outputs import (
 from .robots.robot import Robot
 from .simulation import (
     Outcome,
+    Plant,
+    Stop,
     Trajectory,
     free_motion,
     kinematic_rollout,
@@ -81,6 +83,7 @@ __all__ = [
     "Outcome",
     "Output",
     "Pfaffian",
+    "Plant",
     "ReducedModel",
     "Report",
     "RncError",
@@ -89,6 +92,7 @@ __all__ = [
     "RollingWheel",
     "SimulationError",
     "SingularityError",
+    "Stop",
     "Task",
     "Trajectory",
     "analysis",

@@ -4,20 +4,34 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+class Motion(Protocol):
+    """What errors carry of a motion that they ended: a ``Trajectory`` or, of kinematics alone, a ``Rollout``."""
+
+    @property
+    def time(self) -> np.ndarray:
+        """(N,) [s]"""
+        ...
+
+    @property
+    def q(self) -> np.ndarray:
+        """(N, nq)"""
+        ...
 
 
 class RncError(Exception):
     """Root of every error this package raises on purpose.
 
     Attributes:
-        trajectory: where a simulation raised it, what was simulated until then; else None.
+        trajectory: where a simulation or a roll-out raised it, the motion until then; else None.
     """
 
-    trajectory: Any = None
+    trajectory: Motion | None = None
 
 
 class ModelWarning(UserWarning):

@@ -93,7 +93,7 @@ def test_series_differ_without_colour(run):
 
 
 def test_a_run_of_one_sample_has_nothing_to_plot(run):
-    short = replace(run, **{each.name: getattr(run, each.name)[:1] for each in fields(run) if each.name != "meta"})
+    short = replace(run, **{each.name: getattr(run, each.name)[:1] for each in fields(run) if each.name != "info"})
     with pytest.raises(rnc.InputError, match="a run of 1 samples has nothing to plot"):
         plot_run(short)
 

@@ -174,7 +174,9 @@ def test_joint_limits_keep_a_joint_inside_while_the_rest_is_tracked():
         _, kinematic, q0 = reach(objective)
         torque = ComputedTorque(reduced, kinematic, 20.0)
         try:
-            runs[objective is not None] = rnc.simulate(reduced, torque, q0, 6.0, 0.004, position_limits=True)
+            runs[objective is not None] = rnc.simulate(
+                reduced, torque, q0, 6.0, 0.004, stop=rnc.Stop(position_limits=True)
+            )
         except rnc.LimitError as error:
             runs[objective is not None] = error.trajectory
     assert runs[False].outcome == "limit"

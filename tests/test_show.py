@@ -11,7 +11,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.run import execute, plan
-from rnc_pin.simulation import output_names
+from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.board import Board, margin_color
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, GAZE, fitting_camera
 from rnc_pin.visualization.elements import _pillar
@@ -192,14 +192,8 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
 
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
-    meta = {
-        "names": {"x2": [f"panda_hand_orientation_{axis}" for axis in "xyz"], "x1": []},
-        "units": {"x2": ["rad"] * 3, "x1": []},
-        "angular": {"x2": [False] * 3, "x1": []},
-        "rotations": {"x2": [0]},
-    }
-    names = Names.of(meta)
-    board = Board(names, meta["names"]["x2"], Poses(robot), {}, margin=False)
+    attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
+    board = Board(Names.of(OutputNames(x2=attitude)), attitude.names, Poses(robot), None, margin=False)
     state = State(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
     assert [each["label"] for each in board.labels()] == ["time", "error of panda hand orientation"]

@@ -136,7 +136,7 @@ def test_joint_damping_takes_energy_and_only_when_switched_on():
     q0, v2_0 = reduced.robot.configuration({"joint_2": 1.0}), np.array([0.5, -0.5, 0.5])
     idle = Inputs(lambda t: np.zeros(3))
     free = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0)
-    damped = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0, joint_damping=True)
+    damped = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0, plant=rnc.Plant(joint_damping=True))
     assert np.ptp(free.energy) < 1e-7
     assert (np.diff(damped.energy) < 0).all()
     np.testing.assert_allclose(damped.energy - damped.work, damped.energy[0], atol=1e-7)
@@ -149,13 +149,17 @@ def test_damping_of_a_conserved_momentum_is_refused():
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
     reduced = system.reduce([rnc.JointPosition(joint) for joint in joints])
     with pytest.raises(rnc.ConstraintError, match="joint damping acts on momentum"):
-        rnc.simulate(reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, joint_damping=True)
+        rnc.simulate(
+            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=rnc.Plant(joint_damping=True)
+        )
 
 
 def test_actuator_limits_clip_the_inputs():
     reduced = space_robot_in_joints()
     strong = Inputs(lambda t: np.array([1e3, -1e3, 1.0]))
-    run = rnc.simulate(reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01, actuator_limits=True)
+    run = rnc.simulate(
+        reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01, plant=rnc.Plant(actuator_limits=True)
+    )
     np.testing.assert_array_equal(run.T[0], [400.0, -400.0, 1.0])
     assert run.T.shape == (6, 3)
 
@@ -195,7 +199,7 @@ def test_position_limits_end_the_run():
     reduced = ALL["fire_truck"]()
     turn = Inputs(lambda t: np.array([0.0, 100.0, 0.0]))
     with pytest.raises(rnc.LimitError, match="joint 'front_steering' left its range"):
-        rnc.simulate(reduced, turn, robot.configuration(), 2.0, position_limits=True)
+        rnc.simulate(reduced, turn, robot.configuration(), 2.0, stop=rnc.Stop(position_limits=True))
 
 
 def test_interruption_keeps_the_run():
@@ -253,3 +257,26 @@ def test_a_step_without_bound_is_said_rather_than_taken(speed):
     integrator = LieRungeKutta4(reduced.robot)
     with pytest.raises(rnc.DivergenceError, match=r"one step of 0\.1 s would move by"):
         integrator.step(lambda q, y: (np.full(5, speed), y), reduced.robot.configuration(), np.zeros(1), 0.1)
+
+
+def test_a_free_motion_knows_the_same_plant_and_the_same_end():
+    """A slider pushed by 3 N of which its actuator gives 2: it leaves its range at 1 m."""
+    model = pin.Model()
+    model.name = "slider"
+    joint = model.addJoint(
+        0, pin.JointModelPX(), pin.SE3.Identity(), "slide", np.array([2.0]), np.array([9.0]), *np.array([[-1.0], [1.0]])
+    )
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(4.0, 0.1), pin.SE3.Identity())
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
+    mass = float(reduced.inertia(np.zeros(1))[0, 0])
+    plant, push = rnc.Plant(actuator_limits=True), np.array([3.0])
+    run = rnc.free_motion(reduced, np.zeros(1), np.zeros(1), 1.0, 0.1, push, plant=plant)
+    np.testing.assert_array_equal(run.T, 2.0)
+    np.testing.assert_allclose(run.q[:, 0], run.time**2 / mass, atol=1e-9)
+    with pytest.raises(rnc.LimitError, match=r"joint 'slide' left its range \[-1, 1\]") as end:
+        rnc.free_motion(
+            reduced, np.zeros(1), np.zeros(1), 9.0, 0.1, push, plant=plant, stop=rnc.Stop(position_limits=True)
+        )
+    assert end.value.trajectory.q.max() <= 1.0
+    with pytest.raises(rnc.InputError, match="has to be positive, found 0"):
+        rnc.Stop(speed=0)

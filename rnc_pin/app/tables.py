@@ -8,8 +8,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.simulation import Summary
 
-def print_summary(summary: dict[str, Any], folder: Path) -> None:
+
+def print_summary(summary: Summary, folder: Path) -> None:
     """Errors and invariants of a run."""
     console = Console()
     errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import click
 
 from rnc_pin.app.messages import warn
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation import Provenance, RunInfo
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.scene_server import is_loopback
 from rnc_pin.visualization.screens import chosen_screen
@@ -16,12 +14,12 @@ from rnc_pin.visualization.show import View
 
 
 def live_view(
-    reduced: ReducedModel, view: View, meta: Mapping[str, Any], title: str, speed: float, browser: bool, host: str
+    reduced: ReducedModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
 ) -> LiveView:
     """Serve a view, say where, and wait for the browser."""
     if not is_loopback(host):
         warn(f"--host {host}: whoever reaches this computer there can watch")
-    live = LiveView(reduced, view, meta, speed, browser, host, title, chosen_screen())
+    live = LiveView(reduced, view, info, speed, browser, host, title, chosen_screen())
     click.echo(f"showing on {live.url}", err=True)
     try:
         live.wait_for_browser(10.0)

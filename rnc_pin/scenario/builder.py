@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,12 +14,14 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
+from rnc_pin.plain import Json
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
-from rnc_pin.simulation import sample_count
+from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
+from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
 _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
 
@@ -59,7 +60,12 @@ class Experiment:
     q0: np.ndarray
     simulation: SimulationSettings
     warnings: tuple[str, ...]
-    notes: dict[str, Any]
+    provenance: Provenance
+
+    @property
+    def notes(self) -> dict[str, Json]:
+        """What the record of a run will say of it, as its file does."""
+        return provenance_to_plain(self.provenance)
 
 
 def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
@@ -93,7 +99,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     setting = Setting(
         scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight, given
     )
-    _plan_path(scenario, setting)
+    path = _plan_path(scenario, setting)
     controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
@@ -105,11 +111,12 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
-        notes={
-            "controller": _described(controller),
-            "task": {"primary": list(task.primary_names), "redundant": list(task.redundant_names)},
-            **setting.notes,
-        },
+        provenance=replace(
+            provenance_of(setting.notes),
+            controller=_described(controller),
+            task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
+            path=path,
+        ),
     )
 
 
@@ -124,11 +131,11 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
         raise ConfigurationError(f"initial.q: {error}") from None
 
 
-def _plan_path(scenario: Scenario, setting: Setting) -> None:
-    """Plan the path that the scenario asks for, and put its references in their places."""
+def _plan_path(scenario: Scenario, setting: Setting) -> PlannedPath | None:
+    """Plan the path that the scenario asks for, if it does, and put its references in their places."""
     settings, task, reduced = scenario.reference.path, setting.task, setting.reduced
     if settings is None:
-        return
+        return None
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
     if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
@@ -148,7 +155,7 @@ def _plan_path(scenario: Scenario, setting: Setting) -> None:
         # For the pictures: the poses, whose they are, and which trailer should follow.
         trailing = None if settings.trailer is None else settings.trailer.frame
         poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-        setting.notes["path"] = {"frame": settings.frame, "trailer": trailing, "poses": poses}
+        planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
         if settings.trailer is not None:
             trailer = settings.trailer
             setting.slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
@@ -158,6 +165,7 @@ def _plan_path(scenario: Scenario, setting: Setting) -> None:
     if all(name in reduced.vertical.names for name in names):
         where = np.array([reduced.vertical.names.index(name) for name in names])
         setting.watched = (where, path.position)
+    return planned
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
@@ -187,9 +195,9 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
-def _described(controller: object) -> dict[str, Any]:
+def _described(controller: object) -> dict[str, Json]:
     """Gains of a controller and of those under it, for the record."""
-    content: dict[str, Any] = {"type": type(controller).__name__}
+    content: dict[str, Json] = {"type": type(controller).__name__}
     for name in ("gains", "k", "k3", "k21", "k2"):
         value = getattr(controller, name, None)
         if is_dataclass(value):

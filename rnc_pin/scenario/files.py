@@ -43,6 +43,11 @@ def built_in_names() -> list[str]:
     return sorted(path.stem for path in _BUILT_IN.glob("*.yaml"))
 
 
+def is_built_in(path: Path) -> bool:
+    """Whether a scenario's file comes with the package."""
+    return path.resolve().parent == _BUILT_IN
+
+
 def find_scenario(name: str) -> Path:
     """The file of a built-in scenario, or the file named.
 

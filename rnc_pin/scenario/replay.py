@@ -9,9 +9,10 @@ from pathlib import Path
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import build_reduced
+from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import Trajectory
+from rnc_pin.simulation import Provenance, Trajectory
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.show import View
 
@@ -28,7 +29,7 @@ class Run:
     @property
     def title(self) -> str:
         """What the scenario calls itself."""
-        return self.scenario.title or str(self.trajectory.meta.get("scenario"))
+        return self.scenario.title or str(self.trajectory.info.provenance.scenario)
 
 
 def load_run(source: Path) -> Run:
@@ -38,10 +39,11 @@ def load_run(source: Path) -> Run:
         RncError: it is no such thing, or there is nothing to play.
     """
     trajectory = Trajectory.load(source / "trajectory.npz" if source.is_dir() else source)
-    if "config" not in trajectory.meta:
+    origin = trajectory.info.provenance
+    if origin.config is None:
         raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")
-    scenario = validate(trajectory.meta["config"], str(source))
-    _, reduced = build_reduced(scenario, Path(str(trajectory.meta.get("folder", "."))))
+    scenario = validate(origin.config, str(source))
+    _, reduced = build_reduced(scenario, _folder(origin))
     if trajectory.q.shape[1] != reduced.robot.nq:
         raise ConfigurationError(
             f"{source}: configurations have {trajectory.q.shape[1]} entries, its robot {reduced.robot.nq}"
@@ -49,6 +51,13 @@ def load_run(source: Path) -> Run:
     if len(trajectory.time) < 2:
         raise ConfigurationError(f"{source}: holds {len(trajectory.time)} samples, nothing to play")
     return Run(source, trajectory, scenario, reduced)
+
+
+def _folder(origin: Provenance) -> Path:
+    """What paths in a run's scenario are relative to; the run of a built-in one names no folder of any computer."""
+    if origin.folder is not None:
+        return Path(origin.folder)
+    return find_scenario(origin.scenario).parent if origin.scenario in built_in_names() else Path()
 
 
 def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:

@@ -4,28 +4,39 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
+from rnc_pin.plain import Json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.files import find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import Observer, Outcome, Sample, Trajectory, simulate, summarize
+from rnc_pin.simulation import Observer, Outcome, Sample, Summary, Trajectory, simulate, summarize
+from rnc_pin.simulation.summary import Compared
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A scenario read, checked and ready to run, before anything is written."""
+    """A scenario read, checked and ready to run, before anything is written.
+
+    Attributes:
+        name: of the scenario.
+        raw: the scenario as its file has it.
+        folder: that its paths are relative to.
+        experiment: the run.
+        comparisons: other runs beside it, by label.
+        built_in: whether the scenario comes with the package: its record names no folder of this computer.
+    """
 
     name: str
-    raw: dict[str, Any]
+    raw: dict[str, Json]
     folder: Path
     experiment: Experiment
     comparisons: dict[str, Experiment]
+    built_in: bool
 
     @property
     def duration(self) -> float:
@@ -43,12 +54,12 @@ class Result:
     """What a run gave."""
 
     trajectory: Trajectory
-    summary: dict[str, Any]
+    summary: Summary
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
 
 
-def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
+def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     """Read a scenario and build everything in it.
 
     Args:
@@ -72,7 +83,7 @@ def plan(scenario: str, options: Mapping[str, Any] | None = None) -> Plan:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' name one file")
         comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
     _ = experiment.reduced.robot.visual_model  # a mesh that is missing is found before the run, not after it
-    return Plan(path.stem, raw, path.parent, experiment, comparisons)
+    return Plan(path.stem, raw, path.parent, experiment, comparisons, is_built_in(path))
 
 
 def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
@@ -117,32 +128,39 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
         for label, experiment in plan.comparisons.items():
             others[label], failure = _simulate(plan, experiment, watch(done, None))
             done += experiment.simulation.duration
-            compared = _summary(experiment, others[label])
-            chosen = (
-                *("outcome", "message", "final_output", "final_error", "max_error", "rms_error"),
-                *("final_estimates", "late_prediction_error_rms", "late_rms_error", "off_tracking_max"),
-            )
-            summary.setdefault("comparisons", {})[label] = {key: compared[key] for key in chosen if key in compared}
+            compared = _compared(_summary(experiment, others[label]))
             if failure is not None:
-                summary["comparisons"][label]["message"] = str(failure)
+                compared["message"] = str(failure)
+            summary.setdefault("comparisons", {})[label] = compared
     return Result(trajectory, summary, error, others)
 
 
-def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> dict[str, Any]:
+def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> Summary:
     summary = summarize(trajectory, wall_time)
     strayed = off_tracking(experiment, trajectory.q)
-    return summary if strayed is None else {**summary, "off_tracking_max": strayed}
+    if strayed is not None:
+        summary["off_tracking_max"] = strayed
+    return summary
+
+
+def _compared(summary: Summary) -> Compared:
+    """What stays of the summary of another run beside the run's own."""
+    chosen: Compared = {}
+    for key in summary:
+        if key in Compared.__annotations__:
+            chosen[key] = summary[key]  # type: ignore[literal-required]
+    return chosen
 
 
 def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
     settings = experiment.simulation
-    meta = {
-        "scenario": plan.name,
-        "seed": experiment.scenario.seed,
-        "config": plan.raw,
-        "folder": str(plan.folder),
-        **experiment.notes,
-    }
+    provenance = replace(
+        experiment.provenance,
+        scenario=plan.name,
+        seed=experiment.scenario.seed,
+        config=plan.raw,
+        folder=None if plan.built_in else str(plan.folder),
+    )
     try:
         return simulate(
             experiment.reduced,
@@ -151,17 +169,15 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             settings.duration,
             settings.dt,
             substeps=settings.substeps,
-            joint_damping=settings.joint_damping,
-            actuator_limits=settings.actuator_limits,
-            position_limits=settings.position_limits,
+            plant=settings.plant,
+            stop=settings.stop,
             observer=observer,
-            meta=meta,
+            meta=provenance,
         ), None
     except RncError as error:
-        trajectory = getattr(error, "trajectory", None)
-        if trajectory is None:
+        if not isinstance(error.trajectory, Trajectory):
             raise
-        return trajectory, error
+        return error.trajectory, error
 
 
 def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
@@ -178,9 +194,11 @@ def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
     return written
 
 
-def _portable(plan: Plan) -> dict[str, Any]:
+def _portable(plan: Plan) -> dict[str, Json]:
     """The scenario as it can be run from anywhere on this computer."""
-    source = plan.raw.get("robot", {})
+    source = plan.raw.get("robot")
+    if not isinstance(source, Mapping):
+        return plan.raw
     beside = plan.folder / str(source.get("urdf"))
     if not beside.is_file():
         return plan.raw

@@ -1,20 +1,41 @@
 """Running controllers against models."""
 
 from rnc_pin.simulation.free_motion import free_motion
+from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
-from rnc_pin.simulation.rollout import kinematic_rollout
+from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
+from rnc_pin.simulation.run_info import (
+    Columns,
+    Outcome,
+    OutputNames,
+    PlannedPath,
+    Provenance,
+    RunInfo,
+    TaskNames,
+)
 from rnc_pin.simulation.simulate import Observer, Sample, sample_count, simulate
-from rnc_pin.simulation.summary import summarize, tracking_errors
-from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.stop import Stop
+from rnc_pin.simulation.summary import Summary, summarize, tracking_errors
+from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
+    "Columns",
     "Margin",
     "Margins",
     "Observer",
     "Outcome",
+    "OutputNames",
+    "PlannedPath",
+    "Plant",
+    "Provenance",
+    "Rollout",
+    "RunInfo",
     "Sample",
+    "Stop",
+    "Summary",
+    "TaskNames",
     "Trajectory",
     "free_motion",
     "kinematic_rollout",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,11 +11,16 @@ from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SimulationError, SingularityError
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
-from rnc_pin.simulation.plant import Plant
+from rnc_pin.simulation.info_json import provenance_of
+from rnc_pin.simulation.moving_plant import MovingPlant
+from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import Outcome, Provenance
 from rnc_pin.simulation.simulate import OUTCOMES, assembled_start
-from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
+from rnc_pin.simulation.trajectory import Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
@@ -31,9 +35,9 @@ def free_motion(
     *,
     rtol: float = 1e-12,
     atol: float = 1e-12,
-    joint_damping: bool = False,
-    speed_limit: float = 1e3,
-    meta: Mapping[str, Any] | None = None,
+    plant: Plant = NOTHING_BESIDE,
+    stop: Stop = BEYOND_BOUNDS,
+    meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
     """Let a reduced system move by itself, under constant inputs, or under a continuous feedback.
 
@@ -50,61 +54,61 @@ def free_motion(
         dt: spacing of the samples that are kept [s]; steps are as long as the tolerances let them be.
         inputs: actuator inputs (p,), or ``inputs(t, q, v2) -> (p,)``, continuous; none by default.
         rtol, atol: relative and absolute tolerance of a step.
-        joint_damping: let the URDF's viscous damping act.
-        speed_limit: a reduced velocity beyond this counts as diverged.
-        meta: kept with the trajectory.
+        plant: what a real machine has beside the model: ``Plant(joint_damping=True)``.
+        stop: what ends the motion early, looked at once a sample that is kept.
+        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Raises:
         SingularityError, DivergenceError: with the run so far in ``error.trajectory``.
         InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
             satisfy the holonomic rows.
+        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
     """
+    provenance = provenance_of(meta)
     if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):
         raise InputError(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
-    plant = Plant(reduced, joint_damping)
+    moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
     constant = np.zeros(reduced.p) if inputs is None else None if callable(inputs) else np.array(inputs, dtype=float)
+
+    constant = None if constant is None else moving.saturate(constant)
 
     def at(t: float, state: Evaluation) -> np.ndarray:
         if constant is not None:
             return constant
-        return np.asarray(inputs(t, state.q, state.v2), dtype=float)  # type: ignore[misc, operator]
+        return moving.saturate(np.asarray(inputs(t, state.q, state.v2), dtype=float))  # type: ignore[misc, operator]
 
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return plant.rate(constant if constant is not None else at(t, plant.seen(q, y)))(q, y)
+            return moving.rate(constant if constant is not None else at(t, moving.seen(q, y)))(q, y)
         except (SingularityError, DivergenceError):  # a step that leads out of the present chart is too long
             return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if reduced.assembly.size:
             q = reduced.assembly.project(q)
-        return q, plant.settled(q, y)[1]
+        return q, moving.settled(q, y)[1]
 
     q = assembled_start(reduced, np.array(q0, dtype=float))
     start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0)
     _ = start.flow(at(0.0, start))  # shapes and singularities speak before the solver does
-    y = plant.start(start.q, start.v)
+    y = moving.start(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(reduced, len(times), plant.carries)
+    record = Record(reduced, len(times), moving.carries)
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
-    outcome, information = Outcome.COMPLETED, dict(meta or {})
-    t = 0.0
+    outcome, t = Outcome.COMPLETED, 0.0
     try:
         for t, q_t, y_t in integrator.run(times, start.q, y):
-            state = plant.seen(q_t, y_t)
-            if not np.abs(state.v2).max() < speed_limit:
-                raise DivergenceError(f"reduced velocities reached {np.abs(state.v2).max():.3g}", time=t)
+            state = moving.seen(q_t, y_t)
+            watch.check(t, state)
             T = at(t, state)
-            record.add(t, state, plant.integrals(y_t), Command(T=T), T, y_t[-1])
+            record.add(t, state, moving.integrals(y_t), Command(T=T), T, y_t[-1])
     except SimulationError as error:
         if isinstance(error, SingularityError) and error.time is None:
             error.time = t
-        information.update(outcome=OUTCOMES[type(error)], message=str(error))
-        error.trajectory = record.finish(information, dt)
+        error.trajectory = record.finish(dt, provenance, OUTCOMES[type(error)], str(error))
         raise
     except KeyboardInterrupt:
         outcome = Outcome.INTERRUPTED
-    information.update(outcome=outcome)
-    return record.finish(information, dt)
+    return record.finish(dt, provenance, outcome)

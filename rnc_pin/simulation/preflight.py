@@ -114,7 +114,7 @@ def margins_along(
         if error.trajectory is None:
             raise
         singular = error
-        times, path = error.trajectory
+        times, path = error.trajectory.time, error.trajectory.q
 
     def smallest(values: np.ndarray) -> Margin:
         index = int(np.argmin(values))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +13,8 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
 _BLOCK = 1000  # samples
@@ -60,8 +61,17 @@ class Record:
                 a[name][i] = value
         self.count += 1
 
-    def finish(self, meta: dict[str, Any], dt: float) -> Trajectory:
-        """The run as a whole."""
+    def finish(
+        self, dt: float, provenance: Provenance, outcome: Outcome = Outcome.COMPLETED, message: str | None = None
+    ) -> Trajectory:
+        """The run as a whole.
+
+        Args:
+            dt: spacing of the samples [s].
+            provenance: where the run comes from.
+            outcome: how it ended.
+            message: why, if it ended early.
+        """
         reduced = self.reduced
         a = {name: array[: self.count] for name, array in self.arrays.items()}
         x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
@@ -69,23 +79,17 @@ class Record:
         about = _integrated(a["x2"], a["v2"], a["time"])
         about[:, self._carries] = (a["x2"][:1] + self._integrals[: self.count])[:, self._carries]
         a["x2"] = x2.unwrap(a["x2"], about)
-        goals = {
-            name: [
-                n for n, column in zip(outputs.names, a[f"{name}_desired"].T, strict=True) if not np.isnan(column).any()
-            ]
-            for name, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
-        }
+        goals = tuple(
+            name
+            for kind, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
+            for name, column in zip(outputs.names, a[f"{kind}_desired"].T, strict=True)
+            if not np.isnan(column).any()
+        )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
         return Trajectory(
             **a,
             **self._derived(a["q"], a["v"], a["T"]),
-            meta={
-                **output_names(reduced),
-                "goals": goals["x1"] + goals["x2"],
-                "dt": dt,
-                "versions": versions(),
-                **meta,
-            },
+            info=RunInfo(output_names(reduced), goals, dt, versions(), provenance, outcome, message),
         )
 
     def _derived(self, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
@@ -102,7 +106,7 @@ class Record:
         return derived
 
 
-def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, Any]:
+def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
     seen = Evaluation(reduced.parts, q, v=v)
     # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
     entries = best_entries(seen.A[0], reduced.r)
@@ -142,34 +146,22 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
     x2_desired[:, columns] = x2[0, columns] + np.vstack([np.zeros(rates.shape[1]), np.cumsum(steps, axis=0)])
 
 
-def output_names(reduced: ReducedModel) -> dict[str, Any]:
-    """Names, units and angularity of what a model's runs consist of, as ``Trajectory.meta`` has them."""
+def output_names(reduced: ReducedModel) -> OutputNames:
+    """What the columns of a model's runs are called, and what they live on."""
+    return OutputNames(
+        x1=_columns(reduced.vertical),
+        x2=_columns(reduced.reducing),
+        T=tuple(reduced.actuation.names),
+        multipliers=tuple(reduced.constraints.names),
+        contact_forces=tuple(reduced.all_constraints.names),
+        v=tuple(reduced.robot.velocity_names),
+    )
 
-    def coordinate(unit: str) -> str:
-        return unit.removesuffix("/s") if unit.endswith("/s") else unit
 
-    return {
-        "names": {
-            "x1": list(reduced.vertical.names),
-            "x2": list(reduced.reducing.names),
-            "T": list(reduced.actuation.names),
-            "multipliers": list(reduced.constraints.names),
-            "contact_forces": list(reduced.all_constraints.names),
-            "v": list(reduced.robot.velocity_names),
-        },
-        "units": {
-            "x1": [coordinate(unit) for unit in reduced.vertical.units],
-            "x2": [coordinate(unit) for unit in reduced.reducing.units],
-        },
-        "angular": {
-            "x1": reduced.vertical.angular.tolist(),
-            "x2": reduced.reducing.angular.tolist(),
-        },
-        "rotations": {
-            "x1": list(reduced.vertical.coordinates.rotations),
-            "x2": list(reduced.reducing.coordinates.rotations),
-        },
-    }
+def _columns(outputs: OutputStack) -> Columns:
+    units = tuple(unit.removesuffix("/s") for unit in outputs.units)
+    angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
+    return Columns(tuple(outputs.names), units, tuple(angular), tuple(rotations))
 
 
 def versions() -> dict[str, str]:

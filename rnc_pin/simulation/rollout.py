@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
@@ -10,9 +12,18 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
+class Rollout(NamedTuple):
+    """Where a velocity target leads."""
+
+    time: np.ndarray
+    """(N,) [s]"""
+    q: np.ndarray
+    """(N, nq)"""
+
+
 def kinematic_rollout(
     reduced: ReducedModel, target: KinematicController, q0: np.ndarray, duration: float, dt: float = 0.02
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Rollout:
     """Times (N,) and configurations (N, nq) under ``v2 = v2d``, without dynamics.
 
     Args:
@@ -49,6 +60,6 @@ def kinematic_rollout(
             path.append(q)
     except (SingularityError, DivergenceError) as error:
         error.time = t
-        error.trajectory = np.array(times), np.stack(path)
+        error.trajectory = Rollout(np.array(times), np.stack(path))
         raise
-    return np.array(times), np.stack(path)
+    return Rollout(np.array(times), np.stack(path))

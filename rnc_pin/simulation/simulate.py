@@ -12,10 +12,15 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InputError, LimitEr
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
+from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from rnc_pin.simulation.plant import Plant
+from rnc_pin.simulation.moving_plant import MovingPlant
+from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.trajectory import Outcome, Trajectory
+from rnc_pin.simulation.run_info import Outcome, Provenance
+from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
+from rnc_pin.simulation.trajectory import Trajectory
 
 _MOST_SAMPLES = 10_000_000
 _ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
@@ -61,13 +66,11 @@ def simulate(
     *,
     v2_0: np.ndarray | None = None,
     substeps: int = 1,
-    joint_damping: bool = False,
-    actuator_limits: bool = False,
-    position_limits: bool = False,
+    plant: Plant = NOTHING_BESIDE,
+    stop: Stop = BEYOND_BOUNDS,
     controller_state: Any = None,
-    speed_limit: float = 1e3,
     observer: Observer | None = None,
-    meta: Mapping[str, Any] | None = None,
+    meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
     """Run a controller against the reduced model.
 
@@ -84,13 +87,11 @@ def simulate(
         dt: sampling period [s].
         v2_0: initial reduced velocity (r,); at rest by default.
         substeps: integration steps in a sampling period.
-        joint_damping: let the URDF's viscous damping act on the plant.
-        actuator_limits: clip inputs to the URDF's effort limits.
-        position_limits: end the run where a joint leaves its range.
+        plant: what a real machine has beside the model: ``Plant(joint_damping=True, actuator_limits=True)``.
+        stop: what ends the run early: ``Stop(position_limits=True)``.
         controller_state: resume from this state instead of a fresh one.
-        speed_limit: a reduced velocity beyond this counts as diverged.
         observer: called with every ``Sample``.
-        meta: kept with the trajectory.
+        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Returns:
         The run. Ctrl-C ends it early, with outcome "interrupted".
@@ -100,40 +101,37 @@ def simulate(
         ConstraintError: the actuators cannot produce what the controller asks for.
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
+        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
     """
+    provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
     closed = reduced.assembly.size > 0
-    plant = Plant(reduced, joint_damping, actuator_limits, position_limits)
+    moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
     q = assembled_start(reduced, np.array(q0, dtype=float))
     start = reduced.at(q, np.zeros(reduced.r) if v2_0 is None else v2_0)
-    y = plant.start(start.q, start.v)
+    y = moving.start(start.q, start.v)
     state_of_controller = controller_state
     if controller_state is None:
-        state_of_controller = controller.initial_state(start.measure(plant.integrals(y)))
+        state_of_controller = controller.initial_state(start.measure(moving.integrals(y)))
     integrator = LieRungeKutta4(reduced.robot)
-    record = Record(reduced, samples, plant.carries)
+    record = Record(reduced, samples, moving.carries)
     outcome, t = Outcome.COMPLETED, 0.0
-    information = dict(meta or {})
     try:
         for sample in range(record.capacity):
             t = sample * dt
             if not np.isfinite(y).all():
                 raise DivergenceError("velocities have no bound", time=t)
-            state, y = plant.settled(q, y)
-            if not np.abs(state.v2).max() < speed_limit:
-                raise DivergenceError(f"reduced velocities reached {np.abs(state.v2).max():.3g}", time=t)
-            beyond = plant.joint_beyond_range(q)
-            if beyond:
-                raise LimitError(f"{beyond} at t = {t:.3f} s")
-            integrals = plant.integrals(y)
+            state, y = moving.settled(q, y)
+            watch.check(t, state)
+            integrals = moving.integrals(y)
             measurement = state.measure(integrals)
             command, state_of_controller = controller.step(t, measurement, state_of_controller)
-            T = plant.saturate(_inputs(state, command))
+            T = moving.saturate(_inputs(state, command))
             record.add(t, state, integrals, command, T, y[-1])
             if observer is not None:
                 observer(Sample(t, measurement, command, T))
             if sample + 1 < record.capacity:
-                rate, first = plant.rate(T), plant.first_slope(state, T)
+                rate, first = moving.rate(T), moving.first_slope(state, T)
                 for substep in range(substeps):
                     q, y = integrator.step(rate, q, y, dt / substeps, None if substep else first)
                 if closed and np.isfinite(q).all():  # else diverged, which the next sample says
@@ -144,11 +142,9 @@ def simulate(
         if isinstance(error, SingularityError | DivergenceError) and error.time is None:
             error.time = t
         outcome = next((value for kind, value in OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
-        information.update(outcome=outcome, message=str(error))
-        error.trajectory = record.finish(information, dt)
+        error.trajectory = record.finish(dt, provenance, outcome, str(error))
         raise
-    information.update(outcome=outcome)
-    return record.finish(information, dt)
+    return record.finish(dt, provenance, outcome)
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:

@@ -2,46 +2,97 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
 from rnc_pin.simulation.trajectory import Trajectory
 
 
+class Learning(TypedDict, total=False):
+    """What a controller that estimates made of it; "late" is the second half of the run."""
+
+    final_estimates: list[float]
+    late_prediction_error_rms: float
+    late_rms_error: dict[str, float]
+
+
+class Compared(Learning, total=False):
+    """What a summary says of another run beside its own: errors [m or rad] by output."""
+
+    outcome: str
+    message: str
+    final_output: dict[str, float]
+    final_error: dict[str, float]
+    max_error: dict[str, float]
+    rms_error: dict[str, float]
+    off_tracking_max: float
+
+
+class Summary(Learning):
+    """Errors [m or rad, magnitudes] by output and invariants of a run, ready for JSON.
+
+    ``energy_drift`` is the largest change of energy that no work explains, relative to the largest kinetic exchange of
+    the run.
+    """
+
+    scenario: str | None
+    outcome: str
+    message: NotRequired[str]
+    duration: float
+    samples: int
+    final_output: dict[str, float]
+    final_error: dict[str, float]
+    max_error: dict[str, float]
+    rms_error: dict[str, float]
+    constraint_residual_max: float
+    position_residual_max: float
+    energy_drift: float
+    min_singular_value: float | None
+    max_input: dict[str, float]
+    wall_time: float | None
+    realtime_factor: float | None
+    versions: Mapping[str, str]
+    off_tracking_max: NotRequired[float]
+    comparisons: NotRequired[dict[str, Compared]]
+    files: NotRequired[list[str]]
+
+
 def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Desired minus actual over time, (N,) for each output that had a goal."""
-    goals = trajectory.meta.get("goals", [])
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
         difference = trajectory.coordinates(kind).difference(desired, actual)
-        for column, name in enumerate(trajectory.meta["names"][kind]):
-            if name in goals:
+        for column, name in enumerate(trajectory.info.outputs.of(kind).names):
+            if name in trajectory.info.goals:
                 errors[name] = difference[:, column]
     return errors
 
 
-def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[str, Any]:
-    """Errors and invariants of a run, ready for JSON.
+def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary:
+    """Errors and invariants of a run.
 
-    Errors are in rad or m, magnitudes. ``energy_drift`` is the largest change of energy that no work
-    explains, relative to the largest kinetic exchange of the run.
+    Args:
+        trajectory: the run.
+        wall_time: that it took [s].
     """
+    info = trajectory.info
     errors = tracking_errors(trajectory)
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
     scale = max(float(np.ptp(trajectory.energy)) if len(balance) else 0.0, 1e-12)
     return {
-        "scenario": trajectory.meta.get("scenario"),
+        "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
-        **({"message": trajectory.meta["message"]} if "message" in trajectory.meta else {}),
+        **_message(info.message),
         "duration": duration,
         "samples": len(trajectory.time),
         "final_output": {
             name: float(column[-1])
             for kind in ("x2", "x1")
-            for name, column in zip(trajectory.meta["names"][kind], getattr(trajectory, kind).T, strict=True)
+            for name, column in zip(info.outputs.of(kind).names, getattr(trajectory, kind).T, strict=True)
             if len(column)
         },
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
@@ -54,17 +105,24 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
         "max_input": {
             name: float(np.abs(column).max())
-            for name, column in zip(trajectory.meta["names"]["T"], trajectory.T.T, strict=True)
+            for name, column in zip(info.outputs.T, trajectory.T.T, strict=True)
             if len(column)
         },
         "wall_time": wall_time,
         "realtime_factor": None if not wall_time else duration / wall_time,
-        "versions": trajectory.meta.get("versions"),
+        "versions": dict(info.versions),
     }
 
 
-def _learning(trajectory: Trajectory) -> dict[str, Any]:
-    """What a controller that estimates made of it; "late" is the second half of the run."""
+class _Message(TypedDict, total=False):
+    message: str
+
+
+def _message(text: str | None) -> _Message:
+    return {} if text is None else {"message": text}
+
+
+def _learning(trajectory: Trajectory) -> Learning:
     if not trajectory.estimates.shape[1] or not len(trajectory.time):
         return {}
     late = trajectory.time >= 0.5 * trajectory.time[-1]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from enum import StrEnum
+from dataclasses import dataclass, fields
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -17,21 +16,13 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.plain import Json
+from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
+from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 
 _PLOTTERS = "rnc_pin.plotters"
 """Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
 installed may add some."""
-
-
-class Outcome(StrEnum):
-    """How a run ended."""
-
-    COMPLETED = "completed"
-    INTERRUPTED = "interrupted"
-    SINGULAR = "singular"
-    DIVERGED = "diverged"
-    LIMIT = "limit"
-    FAILED = "failed"
 
 
 @dataclass(frozen=True)
@@ -75,17 +66,22 @@ class Trajectory:
     """Parameters that the controller learnt; no columns where it learns none by name."""
     prediction_error: Float[Array, "N e"]
     """Measured less predicted rates of the vertical outputs, where the controller predicts them."""
-    meta: dict[str, Any] = field(default_factory=dict)
+    info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
+
+    @property
+    def meta(self) -> dict[str, Json]:
+        """The information as the file has it: plain content under fixed keys. A copy."""
+        return info_to_plain(self.info)
 
     @property
     def outcome(self) -> Outcome:
         """How the run ended."""
-        return Outcome(self.meta.get("outcome", Outcome.COMPLETED))
+        return self.info.outcome
 
     def coordinates(self, kind: str) -> Coordinates:
         """What the outputs "x1" or "x2" live on."""
-        return Coordinates(self.meta["angular"][kind], self.meta.get("rotations", {}).get(kind, ()))
+        return self.info.outputs.of(kind).coordinates
 
     def plot(
         self,
@@ -115,7 +111,7 @@ class Trajectory:
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""
         path = Path(path)
-        arrays = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "meta"}
+        arrays = {name: getattr(self, name) for name in _array_names()}
         partial = path.with_name(path.name + ".partial")
         with partial.open("wb") as file:
             np.savez_compressed(file, **arrays, meta=np.array(json.dumps(self.meta)))
@@ -129,16 +125,16 @@ class Trajectory:
             ConfigurationError: there is no such file, or it is not a trajectory.
         """
         path = Path(path)
-        names = [each.name for each in fields(cls)]
+        names = [*_array_names(), "meta"]
         try:
             with np.load(path, allow_pickle=False) as file:
                 missing = [name for name in names if name not in file.files]
                 if missing:
                     raise ConfigurationError(f"{path}: not a trajectory: it has no '{missing[0]}'")
                 arrays = {name: file[name] for name in names}
-            meta = json.loads(str(arrays.pop("meta")))
-            _check(arrays, meta)
-            return cls(**arrays, meta=meta)
+            info = _info(json.loads(str(arrays.pop("meta"))))
+            _check(arrays, info.outputs)
+            return cls(**arrays, info=info)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
         except json.JSONDecodeError as error:
@@ -154,16 +150,28 @@ class _Unfit(ValueError):
     """A file whose contents do not make a trajectory."""
 
 
-def _check(arrays: dict[str, np.ndarray], meta: Any) -> None:
-    if not isinstance(meta, dict) or not all(isinstance(meta.get(key), dict) for key in ("names", "units", "angular")):
-        raise _Unfit("'meta' does not name the outputs")
+def _array_names() -> list[str]:
+    return [each.name for each in fields(Trajectory) if each.name != "info"]
+
+
+def _info(meta: Json) -> RunInfo:
+    try:
+        return info_from_plain(meta)
+    except ConfigurationError as error:
+        raise _Unfit(str(error)) from None
+
+
+def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
     for name, array in arrays.items():
         depth = 1 if name in _SERIES else 2
         if array.dtype.kind != "f" or array.ndim != depth or len(array) != len(arrays["time"]):
             raise _Unfit(f"'{name}' has shape {array.shape}")
     for kind in ("x1", "x2"):
-        if any(len(meta[key].get(kind, ())) != arrays[kind].shape[1] for key in ("names", "units", "angular")):
+        columns = outputs.of(kind)
+        if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
             raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+    if len(outputs.T) != arrays["T"].shape[1]:
+        raise _Unfit("'meta' does not name the columns of 'T'")
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
         raise _Unfit("it holds values that are not finite")
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.simulation import PlannedPath
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.state import Names, State
 
@@ -24,6 +25,14 @@ class Row(NamedTuple):
     color: Callable[[State], np.ndarray] | None = None
 
 
+class Label(TypedDict):
+    """What a row is called, as the page's script reads it."""
+
+    label: str
+    unit: str
+    chip: bool
+
+
 class Board:
     """What the board says.
 
@@ -31,11 +40,13 @@ class Board:
         names: of the outputs.
         goals: outputs that have goals.
         poses: where things are.
-        plan: the path that was planned, as ``Trajectory.meta`` has it, or nothing.
+        plan: the path that was planned, if one was.
         margin: whether states know their distance from singularity.
     """
 
-    def __init__(self, names: Names, goals: Sequence[str], poses: Poses, plan: Mapping[str, Any], margin: bool) -> None:
+    def __init__(
+        self, names: Names, goals: Sequence[str], poses: Poses, plan: PlannedPath | None, margin: bool
+    ) -> None:
         errors: list[Row] = []
         told: set[tuple[str, int]] = set()
 
@@ -60,7 +71,7 @@ class Board:
                 Row("singularity margin", "", lambda state: state.margin, lambda state: margin_color(state.margin))
             )
 
-    def labels(self) -> list[dict[str, Any]]:
+    def labels(self) -> list[Label]:
         """What the rows are called."""
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
@@ -71,16 +82,15 @@ class Board:
         return values, chips
 
 
-def _off_track(plan: Mapping[str, Any], poses: Poses) -> list[Row]:
-    trailer = plan.get("trailer")
-    if not trailer:
+def _off_track(plan: PlannedPath | None, poses: Poses) -> list[Row]:
+    if not plan or not plan.trailer:
         return []
     # Before the start the path goes straight on backwards, as far as the trailer is behind.
-    points = continued_back(np.array(plan["poses"]), _BEHIND)
-    point = poses.point(trailer)
+    points = continued_back(np.array(plan.poses), _BEHIND)
+    point = poses.point(plan.trailer)
     return [
         Row(
-            f"{_words(trailer)} off the planned path",
+            f"{_words(plan.trailer)} off the planned path",
             "m",
             lambda state: float(distances(point(state)[None, :2], points)[0]),
         )

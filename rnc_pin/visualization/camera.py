@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
+
+from rnc_pin.simulation import PlannedPath
 
 FIELD_OF_VIEW = 50.0  # [deg], from the bottom of the picture to its top
 GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
@@ -14,12 +13,11 @@ _FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest i
 _CENTERINGS = 4
 
 
-def with_plan(points: np.ndarray, meta: Mapping[str, Any], height: float) -> np.ndarray:
+def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
     """Points (N, 3), and those of the planned path at this height, where there is one."""
-    plan = meta.get("path")
-    if not plan:
+    if plan is None:
         return points
-    path = np.array(plan["poses"])[:, :2]
+    path = np.array(plan.poses)[:, :2]
     return np.concatenate([points, np.column_stack([path, np.full(len(path), height)])])
 
 

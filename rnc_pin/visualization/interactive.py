@@ -77,11 +77,11 @@ def interactive_figure(
             for column, name in enumerate(name for name in names if ps.series(trajectory, name)[2] == unit):
                 actual, desired, _ = ps.series(run, name)
                 add(row, column, ps.words(name), actual)
-                if not k and name in run.meta["goals"]:
+                if not k and name in run.info.goals:
                     add(row, column, f"{ps.words(name)}, desired", desired, dash="dot", color="black")
         for column, (name, error) in enumerate(tracking_errors(run).items()):
             add(len(units) + 1, column, f"error of {ps.words(name)}", np.abs(error))
-        for column, (name, values) in enumerate(zip(run.meta["names"]["T"], run.T.T, strict=True)):
+        for column, (name, values) in enumerate(zip(run.info.outputs.T, run.T.T, strict=True)):
             add(len(units) + 2, column, f"input {ps.words(name)}", values)
         add(len(labels), 0, "singularity margin", run.singular_value, color="black")
     figure.update_yaxes(type="log", exponentformat="power", row=len(units) + 1, col=1)

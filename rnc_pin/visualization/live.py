@@ -7,14 +7,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from rnc_pin.errors import RncError
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Sample, output_names
+from rnc_pin.simulation import OutputNames, Provenance, RunInfo, Sample, output_names
+from rnc_pin.simulation.info_json import info_from_plain, provenance_of
 from rnc_pin.visualization.robot_view import drawable
 from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
 from rnc_pin.visualization.show import Show, Subject, View
@@ -46,7 +48,7 @@ class LiveView:
     Args:
         model: what moves; a reduced model shows its constraints and its null motion too.
         view: what is drawn, and from where.
-        meta: of the run to come, as ``Trajectory.meta`` has it; a model says its own.
+        meta: where the run to come is from, as ``simulate`` takes it; ``info`` or ``meta`` of a run to be shown again.
         speed: simulated over real time; 0 does not wait.
         open_browser: show the page at once.
         host: address to serve on.
@@ -58,7 +60,7 @@ class LiveView:
         self,
         model: ReducedModel | Robot,
         view: View | None = None,
-        meta: Mapping[str, Any] | None = None,
+        meta: RunInfo | Provenance | Mapping[str, Json] | None = None,
         speed: float = 1.0,
         open_browser: bool = True,
         host: str = LOOPBACK,
@@ -68,9 +70,8 @@ class LiveView:
         drawable(model.robot if isinstance(model, ReducedModel) else model)
         # A model serves one thread at a time, and the loop uses this one.
         model = copy.deepcopy(model) if isinstance(model, ReducedModel) else model
-        names = output_names(model) if isinstance(model, ReducedModel) else {}
         self._model, self._speed = model, speed
-        self._screen = (screen or MeshcatScreen)(model, view or View(), {**names, **(meta or {})}, host, title)
+        self._screen = (screen or MeshcatScreen)(model, view or View(), _info(model, meta), host, title)
         self.url = self._screen.url
         self._started: float | None = None
         self._next = 0.0
@@ -147,19 +148,29 @@ class LiveView:
         self._screen.close()
 
 
+def _info(model: ReducedModel | Robot, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
+    """What there is to say before a run; a model knows the names of its outputs."""
+    if isinstance(meta, RunInfo):
+        return meta
+    if isinstance(meta, Mapping) and "names" in meta:
+        return info_from_plain(meta)
+    outputs = output_names(model) if isinstance(model, ReducedModel) else OutputNames()
+    return RunInfo(outputs, provenance=provenance_of(meta))
+
+
 class MeshcatScreen:
     """Meshcat's page, served by this process.
 
     Args:
         model: what is shown, for the drawing thread alone.
         view: how.
-        meta: of the run.
+        info: on the run.
         host: address to serve on.
         title: of the page.
     """
 
-    def __init__(self, model: ReducedModel | Robot, view: View, meta: Mapping[str, Any], host: str, title: str) -> None:
-        self._model, self._view, self._meta = model, view, meta
+    def __init__(self, model: ReducedModel | Robot, view: View, info: RunInfo, host: str, title: str) -> None:
+        self._model, self._view, self._info = model, view, info
         self._window = SceneWindow(title)
         self._stage = Stage(self._window)
         self._show: Show | None = None
@@ -179,15 +190,13 @@ class MeshcatScreen:
         """Show a state; the first one sets the stage."""
         if self._show is None:
             # Which outputs have goals is seen in the first command.
-            empty: Mapping[str, Any] = {"names": {"x1": [], "x2": []}, "units": {}, "angular": {}}
-            meta = self._meta or empty
-            goals = meta.get("goals") or [
+            goals = self._info.goals or [
                 name
                 for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
-                for name, value in zip(meta["names"][kind], desired, strict=False)
+                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
                 if np.isfinite(value)
             ]
-            subject = Subject(self._model, meta, goals)
+            subject = Subject(self._model, self._info, goals)
             self._show = Show(subject, self._view, self._stage, state)
             title = self._window.title if self._window.title != "rnc_pin" else ""
             self._stage.board(title, self._show.board.labels(), self._show.legend())

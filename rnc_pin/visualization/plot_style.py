@@ -128,15 +128,15 @@ def quantity(units: Sequence[str]) -> str:
 def series(trajectory: Trajectory, name: str) -> tuple[np.ndarray, np.ndarray, str]:
     """Actual and desired values of an output, and its unit."""
     for kind in ("x2", "x1"):
-        names = trajectory.meta["names"][kind]
-        if name in names:
-            column = names.index(name)
-            unit = trajectory.meta["units"][kind][column]
+        columns = trajectory.info.outputs.of(kind)
+        if name in columns.names:
+            column = columns.names.index(name)
+            unit = columns.units[column]
             return getattr(trajectory, kind)[:, column], getattr(trajectory, f"{kind}_desired")[:, column], unit
     raise KeyError(name)
 
 
 def outputs_of(trajectory: Trajectory) -> list[str]:
     """Names of all outputs of a run, those with goals first."""
-    names = [*trajectory.meta["names"]["x2"], *trajectory.meta["names"]["x1"]]
-    return sorted(names, key=lambda name: name not in trajectory.meta["goals"])
+    outputs = trajectory.info.outputs
+    return sorted((*outputs.x2.names, *outputs.x1.names), key=lambda name: name not in trajectory.info.goals)

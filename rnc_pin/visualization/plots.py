@@ -136,10 +136,10 @@ def _outputs(
         for style, label in ps.dashes(others):
             other = others[label]
             axes.plot(other.time, ps.series(other, name)[0], color=handles[-1].get_color(), ls=style, lw=1.5)
-        if name in trajectory.meta["goals"]:
+        if name in trajectory.info.goals:
             # Above the solid line, or a dotted one that it follows closely could not be seen.
             axes.plot(trajectory.time, desired, color="black", ls=ps.DOTS, lw=1.3)
-    if any(name in trajectory.meta["goals"] for name in outputs):
+    if any(name in trajectory.info.goals for name in outputs):
         handles.append(ps.desired_entry())
     axes.set_ylabel(ps.quantity(units))
     axes.margins(x=0.01)
@@ -166,7 +166,7 @@ def _errors(axes: Axes, trajectory: Trajectory, others: Mapping[str, Trajectory]
 
 
 def _inputs(axes: Axes, trajectory: Trajectory) -> None:
-    names = trajectory.meta["names"]["T"]
+    names = trajectory.info.outputs.T
     for k, (name, column) in enumerate(zip(names, trajectory.T.T, strict=True)):
         ps.line(axes, k, len(names), trajectory.time, column, ps.words(name), lw=1.4)
     axes.set_ylabel("input [N, N m]")
@@ -187,7 +187,8 @@ def _margin(axes: Axes, trajectory: Trajectory, others: Mapping[str, Trajectory]
 def _learning(axes: Axes, trajectory: Trajectory, quantity: str, others: Mapping[str, Trajectory]) -> list[Line2D]:
     values = getattr(trajectory, quantity)
     what = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
-    known = trajectory.meta.get("estimates" if quantity == "estimates" else "predicted") or {}
+    origin = trajectory.info.provenance
+    known = origin.estimates if quantity == "estimates" else origin.predicted
     names = list(known) or [f"{quantity} {column}" for column in range(values.shape[1])]
     units = " / ".join(dict.fromkeys(known.values()))
     handles = []

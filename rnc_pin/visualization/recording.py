@@ -49,8 +49,7 @@ class Recording:
             if len(each.time) < 2:
                 raise InputError(f"'{label}': holds {len(each.time)} samples, nothing to play")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        goals = trajectory.meta.get("goals", [])
-        subject = Subject(model, trajectory.meta, goals, trajectory, others, aside)
+        subject = Subject(model, trajectory.info, trajectory.info.goals, trajectory, others, aside)
         self.duration = float(trajectory.time[-1])
         self._stage = Stage(SceneWindow(title), RATE)
         show = Show(subject, view or View(), self._stage, states[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Trajectory
+from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
@@ -59,7 +59,7 @@ class Subject:
 
     Attributes:
         model: what moves; a reduced model shows its constraints and its null motion too.
-        meta: names, units and angularity of its outputs, as ``Trajectory.meta`` has them.
+        info: names of its outputs, and what it is a run of.
         goals: outputs that have goals.
         trajectory: the run, where it is over.
         comparisons: runs beside it, by label.
@@ -67,11 +67,21 @@ class Subject:
     """
 
     model: ReducedModel | Robot
-    meta: Mapping[str, Any]
+    info: RunInfo
     goals: Sequence[str]
     trajectory: Trajectory | None = None
     comparisons: Mapping[str, Trajectory] = field(default_factory=dict)
     aside: bool = False
+
+
+class LegendLine(TypedDict):
+    """A layer in the legend, as the page's script reads it."""
+
+    label: str
+    path: str
+    color: str
+    sign: str
+    visible: bool
 
 
 class Show:
@@ -92,7 +102,7 @@ class Show:
         model = subject.model
         self.reduced = model if isinstance(model, ReducedModel) else None
         self.robot = model.robot if isinstance(model, ReducedModel) else model
-        self.names = Names.of(subject.meta)
+        self.names = Names.of(subject.info.outputs)
         self.robot_view = RobotView(self.robot, stage)
         self.poses = Poses(self.robot, self.reduced.constraints if self.reduced else None)
         run = subject.trajectory
@@ -101,12 +111,10 @@ class Show:
         self._offset = np.zeros(3)
         self._pictures = 0
         corners = np.concatenate([self.poses.corners(q) for q in moments])
-        self._look(with_plan(corners, subject.meta, view.ground or 0.0))
+        self._look(with_plan(corners, self._path, view.ground or 0.0))
         self.tracked = self.names.tracked(subject.goals, self.robot)
         self.elements = self._elements(first)
-        self.board = Board(
-            self.names, subject.goals, self.poses, subject.meta.get("path") or {}, self.reduced is not None
-        )
+        self.board = Board(self.names, subject.goals, self.poses, self._path, self.reduced is not None)
         for element in self.elements:
             element.build(stage)
         for entry in self.legend():
@@ -122,7 +130,7 @@ class Show:
                 continue
             element.update(self.stage, state)
 
-    def legend(self) -> list[dict[str, Any]]:
+    def legend(self) -> list[LegendLine]:
         """Lines of the legend, one a layer."""
         entries = {element.entry.layer: element.entry for element in self.elements}
         return [
@@ -135,6 +143,10 @@ class Show:
             }
             for layer, entry in entries.items()
         ]
+
+    @property
+    def _path(self) -> PlannedPath | None:
+        return self.subject.info.provenance.path
 
     # ------------------------------------------------------------------ camera
 
@@ -175,11 +187,11 @@ class Show:
         return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
 
     def _plan(self, first: State) -> list[e.Element]:
-        plan = self.subject.meta.get("path")
-        if not plan or self.view.ground is None:
+        plan = self._path
+        if plan is None or self.view.ground is None:
             return []
-        points = np.column_stack([np.array(plan["poses"])[:, :2], np.full(len(plan["poses"]), self._floor)])
-        return [e.Still(e.Entry("planned path", "plan", e.BLACK, "dashed"), plan["frame"], points, self._width)]
+        points = np.column_stack([np.array(plan.poses)[:, :2], np.full(len(plan.poses), self._floor)])
+        return [e.Still(e.Entry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
 
     @property
     def _floor(self) -> float:
@@ -216,7 +228,7 @@ class Show:
         goal = e.Entry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
             pose = self._desired(frame, columns)
-            planned = self.subject.meta.get("path", {}).get("frame") == frame and self.view.ground is not None
+            planned = self._path is not None and self._path.frame == frame and self.view.ground is not None
             if run is None:
                 if not planned:
                     found.append(e.Trail(line, frame, _origin(pose), 0.8 * self._width, self._piece))
@@ -278,8 +290,8 @@ class Show:
         return found
 
     def _null_motion(self, first: State) -> list[e.Element]:
-        task = self.subject.meta.get("task", {})
-        free = task.get("redundant") or [name for name in self.names.names["x2"] if name not in self.subject.goals]
+        task = self.subject.info.provenance.task or TaskNames()
+        free = task.redundant or [name for name in self.names.names["x2"] if name not in self.subject.goals]
         if self.reduced is None or not free:
             return []
         entry = e.Entry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import meshcat
@@ -102,7 +102,7 @@ class Stage:
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
 
     def board(
-        self, title: str, rows: Sequence[dict[str, Any]], legend: Sequence[dict[str, Any]], **series: Any
+        self, title: str, rows: Sequence[Mapping[str, Any]], legend: Sequence[Mapping[str, Any]], **series: Any
     ) -> None:
         """Figures and legend at the corner of the page."""
         content = {"title": title, "rows": list(rows), "legend": list(legend), **series}

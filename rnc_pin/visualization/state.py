@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Sample, Trajectory
+from rnc_pin.simulation import OutputNames, Sample, Trajectory
 
 RATE = 25.0  # pictures per second of a recording
 
@@ -33,18 +33,21 @@ class State(NamedTuple):
 
 
 class Names(NamedTuple):
-    """Names and units of the outputs, and what they live on, as ``Trajectory.meta`` has them."""
+    """Names and units of the outputs "x1" and "x2", and what they live on."""
 
     names: Mapping[str, Sequence[str]]
     units: Mapping[str, Sequence[str]]
     coordinates: Mapping[str, Coordinates]
 
     @classmethod
-    def of(cls, meta: Mapping[str, Any]) -> Names:
-        """Those of a trajectory, or of ``output_names(reduced)``."""
-        rotations = meta.get("rotations", {})
-        coordinates = {kind: Coordinates(angular, rotations.get(kind, ())) for kind, angular in meta["angular"].items()}
-        return cls(meta["names"], meta["units"], coordinates)
+    def of(cls, outputs: OutputNames) -> Names:
+        """Those of a run, or of a model by ``output_names(reduced)``."""
+        kinds = {kind: outputs.of(kind) for kind in ("x1", "x2")}
+        return cls(
+            {kind: columns.names for kind, columns in kinds.items()},
+            {kind: columns.units for kind, columns in kinds.items()},
+            {kind: columns.coordinates for kind, columns in kinds.items()},
+        )
 
     def error(self, state: State, kind: str) -> np.ndarray:
         """Desired less actual values of the outputs "x1" or "x2" at a state."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +11,7 @@ from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import drawable
@@ -30,7 +29,7 @@ class ViserScreen:
         ConfigurationError: viser is not installed.
     """
 
-    def __init__(self, model: ReducedModel | Robot, view: View, meta: Mapping[str, Any], host: str, title: str) -> None:
+    def __init__(self, model: ReducedModel | Robot, view: View, info: RunInfo, host: str, title: str) -> None:
         try:
             import viser
         except ImportError:
@@ -44,7 +43,7 @@ class ViserScreen:
         self._visualizer: BaseVisualizer = ViserVisualizer(robot.model, pin.GeometryModel(), robot.visual_model)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
-        self._poses, self._view, self._meta = Poses(robot), view, meta
+        self._poses, self._view, self._plan = Poses(robot), view, info.provenance.path
         self._trails = {frame: self._poses.point(frame) for frame in view.trail}
         self._points: dict[str, list[np.ndarray]] = {frame: [] for frame in view.trail}
         self._pieces = 0
@@ -77,7 +76,7 @@ class ViserScreen:
 
     def _place(self, state: State) -> None:
         view = self._view
-        points = with_plan(self._poses.corners(state.q), self._meta, view.ground or 0.0)
+        points = with_plan(self._poses.corners(state.q), self._plan, view.ground or 0.0)
         camera, target = fitting_camera(points, np.array(GAZE))
         if view.camera is not None:
             camera, target = np.array(view.camera, dtype=float), np.array(view.target, dtype=float)

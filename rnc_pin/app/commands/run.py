@@ -39,7 +39,7 @@ def run_scenario(
     if show:
         title = experiment.scenario.title or prepared.name
         live = live_view(
-            experiment.reduced, view_of(experiment.scenario), experiment.notes, title, speed, browser, host
+            experiment.reduced, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host
         )
     try:
         with ProgressBar(Console(stderr=True), prepared.total_duration, prepared.name, quiet=as_json) as advance:

@@ -14,6 +14,7 @@ from rnc_pin.scenario.schema.controller import ControllerSettings
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
+from rnc_pin.simulation import Plant, Stop
 
 Layer = Literal[
     "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
@@ -36,6 +37,16 @@ class SimulationSettings(Strict):
     """Inputs are cut off at their limits."""
     position_limits: bool = False
     """The run ends where a joint reaches the end of its range."""
+
+    @property
+    def plant(self) -> Plant:
+        """What a real machine has beside the model."""
+        return Plant(self.joint_damping, self.actuator_limits)
+
+    @property
+    def stop(self) -> Stop:
+        """What ends the run early."""
+        return Stop(position_limits=self.position_limits)
 
 
 class Initial(Strict):

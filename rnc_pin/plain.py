@@ -1,0 +1,34 @@
+"""Plain content: what JSON and YAML files can say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+from rnc_pin.errors import InputError
+
+Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
+
+
+def plain(content: object, what: str) -> Json:
+    """A copy with mappings as dicts and sequences as lists, all the way down.
+
+    Args:
+        content: to be copied.
+        what: it is, for the error.
+
+    Raises:
+        InputError: it holds something that JSON has no word for.
+    """
+    if content is None or isinstance(content, bool | int | float | str):
+        return content
+    if isinstance(content, Mapping):
+        return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [plain(value, f"{what}[{place}]") for place, value in enumerate(content)]
+    raise InputError(f"{what}: is of type {type(content).__name__}, expected numbers, text, lists and mappings")
+
+
+def plain_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
+    """The same of a mapping."""
+    return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}

@@ -1,0 +1,73 @@
+"""When a run ends before its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import DivergenceError, InputError, LimitError
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class Stop:
+    """What ends a run early, looked at once a sample.
+
+    Args:
+        speed: a reduced velocity beyond this counts as diverged [of the outputs' rates].
+        position_limits: a joint that leaves the range of the robot's file ends the run.
+
+    Raises:
+        InputError: the speed is not positive.
+    """
+
+    speed: float = 1e3
+    position_limits: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.speed > 0:
+            raise InputError(f"the speed at which a run stops has to be positive, found {self.speed}")
+
+
+BEYOND_BOUNDS = Stop()
+
+
+class Watch:
+    """A stop that knows the robot.
+
+    Args:
+        stop: when.
+        robot: whose joints have ranges.
+    """
+
+    def __init__(self, stop: Stop, robot: Robot) -> None:
+        self._speed = stop.speed
+        self._ranges: list[tuple[str, int, float, float]] = []
+        model = robot.model
+        for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
+            if stop.position_limits and joint.nq == 1:
+                low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+                if low < high:
+                    self._ranges.append((name, joint.idx_q, low, high))
+
+    def check(self, t: float, state: Evaluation) -> None:
+        """Go on, or not.
+
+        Args:
+            t: simulated time [s].
+            state: one state.
+
+        Raises:
+            DivergenceError: a reduced velocity is beyond the limit, or has no bound.
+            LimitError: a joint left its range.
+        """
+        fastest = np.abs(state.v2).max()
+        if not fastest < self._speed:
+            raise DivergenceError(f"reduced velocities reached {fastest:.3g}", time=t)
+        for name, index, low, high in self._ranges:
+            if not low <= state.q[index] <= high:
+                raise LimitError(
+                    f"joint '{name}' left its range [{low:g}, {high:g}]: {state.q[index]:.4g} at t = {t:.3f} s"
+                )
