@@ -42,6 +42,7 @@ from .outputs import (
 )
 from .robots.robot import Robot
 from .simulation import Outcome, Trajectory, free_motion, kinematic_rollout, preflight, simulate, summarize
+from .version import __version__
 
 __all__ = [
     "ConfigurationError",
@@ -82,6 +83,7 @@ __all__ = [
     "SingularityError",
     "Task",
     "Trajectory",
+    "__version__",
     "analysis",
     "analyze",
     "constraints",

@@ -20,12 +20,14 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parts import Parts
+from rnc_pin.model.portrait import output_items, system_lines, system_title
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
+from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
 
-class ReducedModel:
+class ReducedModel(Printed):
     """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
@@ -296,3 +298,13 @@ class ReducedModel:
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
         """``Robot.random_configuration``, assembled."""
         return self.assembly.random_configuration(generator, spread)
+
+    # ------------------------------------------------------------------ print
+
+    def _portrait(self) -> Portrait:
+        lines = [
+            ("reducing", output_items(self.reducing)),
+            ("vertical", output_items(self.vertical)),
+            *system_lines(self.constraints, self.dropped_rows, self.actuation),
+        ]
+        return Portrait(system_title("ReducedModel", self.robot, self.constraints), lines)

@@ -15,15 +15,17 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
+from rnc_pin.model.portrait import system_lines, system_title
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
+from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
 
 
-class NonholonomicSystem:
+class NonholonomicSystem(Printed):
     """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
@@ -124,6 +126,10 @@ class NonholonomicSystem:
         reduced = self._reduced(x2, x1, singularity_limit)
         self._check_regular(reduced)
         return reduced
+
+    def _portrait(self) -> Portrait:
+        title = system_title("NonholonomicSystem", self.robot, self.constraints)
+        return Portrait(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")

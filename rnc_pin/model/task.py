@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,11 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import Spelled
 
 
-@dataclass(frozen=True)
-class Task:
+@dataclass(frozen=True, repr=False)
+class Task(Spelled):
     """Reducing outputs that the task names (x21), and those that it leaves free (x22).
 
     Together they are all reducing outputs of the model. Make one with ``Task.of``.
@@ -76,6 +77,9 @@ class Task:
             vertical_coordinates=x1.coordinates.choose(rows, x1.names),
             r=reduced.r,
         )
+
+    def _settings(self) -> Mapping[str, object]:
+        return {"primary": self.primary_names, "redundant": self.redundant_names, "vertical": self.vertical_names}
 
 
 def _position(name: str, names: Sequence[str], what: str) -> int:

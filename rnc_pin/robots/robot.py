@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
@@ -18,10 +19,11 @@ from rnc_pin.robots.sources.description import ROOT_JOINTS
 Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
 
+_BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 _TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 
 
-class Robot:
+class Robot(Printed):
     """A rigid multibody model and the names in it.
 
     Args:
@@ -305,6 +307,13 @@ class Robot:
         if self._geometry[kind] is None and self._load_geometry is not None:
             self._geometry[kind] = self._load_geometry(kind)
         return self._geometry[kind]
+
+    # ------------------------------------------------------------------ print
+
+    def _portrait(self) -> Portrait:
+        base = _BASES.get(self.model.joints[1].shortname(), "fixed")
+        title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
+        return Portrait(title, [("joints", items(self.joint_names))])
 
     # ------------------------------------------------------------------ checks
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rnc_pin.simulation.trajectory import Trajectory
+if TYPE_CHECKING:  # a run prints its figures, and so knows this module
+    from rnc_pin.simulation.trajectory import Trajectory
 
 
 def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:

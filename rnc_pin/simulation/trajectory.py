@@ -17,6 +17,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.printing import Item, Portrait, Printed
+from rnc_pin.simulation.summary import summarize
 
 _PLOTTERS = "rnc_pin.plotters"
 """Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
@@ -34,8 +36,8 @@ class Outcome(StrEnum):
     FAILED = "failed"
 
 
-@dataclass(frozen=True)
-class Trajectory:
+@dataclass(frozen=True, repr=False)
+class Trajectory(Printed):
     """A run, sampled at N times. Arrays are as in the file that ``save`` writes."""
 
     time: Float[Array, " N"]
@@ -148,6 +150,30 @@ class Trajectory:
         except (OSError, ValueError, EOFError, BadZipFile):
             # What NumPy says here is about its own formats, and how to load them unsafely.
             raise ConfigurationError(f"{path}: not a trajectory: cannot be read as .npz") from None
+
+    def _portrait(self) -> Portrait:
+        duration = self.time[-1] if len(self.time) else 0.0
+        scenario, message = self.meta.get("scenario"), self.meta.get("message")
+        of = f" of '{scenario}'" if scenario else ""
+        title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
+        return Portrait(title, [("message", [Item(message)])] if message else [])
+
+    def _full_portrait(self) -> Portrait:
+        short, figures = self._portrait(), summarize(self)
+        singular = figures["min_singular_value"]
+        checks = {
+            "constraint residual, largest": figures["constraint_residual_max"],
+            "energy less work, drift": figures["energy_drift"],
+            **({} if singular is None else {"singular value of E, smallest": singular}),
+        }
+        lines = {
+            "final error": figures["final_error"],
+            "largest error": figures["max_error"],
+            "largest input": figures["max_input"],
+            "checks": checks,
+        }
+        said = [(label, [Item(name, f"{x:.2g}") for name, x in values.items()]) for label, values in lines.items()]
+        return Portrait(short.title, [*short.lines, *(line for line in said if line[1])])
 
 
 class _Unfit(ValueError):
