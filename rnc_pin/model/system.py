@@ -49,6 +49,15 @@ class NonholonomicSystem(Printed):
         ModelError: unknown joint or frame.
         ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
             other, or an actuator that drives a momentum said to be conserved.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> system.constraints.names
+        ('rolling(left_wheel)', 'lateral(left_wheel)', 'rolling(right_wheel)')
+        >>> [row.name for row in system.dropped_rows]
+        ['vertical(left_wheel)', 'lateral(right_wheel)', 'vertical(right_wheel)']
     """
 
     def __init__(

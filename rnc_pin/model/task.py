@@ -22,6 +22,17 @@ class Task(Spelled):
     Attributes:
         primary, redundant: positions of x21 and x22 among the reducing outputs.
         vertical: positions of the task's x1 among the vertical outputs.
+        primary_names, redundant_names, vertical_names: of these outputs.
+        primary_coordinates, redundant_coordinates, vertical_coordinates: what they live on.
+        r: number of reducing outputs.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> x2 = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+        >>> reduced = system.reduce(reducing=x2, vertical=[rnc.JointPosition("platform")])
+        >>> rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
+        Task(primary=[tip_x, tip_y], redundant=[joint_1], vertical=[platform])
     """
 
     primary: np.ndarray

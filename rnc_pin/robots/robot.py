@@ -37,6 +37,15 @@ class Robot(Printed):
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")  # one that comes along; any path will do
+        >>> robot
+        Robot 'space_robot': 4 degrees of freedom, fixed base
+          joints: platform, joint_1, joint_2, joint_3
+        >>> q = robot.configuration({"joint_1": 0.3})
+        >>> robot.velocity_indices("joint_2")
+        slice(2, 3, None)
     """
 
     def __init__(
@@ -164,7 +173,17 @@ class Robot(Printed):
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
     ) -> Robot:
-        """Load a robot of the example-robot-data package by the name of its URDF, e.g. ``"panda"``."""
+        """Load a robot of the example-robot-data package by the name of its URDF.
+
+        Args:
+            name: e.g. ``"panda"`` or ``"tiago_no_hand"``.
+            base: how the root link meets the world, as for a URDF.
+            lock: joints to freeze and the values to freeze them at [rad or m].
+            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
+
+        Raises:
+            ModelError: there is no such example.
+        """
         path, packages = urdf_files.find_example(name)
         return cls.from_urdf(path, base, [packages], lock, gravity)
 
@@ -263,7 +282,7 @@ class Robot(Printed):
         return _configuration(self.model, _Names(self.model), values or {})
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
-        """The inverse of ``configuration``: joint name to angle [rad] or displacement [m], a base's several values."""
+        """The inverse of ``configuration`` at q (nq,): joint name to angle [rad] or displacement [m], or several."""
         values: dict[str, float | list[float]] = {}
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             entry = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -276,7 +295,7 @@ class Robot(Printed):
         return values
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """A configuration (nq,) drawn within joint limits and within ``spread`` [rad or m] of neutral."""
+        """A configuration (nq,) from the generator, within joint limits and ``spread`` [rad or m] of neutral."""
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:

@@ -28,6 +28,19 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> dict[st
 
     Errors are in rad or m, magnitudes. ``energy_drift`` is the largest change of energy that no work
     explains, relative to the largest kinetic exchange of the run.
+
+    Args:
+        trajectory: the run.
+        wall_time: how long it took to compute [s], if that is to be told.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> figures = rnc.summarize(rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0))
+        >>> figures["outcome"], figures["samples"]
+        ('completed', 51)
+        >>> figures["constraint_residual_max"] < 1e-12
+        True
     """
     errors = tracking_errors(trajectory)
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0

@@ -26,7 +26,15 @@ installed may add some."""
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """How a run ended.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+        >>> run.outcome is rnc.Outcome.COMPLETED, str(run.outcome)
+        (True, 'completed')
+    """
 
     COMPLETED = "completed"
     INTERRUPTED = "interrupted"
@@ -38,15 +46,32 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, repr=False)
 class Trajectory(Printed):
-    """A run, sampled at N times. Arrays are as in the file that ``save`` writes."""
+    """A run, sampled at N times. Arrays are as in the file that ``save`` writes.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0, dt=0.1)
+        >>> run
+        Trajectory: completed, 1 s in 11 samples
+        >>> run.q.shape, run.time[-1].item()
+        ((11, 4), 1.0)
+        >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # nothing pushes it
+        True
+    """
 
     time: Float[Array, " N"]
     """[s]"""
     q: Float[Array, "N nq"]
+    """Configurations."""
     v: Float[Array, "N nv"]
+    """Full velocities."""
     v2: Float[Array, "N r"]
+    """Rates of the reducing outputs."""
     v2_desired: Float[Array, "N r"]
+    """NaN where the controller had no goal."""
     x1: Float[Array, "N k"]
+    """Vertical outputs; angles do not jump."""
     v1: Float[Array, "N k"]
     """Rates of the vertical outputs, ``J1 v``."""
     x1_desired: Float[Array, "N k"]
@@ -86,7 +111,7 @@ class Trajectory(Printed):
         return Outcome(self.meta.get("outcome", Outcome.COMPLETED))
 
     def coordinates(self, kind: str) -> Coordinates:
-        """What the outputs "x1" or "x2" live on."""
+        """What the outputs of a kind, "x1" or "x2", live on."""
         return Coordinates(self.meta["angular"][kind], self.meta.get("rotations", {}).get(kind, ()))
 
     def plot(
@@ -115,7 +140,7 @@ class Trajectory(Printed):
         return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""
+        """Write a compressed ``.npz`` at a path that ``load`` reads; nothing half-written is left on failure."""
         path = Path(path)
         arrays = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "meta"}
         partial = path.with_name(path.name + ".partial")
@@ -126,6 +151,9 @@ class Trajectory(Printed):
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
         """Read what ``save`` wrote.
+
+        Args:
+            path: of the ``.npz`` file.
 
         Raises:
             ConfigurationError: there is no such file, or it is not a trajectory.
