@@ -53,6 +53,7 @@ from .simulation import (
     summarize,
     tuned_tracker,
 )
+from .version import __version__
 
 __all__ = [
     "ConfigurationError",
@@ -95,6 +96,7 @@ __all__ = [
     "Stop",
     "Task",
     "Trajectory",
+    "__version__",
     "analysis",
     "analyze",
     "constraints",

@@ -29,44 +29,123 @@ class RncError(Exception):
 
     Attributes:
         trajectory: where a simulation or a roll-out raised it, the motion until then; else None.
+
+    Example:
+        >>> try:
+        ...     rnc.Robot.from_urdf("space_robot.urdf").velocity_indices("jont_2")
+        ... except rnc.RncError as error:
+        ...     print(error)
+        no joint 'jont_2' in robot 'space_robot'; did you mean 'joint_2'?
     """
 
     trajectory: Motion | None = None
 
 
 class ModelWarning(UserWarning):
-    """A robot's file says something that is left out of the model, or that no machine can be."""
+    """A robot's file says something that is left out of the model, or that no machine can be.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings(action="error", category=rnc.ModelWarning):  # refuse such files
+        ...     robot = rnc.Robot.from_urdf("space_robot.urdf")
+    """
 
 
 class ModelError(RncError):
-    """A file, joint or frame is not there, or a model cannot be simulated."""
+    """A file, joint or frame is not there, or a model cannot be simulated.
+
+    Example:
+        >>> try:
+        ...     rnc.Robot.from_urdf("space_robot.urdf", base="planer")
+        ... except rnc.ModelError as error:
+        ...     print(error)
+        base 'planer' is not known; did you mean 'planar'?
+    """
 
 
 class ConstraintError(RncError):
-    """Constraints, outputs or actuators that do not fit together."""
+    """Constraints, outputs or actuators that do not fit together.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> try:
+        ...     rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["platform"])
+        ... except rnc.ConstraintError as error:
+        ...     print(error)
+        actuator 'platform' drives momentum(platform), which is said to be conserved
+    """
 
 
 class ConfigurationError(RncError):
-    """A scenario file, option or argument is wrong: says where and what was expected."""
+    """A scenario file, option or argument is wrong: says where and what was expected.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> reduced = rnc.NonholonomicSystem(robot).reduce([rnc.JointPosition(name) for name in robot.joint_names])
+        >>> try:
+        ...     rnc.Task.of(reduced, primary=["joint_1"], redundant=["joint2"])
+        ... except rnc.ConfigurationError as error:
+        ...     print(error)
+        no reducing output 'joint2'; did you mean 'joint_2'?
+    """
 
 
 class InfeasibleError(ConfigurationError):
-    """What is asked for is well formed but cannot be done: no gains suit it, or it leads through singularities."""
+    """What is asked for is well formed but cannot be done: no gains suit it, or it leads through singularities.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> try:
+        ...     rnc.control.VelocityGains.scaled(system.reduce(), robot.configuration(), dt=0.5)
+        ... except rnc.InfeasibleError as error:
+        ...     print(str(error).partition(":")[0])
+        no velocity gains suit this region
+    """
 
 
 class InputError(RncError, ValueError):
-    """An array has the wrong shape or holds values that are not finite."""
+    """An array has the wrong shape or holds values that are not finite.
+
+    Example:
+        >>> reduced = rnc.NonholonomicSystem(rnc.Robot.from_urdf("space_robot.urdf")).reduce()
+        >>> try:
+        ...     reduced.at(q=[0.1, 0.2, 0.3])
+        ... except rnc.InputError as error:
+        ...     print(error)
+        q has shape (3,), expected (..., 4)
+    """
 
 
 class SimulationError(RncError):
-    """A run cannot go on."""
+    """A run cannot go on.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+        >>> reduced = rnc.NonholonomicSystem(robot).reduce()
+        >>> try:
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, speed_limit=2.0)
+        ... except rnc.SimulationError as error:
+        ...     print(error.trajectory.outcome, len(error.trajectory.time) > 0)  # the run so far
+        diverged True
+    """
 
 
 class DivergenceError(SimulationError):
     """The state left every sensible bound.
 
     Attributes:
+        what: which bound, in words.
         time: simulation time [s], or None outside a simulation.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+        >>> reduced = rnc.NonholonomicSystem(robot).reduce()
+        >>> try:
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, speed_limit=2.0)
+        ... except rnc.DivergenceError as error:
+        ...     print(error.time is not None, "reached" in str(error))
+        True True
     """
 
     def __init__(self, what: str, *, time: float | None = None) -> None:
@@ -79,17 +158,40 @@ class DivergenceError(SimulationError):
 
 
 class LimitError(SimulationError):
-    """A joint ran into its position limit while limits were enforced."""
+    """A joint ran into its position limit while limits were enforced.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+        >>> rest = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
+        >>> controller, q0 = rnc.control.ComputedTorque(reduced, rest), robot.configuration({"joint_1": 63.0})
+        >>> try:
+        ...     rnc.simulate(reduced, controller, q0, duration=1.0, position_limits=True)
+        ... except rnc.LimitError as error:
+        ...     print(error)
+        joint 'joint_1' left its range [-62.8319, 62.8319]: 63 at t = 0.000 s
+    """
 
 
 class SingularityError(SimulationError):
     """The stack ``E = [A; J2]`` cannot be inverted: the outputs do not parametrise the motion here.
 
     Attributes:
+        what: what cannot be done, in words.
         q: the configuration, (nq,).
         condition: 2-norm condition number of ``E`` with rows scaled to unit length.
         rows: names of the rows that are (nearly) linearly dependent.
         time: simulation time [s], or None outside a simulation.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+        >>> try:
+        ...     reduced.at(robot.configuration()).R  # a straight arm
+        ... except rnc.SingularityError as error:
+        ...     print(error.rows, error.condition > 1e8)
+        ('tip_x',) True
     """
 
     def __init__(

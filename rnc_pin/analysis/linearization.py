@@ -31,6 +31,20 @@ class Linearization:
     """``x' = A x + B u`` for small deviations ``x = (coordinates, v2 - v2_0)`` and ``u = T - T_0``.
 
     The arrays are what python-control's ``ss(A, B, C, D)`` and ``scipy.linalg.solve_continuous_are`` take.
+
+    Attributes:
+        A, B: of s states and p inputs.
+        input_names: the actuators.
+        v2, T: reduced velocity and inputs of the motion that it was linearised about.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+        >>> linear = rnc.linearize(reduced, robot.configuration({"platform": -np.pi / 2}))  # it hangs down
+        >>> linear.A.shape, linear.B.shape
+        ((8, 8), (8, 4))
+        >>> bool(np.abs(linear.eigenvalues.real).max() < 1e-6)  # and swings
+        True
     """
 
     A: Float[Array, "s s"]
@@ -39,7 +53,7 @@ class Linearization:
     """Coordinates, then reducing rates; those of coordinates end in ``_dot``."""
     input_names: tuple[str, ...]
     q: Float[Array, nq]
-    """Where it was linearised, with ``v2`` and ``T`` below."""
+    """Where it was linearised."""
     v2: Float[Array, r]
     T: Float[Array, p]
     difference_error: float
@@ -54,7 +68,7 @@ class Linearization:
         return values[np.lexsort((values.imag, values.real))]
 
     def deviation(self, q: Array, v2: Array) -> Array:
-        """The state x (s,) of a configuration (nq,) and a reduced velocity (r,), for a feedback ``T = T_0 - K x``."""
+        """The state x (s,) at a configuration q (nq,) and a velocity v2 (r,), for a feedback ``T = T_0 - K x``."""
         rates = (np.asarray(v2, float) - self.v2)[self._kept]
         return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
 
@@ -91,6 +105,16 @@ def linearize(
             each other, or leave out something that matters.
         ModelError: an unknown name.
         SingularityError: the reducing outputs do not parametrise the motion at q.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+        >>> upright = robot.configuration()
+        >>> linear = rnc.linearize(reduced, upright, coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+        >>> linear.state_names
+        ('pitch', 'base_speed_x', 'pitch_dot')
     """
     q = np.asarray(q, float)
     reduced = reduced.settled_at(q)

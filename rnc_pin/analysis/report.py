@@ -42,11 +42,21 @@ class Report:
         actuation_rank: smallest rank of ``R^T B``; below r not every F can be realised.
         unactuated: reducing outputs with a part in some F that no actuator produces.
         condition: min, median and max condition number of E with unit rows.
-        singular_samples: how many sampled configurations were singular, of ``samples``.
+        samples: how many configurations were drawn.
+        singular_samples: how many of them were singular.
         singularities: where E and A4 are singular: points on singular surfaces that lie between samples of opposite
             sign of the determinant, or, where there are none, the worst samples.
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: whether they are all at the level of rounding and differencing.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [rnc.FrameForce("sleigh", "x")])
+        >>> report = rnc.analyze(system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]), samples=16)
+        >>> report.completely_nonholonomic, report.nonholonomic_rows
+        (True, ('no_side_slip(sleigh.y)',))
+        >>> report.actuation_rank, report.unactuated  # one force is less than two velocities
+        (1, ('sleigh_yaw',))
     """
 
     n: int
@@ -98,6 +108,15 @@ def analyze(
     Raises:
         ConfigurationError: unknown output names.
         SingularityError: every sampled configuration is singular.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> x2 = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+        >>> reduced = system.reduce(reducing=x2, vertical=[rnc.JointPosition("platform")])
+        >>> report = rnc.analyze(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"], samples=16)
+        >>> report.redundancy_class, report.growth_vector
+        ('1', (3, 4))
     """
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]

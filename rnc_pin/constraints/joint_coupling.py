@@ -34,6 +34,14 @@ class JointCoupling:
     Raises:
         ModelError: no such joint, or it has several degrees of freedom.
         ConstraintError: a joint coupled to itself, or a ratio or offset that makes no sense.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> gear = rnc.JointCoupling("joint_2", driver="joint_1", ratio=-0.5, offset=0.1)
+        >>> system = rnc.NonholonomicSystem(robot, [gear], ["joint_1"])
+        >>> q = system.assembled(robot.configuration({"joint_1": 0.4}), hold=["joint_1"])
+        >>> round(robot.joint_values(q)["joint_2"], 3)
+        -0.1
     """
 
     joint: str

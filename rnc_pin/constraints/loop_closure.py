@@ -39,6 +39,13 @@ class LoopClosure:
         ModelError: no such frame.
         ConfigurationError: unknown kind.
         ConstraintError: both frames are on one body.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> handle = rnc.LoopClosure("platform_body", "tip", kind="point")  # the hand holds on to the platform
+        >>> system = rnc.NonholonomicSystem(robot, [handle], ["joint_1"])
+        >>> system.m, [row.reason for row in system.dropped_rows]
+        (2, ['zero at every configuration'])
     """
 
     frame_a: str

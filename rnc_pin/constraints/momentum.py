@@ -43,6 +43,13 @@ class MomentumConservation:
         ModelError: no such joint.
         ConstraintError: the inertia depends on the joint's own position (it is not cyclic), gravity acts along it, so
             that its momentum is not conserved, or the value does not fit the joint.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> spinning = rnc.MomentumConservation("platform", momentum=6.0)  # [N m s]
+        >>> reduced = rnc.NonholonomicSystem(robot, [spinning], ["joint_1", "joint_2", "joint_3"]).reduce()
+        >>> reduced.affine, reduced.constraints.names
+        (True, ('momentum(platform)',))
     """
 
     joint: str

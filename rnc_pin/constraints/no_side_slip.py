@@ -21,6 +21,13 @@ class NoSideSlip:
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> reduced.at(robot.configuration()).A.round(3)
+        array([[0., 1., 0.]])
     """
 
     frame: str

@@ -30,6 +30,13 @@ class Pfaffian:
     Raises:
         InputError: a function returns an array of another shape.
         ConstraintError: ``names`` does not fit the rows, ``rate`` comes without ``rate_dot`` or with ``residual``.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> row = np.array([[0.0, 1.0, 1.0, 1.0]])  # the hand does not turn
+        >>> level = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, names=["level"])
+        >>> rnc.NonholonomicSystem(robot, [level], ["joint_1", "joint_2", "joint_3"]).constraints.names
+        ('level',)
     """
 
     rows: Callable[[np.ndarray], np.ndarray]

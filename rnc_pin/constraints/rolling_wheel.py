@@ -40,6 +40,14 @@ class RollingWheel:
         ModelError: no such frame.
         ConstraintError: the radius is not positive, or no axis is given and the joint has none.
         SingularityError: while evaluated, the wheel lies flat.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
+        >>> reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+        >>> q = reduced.assembled(robot.configuration())  # puts it on the ground
+        >>> reduced.velocity(q, [0.0, 2.0, 0.0])[[0, 4]].round(3)
+        array([0.6, 2. ])
     """
 
     frame: str

@@ -16,9 +16,10 @@ from scipy.signal import place_poles
 from rnc_pin.control.protocol import VelocityTarget
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.printing import Spelled
 
 
-class ChainedStabilizer:
+class ChainedStabilizer(Spelled):
     """``u1 = -k x1``, ``u2 = -P z`` with poles of z placed at -rate, -1.1 rate, -1.2 rate, ...
 
     Args:
@@ -58,7 +59,7 @@ class Waiting(NamedTuple):
     arrived: bool
 
 
-class UnicycleStabilizer:
+class UnicycleStabilizer(Spelled):
     """Drives a unicycle (forward speed, yaw) to a pose: the chain (x, tan heading, y) in the goal's axes.
 
     It rests until ``begin``. The chart holds for headings within 90 degrees of the goal's; outside, or abeam of the

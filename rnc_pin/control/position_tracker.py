@@ -16,6 +16,7 @@ from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
+from rnc_pin.printing import Spelled
 
 
 class PositionState(NamedTuple):
@@ -32,7 +33,7 @@ class PositionState(NamedTuple):
     """``B - beta e x2d_dot^T``."""
 
 
-class PositionTracker:
+class PositionTracker(Spelled):
     """``F = A x2d_ddot + B x2d_dot + f + k1 gamma^2 w + k2 gamma^2 e``, paper (8)-(9), without rates.
 
     The paper's laws contain ``edot``: the scan drops a dot from ``fdot = -sigma f + beta q_f`` with

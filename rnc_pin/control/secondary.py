@@ -20,6 +20,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
+from rnc_pin.printing import Spelled
 
 _NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float where a joint has none
 _STEP = 2e-5  # [rad or m]; of a central difference along the motion
@@ -28,7 +29,7 @@ Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
 """Rates z that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
 
 
-class Combined:
+class Combined(Spelled):
     """The sum of several objectives; their gains say what each is worth.
 
     Args:
@@ -45,7 +46,7 @@ class Combined:
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
 
 
-class Posture:
+class Posture(Spelled):
     """Redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
 
     Reads from the measurement: ``x2, v2``.
@@ -67,7 +68,7 @@ class Posture:
         return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
 
 
-class JointLimits:
+class JointLimits(Spelled):
     """Joints away from their limits: downhill on a potential that rises towards each end of a joint's range.
 
     In a zone of width delta at each end the potential of a joint is ``s^3 / 3``, s going from 0 where the zone begins
@@ -133,7 +134,7 @@ class JointLimits:
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
 
 
-class SingularityDistance:
+class SingularityDistance(Spelled):
     """Away from singular configurations: uphill on ``w = log |det E| + log det(A4 A4^T) / 2``.
 
     First derivatives along the motion of each redundant output i are exact,

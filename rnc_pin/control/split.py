@@ -10,9 +10,10 @@ import numpy as np
 from rnc_pin.control.protocol import Command, Controller
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.printing import Spelled
 
 
-class SplitController:
+class SplitController(Spelled):
     """Each part sees and commands its own reducing outputs; what they do to each other they take as disturbance.
 
     A part's measurement has ``x2`` and ``v2`` cut down to its outputs; everything else is whole.
@@ -53,6 +54,9 @@ class SplitController:
                 x2[..., outputs] = command.x2_desired
             x1 = command.x1_desired if x1 is None else x1
         return Command(F=F, v2_desired=v2, x1_desired=x1, x2_desired=x2), tuple(states)
+
+    def _settings(self) -> dict[str, object]:
+        return {"parts": [controller for controller, _ in self._parts]}
 
 
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:

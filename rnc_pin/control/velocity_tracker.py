@@ -12,6 +12,7 @@ from rnc_pin.control.gains import VelocityGains
 from rnc_pin.control.protocol import Command, KinematicController, command_towards, elapsed_time
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.printing import Spelled
 
 
 class TrackerState(NamedTuple):
@@ -25,7 +26,7 @@ class TrackerState(NamedTuple):
     """State of the kinematic controller."""
 
 
-class VelocityTracker:
+class VelocityTracker(Spelled):
     """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
 
     The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time

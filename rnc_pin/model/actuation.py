@@ -22,6 +22,14 @@ class FrameForce:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
         limit: largest magnitude [N], used where a simulation enforces actuator limits.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> thruster = rnc.FrameForce("sleigh", "x", limit=2.0)
+        >>> rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [thruster])
+        NonholonomicSystem of 'chaplygin_sleigh': 3 degrees of freedom less 1 independent row leave 2
+          rows kept: no_side_slip(sleigh.y)
+          actuators: force(sleigh.x)
     """
 
     frame: str
@@ -37,6 +45,13 @@ class FrameTorque:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
         limit: largest magnitude [N m], used where a simulation enforces actuator limits.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+        >>> reduced.actuation.names
+        ('force(base.x)', 'torque(base.z)', 'joint_1', 'joint_2')
     """
 
     frame: str

@@ -15,6 +15,14 @@ class Measurement(NamedTuple):
 
     ``ReducedModel.measure`` makes one from a state. In a loop of your own, fill in what the controller
     reads and leave the rest: each says in its docstring what that is.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> measurement = reduced.measured(robot.configuration(), v=[0.5, 0.01, 0.1], integrals=np.zeros(2))
+        >>> measurement.v2, measurement.residual  # the sleigh slips sideways
+        (array([0.5, 0.1]), array([0.01]))
     """
 
     q: Float[Array, "*batch nq"] = _ABSENT
@@ -32,8 +40,10 @@ class Measurement(NamedTuple):
     A_star: Float[Array, "*batch k r"] = _ABSENT
     """Kinematics (3a), ``v1 = A_star v2``."""
     A_star_dot: Float[Array, "*batch k r"] = _ABSENT
+    """Its rate."""
     v1_offset: Float[Array, "*batch k"] | None = None
     """Rates of the vertical outputs at ``v2 = 0``; None where the constraints are homogeneous."""
     v1_offset_dot: Float[Array, "*batch k"] | None = None
+    """Their rate."""
     residual: Float[Array, "*batch m"] | None = None
     """``A v - mu`` of the velocity as it was measured: slip. None where nobody looked."""

@@ -20,20 +20,37 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parts import Parts
+from rnc_pin.model.portrait import output_items, system_lines, system_title
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
+from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
 
-class ReducedModel:
+class ReducedModel(Printed):
     """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
     It owns one Pinocchio workspace, so an instance serves one thread at a time.
 
+    Args:
+        parts: rows, outputs, actuators and the workspace that evaluates them.
+        assembly: the holonomic rows, and the configurations that satisfy them.
+        dropped_rows: constraint rows that add nothing, with the reasons.
+
     Raises (every method):
         InputError: an array has the wrong shape or is not finite.
         SingularityError: the outputs do not parametrise the motion at q.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce()
+        >>> state = reduced.at(robot.configuration({"joint_2": 1.8}), v2=[0.1, 0.0, 0.2])
+        >>> state.H.shape, state.v2_dot(np.zeros(3)).shape
+        ((3, 3), (3,))
+        >>> reduced.reducing.names
+        ('joint_1', 'joint_2', 'joint_3')
     """
 
     def __init__(self, parts: Parts, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
@@ -146,11 +163,11 @@ class ReducedModel:
         return self.at(q, v2).v2_dot(T)
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
-        """Reduced forces ``F = H v2dot + V v2 + G``."""
+        """Reduced forces ``F = H v2_dot + V v2 + G``."""
         return self.at(q, v2).inverse_dynamics(v2_dot)
 
     def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> Flow:
-        """Full velocity, reduced acceleration and power; ``damping`` (nv,) are viscous coefficients."""
+        """Full velocity, reduced acceleration and power under inputs T; ``damping`` (nv,) are viscous coefficients."""
         return self.at(q, v2).flow(T, damping)
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
@@ -166,7 +183,7 @@ class ReducedModel:
         return self.at(q, v2).multipliers(T)
 
     def contact_forces(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch k"]:
-        """Multipliers of all constraint rows, dropped ones included, of least norm where they are not unique."""
+        """Multipliers (..., k) of all constraint rows under inputs T, of least norm where they are not unique."""
         return self.at(q, v2).contact_forces(T)
 
     def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
@@ -294,5 +311,15 @@ class ReducedModel:
         return self.assembly.project(self._admission.configuration(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
-        """``Robot.random_configuration``, assembled."""
+        """What ``Robot.random_configuration`` draws from the generator, within ``spread`` of neutral, assembled."""
         return self.assembly.random_configuration(generator, spread)
+
+    # ------------------------------------------------------------------ print
+
+    def _portrait(self) -> Portrait:
+        lines = [
+            ("reducing", output_items(self.reducing)),
+            ("vertical", output_items(self.vertical)),
+            *system_lines(self.constraints, self.dropped_rows, self.actuation),
+        ]
+        return Portrait(system_title("ReducedModel", self.robot, self.constraints), lines)

@@ -15,15 +15,17 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
+from rnc_pin.model.portrait import system_lines, system_title
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
+from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
 
 
-class NonholonomicSystem:
+class NonholonomicSystem(Printed):
     """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
@@ -47,6 +49,15 @@ class NonholonomicSystem:
         ModelError: unknown joint or frame.
         ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
             other, or an actuator that drives a momentum said to be conserved.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> system.constraints.names
+        ('rolling(left_wheel)', 'lateral(left_wheel)', 'rolling(right_wheel)')
+        >>> [row.name for row in system.dropped_rows]
+        ['vertical(left_wheel)', 'lateral(right_wheel)', 'vertical(right_wheel)']
     """
 
     def __init__(
@@ -124,6 +135,10 @@ class NonholonomicSystem:
         reduced = self._reduced(x2, x1, singularity_limit)
         self._check_regular(reduced)
         return reduced
+
+    def _portrait(self) -> Portrait:
+        title = system_title("NonholonomicSystem", self.robot, self.constraints)
+        return Portrait(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,11 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import Spelled
 
 
-@dataclass(frozen=True)
-class Task:
+@dataclass(frozen=True, repr=False)
+class Task(Spelled):
     """Reducing outputs that the task names (x21), and those that it leaves free (x22).
 
     Together they are all reducing outputs of the model. Make one with ``Task.of``.
@@ -21,6 +22,17 @@ class Task:
     Attributes:
         primary, redundant: positions of x21 and x22 among the reducing outputs.
         vertical: positions of the task's x1 among the vertical outputs.
+        primary_names, redundant_names, vertical_names: of these outputs.
+        primary_coordinates, redundant_coordinates, vertical_coordinates: what they live on.
+        r: number of reducing outputs.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> x2 = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+        >>> reduced = system.reduce(reducing=x2, vertical=[rnc.JointPosition("platform")])
+        >>> rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
+        Task(primary=[tip_x, tip_y], redundant=[joint_1], vertical=[platform])
     """
 
     primary: np.ndarray
@@ -76,6 +88,9 @@ class Task:
             vertical_coordinates=x1.coordinates.choose(rows, x1.names),
             r=reduced.r,
         )
+
+    def _settings(self) -> Mapping[str, object]:
+        return {"primary": self.primary_names, "redundant": self.redundant_names, "vertical": self.vertical_names}
 
 
 def _position(name: str, names: Sequence[str], what: str) -> int:

@@ -23,6 +23,13 @@ class FrameOrientation:
 
     Args:
         frame: name of the frame.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], ["shoulder", "elbow"])
+        >>> reduced = system.reduce(vertical=[rnc.FrameOrientation("hand")])
+        >>> reduced.vertical.names
+        ('hand_orientation_x', 'hand_orientation_y', 'hand_orientation_z')
     """
 
     frame: str

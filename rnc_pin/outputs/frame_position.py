@@ -20,6 +20,14 @@ class FramePosition:
     Args:
         frame: name of the frame.
         axes: which world axes, e.g. "xy" or "xyz".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
+        >>> reduced = system.reduce(vertical=[rnc.FramePosition("tip", "xy")])
+        >>> x1, _ = reduced.outputs(robot.configuration({"root_joint": [1.0, 2.0, 0.0], "joint_2": np.pi / 2}))
+        >>> x1.round(3)
+        array([2., 3.])
     """
 
     frame: str

@@ -19,6 +19,13 @@ class FrameSpeed:
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> reduced.reducing.names, reduced.reducing.quasi  # a speed is the rate of no coordinate, a yaw rate is
+        (('sleigh_speed_x', 'sleigh_yaw'), array([ True, False]))
     """
 
     frame: str

@@ -19,6 +19,13 @@ class FrameSpin:
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.3)])
+        >>> reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+        >>> reduced.reducing.names
+        ('ball_spin_x', 'ball_spin_y', 'ball_spin_z')
     """
 
     frame: str

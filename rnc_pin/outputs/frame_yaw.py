@@ -24,6 +24,14 @@ class FrameYaw:
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z": the axle of a wheel that turns with its frame.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce(vertical=[rnc.FrameYaw("sleigh")])
+        >>> x1, _ = reduced.outputs(robot.configuration({"root_joint": [0.0, 0.0, 0.7]}))
+        >>> x1.round(3)
+        array([0.7])
     """
 
     frame: str

@@ -18,6 +18,14 @@ class JointPosition:
 
     Args:
         joint: name of the joint. Of a continuous joint the value is in (-pi, pi].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> joints = ["joint_1", "joint_2", "joint_3"]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+        >>> reduced = system.reduce([rnc.JointPosition(name) for name in joints], [rnc.JointPosition("platform")])
+        >>> reduced.at(robot.configuration()).A_star.round(3)  # how far the platform turns for each joint
+        array([[-0.933, -0.533, -0.2  ]])
     """
 
     joint: str

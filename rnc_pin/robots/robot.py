@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
@@ -18,10 +19,11 @@ from rnc_pin.robots.sources.description import ROOT_JOINTS
 Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
 
+_BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 _TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 
 
-class Robot:
+class Robot(Printed):
     """A rigid multibody model and the names in it.
 
     Args:
@@ -35,6 +37,15 @@ class Robot:
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")  # one that comes along; any path will do
+        >>> robot
+        Robot 'space_robot': 4 degrees of freedom, fixed base
+          joints: platform, joint_1, joint_2, joint_3
+        >>> q = robot.configuration({"joint_1": 0.3})
+        >>> robot.velocity_indices("joint_2")
+        slice(2, 3, None)
     """
 
     def __init__(
@@ -162,7 +173,17 @@ class Robot:
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
     ) -> Robot:
-        """Load a robot of the example-robot-data package by the name of its URDF, e.g. ``"panda"``."""
+        """Load a robot of the example-robot-data package by the name of its URDF.
+
+        Args:
+            name: e.g. ``"panda"`` or ``"tiago_no_hand"``.
+            base: how the root link meets the world, as for a URDF.
+            lock: joints to freeze and the values to freeze them at [rad or m].
+            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
+
+        Raises:
+            ModelError: there is no such example.
+        """
         path, packages = urdf_files.find_example(name)
         return cls.from_urdf(path, base, [packages], lock, gravity)
 
@@ -261,7 +282,7 @@ class Robot:
         return _configuration(self.model, _Names(self.model), values or {})
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
-        """The inverse of ``configuration``: joint name to angle [rad] or displacement [m], a base's several values."""
+        """The inverse of ``configuration`` at q (nq,): joint name to angle [rad] or displacement [m], or several."""
         values: dict[str, float | list[float]] = {}
         for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
             entry = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -274,7 +295,7 @@ class Robot:
         return values
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """A configuration (nq,) drawn within joint limits and within ``spread`` [rad or m] of neutral."""
+        """A configuration (nq,) from the generator, within joint limits and ``spread`` [rad or m] of neutral."""
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:
@@ -305,6 +326,13 @@ class Robot:
         if self._geometry[kind] is None and self._load_geometry is not None:
             self._geometry[kind] = self._load_geometry(kind)
         return self._geometry[kind]
+
+    # ------------------------------------------------------------------ print
+
+    def _portrait(self) -> Portrait:
+        base = _BASES.get(self.model.joints[1].shortname(), "fixed")
+        title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
+        return Portrait(title, [("joints", items(self.joint_names))])
 
     # ------------------------------------------------------------------ checks
 

@@ -63,6 +63,14 @@ def free_motion(
         InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
             satisfy the holonomic rows.
         ConfigurationError: ``meta`` has something else than is expected under a key that is known.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> run = rnc.free_motion(reduced, robot.configuration(), v2_0=[0.0, 1.0], duration=20.0, dt=0.5)
+        >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # a sleigh that is spun ends up going straight
+        (True, True)
     """
     provenance = provenance_of(meta)
     if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):

@@ -81,6 +81,19 @@ def preflight(
 
     Raises:
         SingularityError: the initial configuration is singular.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> x2 = [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")]
+        >>> reduced = system.reduce(reducing=x2, vertical=[rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
+        >>> q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+        >>> x1, (x, y, _) = reduced.outputs(q0)
+        >>> across = rnc.planning.MinimumJerk([x, y], [-x, -y], duration=4.0)  # through the platform's pin
+        >>> margins = rnc.preflight(reduced, task, rnc.planning.TaskReference(across, rnc.planning.Hold(x1)), q0)
+        >>> bool(margins.stack.value < 0.01), round(margins.stack.time, 1)  # close to singular, and when
+        (True, 3.6)
     """
     controller = RedundancyController(task, reference.primary, reference.vertical, k3=_K3, k21=_K3)
     return margins_along(reduced, controller, q0, reference.duration if duration is None else duration, dt, task)

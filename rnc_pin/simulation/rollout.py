@@ -36,6 +36,16 @@ def kinematic_rollout(
     Raises:
         SingularityError, DivergenceError: the reference runs into a singular configuration, or asks for rates without
             bound next to one; says when, with the roll-out so far in ``error.trajectory``.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> swing = rnc.planning.MinimumJerk(np.zeros(3), [0.5, 0.0, 0.0], duration=1.0)
+        >>> target = rnc.control.ReducingOutputController(reduced, swing)
+        >>> times, path = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=1.0)
+        >>> path[-1, :2].round(2)  # the platform gives way to the arm
+        array([-0.47,  0.5 ])
     """
     integrator = LieRungeKutta4(reduced.robot)
     r = reduced.r

@@ -11,7 +11,15 @@ from rnc_pin.plain import Json
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """How a run ended.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+        >>> run.outcome is rnc.Outcome.COMPLETED, str(run.outcome)
+        (True, 'completed')
+    """
 
     COMPLETED = "completed"
     INTERRUPTED = "interrupted"

@@ -102,6 +102,19 @@ def simulate(
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
         ConfigurationError: ``meta`` has something else than is expected under a key that is known.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> swing = rnc.planning.MinimumJerk(np.zeros(3), [0.5, 0.0, 0.0], duration=1.0)
+        >>> target = rnc.control.ReducingOutputController(reduced, swing)
+        >>> controller = rnc.control.ComputedTorque(reduced, target)
+        >>> run = rnc.simulate(reduced, controller, robot.configuration(), duration=1.0, dt=0.01)
+        >>> run
+        Trajectory: completed, 1 s in 101 samples
+        >>> round(run.x2[-1, 0].item(), 2)
+        0.5
     """
     provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)

@@ -76,7 +76,16 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
 
     Args:
         trajectory: the run.
-        wall_time: that it took [s].
+        wall_time: how long it took to compute [s], if that is to be told.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> figures = rnc.summarize(rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0))
+        >>> figures["outcome"], figures["samples"]
+        ('completed', 51)
+        >>> figures["constraint_residual_max"] < 1e-12
+        True
     """
     info = trajectory.info
     errors = tracking_errors(trajectory)

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.plain import Json
+from rnc_pin.printing import Item, Portrait, Printed
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 
@@ -25,17 +26,34 @@ _PLOTTERS = "rnc_pin.plotters"
 installed may add some."""
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """A run, sampled at N times. Arrays are as in the file that ``save`` writes."""
+@dataclass(frozen=True, repr=False)
+class Trajectory(Printed):
+    """A run, sampled at N times. Arrays are as in the file that ``save`` writes.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0, dt=0.1)
+        >>> run
+        Trajectory: completed, 1 s in 11 samples
+        >>> run.q.shape, run.time[-1].item()
+        ((11, 4), 1.0)
+        >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # nothing pushes it
+        True
+    """
 
     time: Float[Array, " N"]
     """[s]"""
     q: Float[Array, "N nq"]
+    """Configurations."""
     v: Float[Array, "N nv"]
+    """Full velocities."""
     v2: Float[Array, "N r"]
+    """Rates of the reducing outputs."""
     v2_desired: Float[Array, "N r"]
+    """NaN where the controller had no goal."""
     x1: Float[Array, "N k"]
+    """Vertical outputs; angles do not jump."""
     v1: Float[Array, "N k"]
     """Rates of the vertical outputs, ``J1 v``."""
     x1_desired: Float[Array, "N k"]
@@ -80,7 +98,7 @@ class Trajectory:
         return self.info.outcome
 
     def coordinates(self, kind: str) -> Coordinates:
-        """What the outputs "x1" or "x2" live on."""
+        """What the outputs of a kind, "x1" or "x2", live on."""
         return self.info.outputs.of(kind).coordinates
 
     def plot(
@@ -109,7 +127,7 @@ class Trajectory:
         return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` that ``load`` reads; nothing half-written is left on failure."""
+        """Write a compressed ``.npz`` at a path that ``load`` reads; nothing half-written is left on failure."""
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
         partial = path.with_name(path.name + ".partial")
@@ -120,6 +138,9 @@ class Trajectory:
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
         """Read what ``save`` wrote.
+
+        Args:
+            path: of the ``.npz`` file.
 
         Raises:
             ConfigurationError: there is no such file, or it is not a trajectory.
@@ -144,6 +165,30 @@ class Trajectory:
         except (OSError, ValueError, EOFError, BadZipFile):
             # What NumPy says here is about its own formats, and how to load them unsafely.
             raise ConfigurationError(f"{path}: not a trajectory: cannot be read as .npz") from None
+
+    def _portrait(self) -> Portrait:
+        duration = self.time[-1] if len(self.time) else 0.0
+        scenario, message = self.info.provenance.scenario, self.info.message
+        of = f" of '{scenario}'" if scenario else ""
+        title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
+        return Portrait(title, [("message", [Item(message)])] if message else [])
+
+    def _full_portrait(self) -> Portrait:
+        short, outputs = self._portrait(), self.info.outputs
+        if not len(self.time):
+            return short
+        values = {
+            "outputs at the end": zip(
+                (*outputs.x2.names, *outputs.x1.names), (*self.x2[-1], *self.x1[-1]), strict=True
+            ),
+            "largest input": zip(outputs.T, np.abs(self.T).max(axis=0), strict=True),
+            "checks": (
+                ("constraint residual, largest", self.constraint_residual.max()),
+                ("singular value of E, smallest", self.singular_value.min()),
+            ),
+        }
+        said = [(label, [Item(name, f"{x:.4g}") for name, x in pairs]) for label, pairs in values.items()]
+        return Portrait(short.title, [*short.lines, *(line for line in said if line[1])])
 
 
 class _Unfit(ValueError):

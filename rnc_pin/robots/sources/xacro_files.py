@@ -4,29 +4,31 @@ Expressions ``${...}`` and ``$(eval ...)`` are Python, and the library hands the
 builtins and refuses names that begin with two underscores, but looks for those only in the outermost code object:
 with xacro 2.1.1 ``${(lambda: ().__class__.__base__.__subclasses__())()}`` reaches every class of the process and from
 there the shell, and so does ``python.vars(python.type(...))``. A robot's file must not be able to run a program. So
-every expression is parsed first, and refused where it has anything besides arithmetic, comparisons, literals,
-comprehensions of lists, calls, and attributes without an underscore in front; ``python.type`` and ``python.vars`` are
-taken away, and so are the methods of text that look up attributes. What is left computes numbers and text. It can
-still read YAML files (``xacro.load_yaml``), read environment variables (``$(env ...)``), include any XML file, and
-take long.
+every expression is parsed first, in a copy of the library that is loaded for this package alone, and refused where it
+has anything besides arithmetic, comparisons, literals, comprehensions of lists, calls, and attributes without an
+underscore in front; ``python.type`` and ``python.vars`` are taken away, and so are the methods of text that look up
+attributes. What is left computes numbers and text. It can still read YAML files (``xacro.load_yaml``), read
+environment variables (``$(env ...)``), include any XML file, and take long.
 """
 
 from __future__ import annotations
 
 import ast
 import contextlib
+import importlib.util
 import io
+import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from unittest import mock
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.packages import Packages
 
+_COPY = f"{__package__}.guarded_xacro"
 _ENDINGS = (".xacro",)
 _ALLOWED = (
     *(
@@ -47,7 +49,7 @@ _ATTRIBUTES = ("format", "format_map", "mro")
 _WITHHELD = ("type", "vars")
 _POWER = 64  # largest exponent: 9**9**9 would not end
 
-_lock = threading.Lock()  # the library keeps what it works on in its module
+_lock = threading.Lock()  # the library keeps what it works on in its module, and the copy where it looks for packages
 
 
 def is_xacro(path: Path) -> bool:
@@ -66,11 +68,11 @@ def expand(path: Path, arguments: Mapping[str, Any] | None, packages: Packages) 
     Raises:
         ModelError: not XML, an unknown macro, argument, property or package, or an expression that is refused.
     """
-    import xacro
-
     given = _Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
     names = list(given)
-    with _lock, _guarded(xacro, packages), contextlib.redirect_stderr(io.StringIO()):
+    with _lock, contextlib.redirect_stderr(io.StringIO()):
+        guarded = _guarded()
+        xacro, guarded.packages = guarded.library, packages
         try:
             text = str(xacro.process_file(str(path), mappings=given).documentElement.toxml())
         except RecursionError:
@@ -124,36 +126,56 @@ def check_expression(text: str) -> None:
             raise ModelError(f"refuses to evaluate '{text}': attribute '{name}' could do more than compute a value")
 
 
-@contextmanager
-def _guarded(xacro: ModuleType, packages: Packages) -> Iterator[None]:
-    """The library with its evaluations checked and with our way of finding packages."""
-    from xacro import substitution_args
+class _Guarded:
+    """A copy of the library that is ours alone, with its evaluations checked and with our way of finding packages.
 
-    def find(name: str) -> str:
-        folder = packages.folder(name)
+    The library has no place to hang these on, and whoever else uses it in this process is to find it as it is.
+
+    Attributes:
+        library: the module.
+        packages: where ``$(find ...)`` looks at present.
+    """
+
+    def __init__(self) -> None:
+        found = importlib.util.find_spec("xacro")
+        assert found is not None, "a dependency of this package"
+        spec = importlib.util.spec_from_file_location(
+            _COPY, found.origin, submodule_search_locations=found.submodule_search_locations
+        )
+        assert spec is not None
+        assert spec.loader is not None
+        library: Any = importlib.util.module_from_spec(spec)
+        sys.modules[_COPY] = library  # where its modules look for each other
+        spec.loader.exec_module(library)
+        substitution: Any = importlib.import_module(f"{_COPY}.substitution_args")
+        library.safe_eval = _checked(library.safe_eval)
+        substitution._eval = _checked(substitution._eval)
+        substitution._eval_find = substitution._eval_dict["find"] = self._find
+        symbols = library._global_symbols["python"]
+        for name in _WITHHELD:
+            symbols.pop(name, None)
+        self.library = library
+        self.packages: Packages | None = None
+
+    def _find(self, name: str) -> str:
+        folder = None if self.packages is None else self.packages.folder(name)
         if folder is None:
             raise ModelError(f"no package '{name}': give its folder in package_dirs or in ROS_PACKAGE_PATH")
         return str(folder)
 
-    def checked(evaluate: Callable[..., Any]) -> Callable[..., Any]:
-        def call(expression: str, *rest: Any) -> Any:
-            check_expression(expression)
-            return evaluate(expression, *rest)
 
-        return call
+@cache
+def _guarded() -> _Guarded:
+    """The copy, made when the first file needs it."""
+    return _Guarded()
 
-    symbols = xacro._global_symbols["python"]
-    withheld = {name: symbols.pop(name) for name in _WITHHELD if dict.__contains__(symbols, name)}
-    try:
-        with (
-            mock.patch.object(xacro, "safe_eval", checked(xacro.safe_eval)),
-            mock.patch.object(substitution_args, "_eval", checked(substitution_args._eval)),
-            mock.patch.object(substitution_args, "_eval_find", find),
-            mock.patch.dict(substitution_args._eval_dict, {"find": find}),
-        ):
-            yield
-    finally:
-        symbols.update(withheld)
+
+def _checked(evaluate: Callable[..., Any]) -> Callable[..., Any]:
+    def call(expression: str, *rest: Any) -> Any:
+        check_expression(expression)
+        return evaluate(expression, *rest)
+
+    return call
 
 
 def _text(value: Any) -> str:

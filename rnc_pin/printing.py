@@ -1,0 +1,119 @@
+"""Things print themselves: a headline and a few lines in a terminal, a small table in a notebook."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from html import escape
+from typing import NamedTuple
+
+import numpy as np
+
+_MOST = 8  # items that a line of text shows
+_CELL = 'style="text-align: left; vertical-align: top"'
+
+
+class Item(NamedTuple):
+    """A name, and what there is to say about it."""
+
+    name: str
+    note: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.note}]" if self.note else self.name
+
+
+Line = tuple[str, Sequence[Item]]
+"""A label, and what stands under it."""
+
+
+class Portrait(NamedTuple):
+    """What a thing says of itself: a headline, and under each label some items."""
+
+    title: str
+    lines: Sequence[Line] = ()
+
+    def text(self) -> str:
+        """For a terminal: long lists end in how many more there are."""
+        return "\n".join([self.title, *(f"  {label}: {_listed(listed)}" for label, listed in self.lines)])
+
+    def html(self) -> str:
+        """For a notebook: a table with all items."""
+        rows = "".join(_rows(label, listed) for label, listed in self.lines)
+        return f"<div><b>{escape(self.title)}</b></div><table>{rows}</table>"
+
+
+class Printed(ABC):
+    """Prints its portrait, as text and in notebooks as a table."""
+
+    @abstractmethod
+    def _portrait(self) -> Portrait: ...
+
+    def _full_portrait(self) -> Portrait:
+        """What notebooks show, where there is room for more."""
+        return self._portrait()
+
+    def __repr__(self) -> str:
+        return self._portrait().text()
+
+    def _repr_html_(self) -> str:
+        return self._full_portrait().html()
+
+
+class Spelled:
+    """Prints its class and its settings in one line: public attributes, unless it says otherwise."""
+
+    def _settings(self) -> Mapping[str, object]:
+        return {name: value for name, value in vars(self).items() if not name.startswith("_")}
+
+    def __repr__(self) -> str:
+        return _call(type(self), self._settings())
+
+
+def items(names: Sequence[str], notes: Sequence[str] | None = None) -> tuple[Item, ...]:
+    """Names with their notes."""
+    return tuple(map(Item, names)) if notes is None else tuple(map(Item, names, notes))
+
+
+def counted(count: int, what: str) -> str:
+    """``1 actuator``, ``2 actuators``."""
+    return f"{count} {what}{'s'[: count != 1]}"
+
+
+def _listed(listed: Sequence[Item]) -> str:
+    more = f" and {len(listed) - _MOST} more" if len(listed) > _MOST else ""
+    return (", ".join(map(str, listed[:_MOST])) or "none") + more
+
+
+def _rows(label: str, listed: Sequence[Item]) -> str:
+    if not any(each.note for each in listed):  # names alone take one line
+        names = ", ".join(each.name for each in listed) or "none"
+        return f'<tr><th {_CELL}>{escape(label)}</th><td colspan="2" {_CELL}>{escape(names)}</td></tr>'
+    head = f'<th rowspan="{len(listed)}" {_CELL}>{escape(label)}</th>'
+    cells = (f"<td {_CELL}>{escape(each.name)}</td><td {_CELL}>{escape(each.note)}</td>" for each in listed)
+    return "".join(f"<tr>{head if k == 0 else ''}{each}</tr>" for k, each in enumerate(cells))
+
+
+def _call(kind: type, settings: Mapping[str, object]) -> str:
+    said = (f"{name}={_value(value)}" for name, value in settings.items() if value is not None)
+    return f"{kind.__name__}({', '.join(said)})"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int | np.integer | np.bool_):
+        return str(value)
+    if isinstance(value, float | np.floating):
+        return f"{value:.4g}"
+    if isinstance(value, np.ndarray):
+        return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, Spelled):
+        return repr(value)
+    if is_dataclass(value):
+        settings = {each.name: getattr(value, each.name) for each in fields(value) if each.repr}
+        return _call(type(value), settings)
+    return type(value).__name__

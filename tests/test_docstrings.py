@@ -1,0 +1,112 @@
+"""What docstrings promise: every export has an example that runs, every parameter is documented, none is swallowed.
+
+Examples take ``np`` and ``rnc`` for granted, as NumPy's take ``np``.
+"""
+
+import ast
+import doctest
+import inspect
+import re
+import sys
+import textwrap
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+
+EXPORTS = {name: export for name in rnc.__all__ if callable(export := getattr(rnc, name))}
+METHODS = {
+    f"{name}.{member}": getattr(export, member)
+    for name, export in EXPORTS.items()
+    if isinstance(export, type)
+    for member, value in vars(export).items()
+    if member != "bind"  # of a protocol, which documents it
+    if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, classmethod))
+}
+MOST_STATEMENTS = 10
+OPTIONS = doctest.NORMALIZE_WHITESPACE
+
+
+def parameters(thing) -> list[inspect.Parameter]:
+    """Those of a call; none where an error or an enumeration takes what Python's own does."""
+    if isinstance(thing, type) and issubclass(thing, Exception | Enum) and "__init__" not in vars(thing):
+        return []
+    return [each for each in inspect.signature(thing).parameters.values() if each.name != "self"]
+
+
+def documented(thing) -> set[str]:
+    """Parameters that a docstring lists, and fields with a docstring of their own."""
+    names = set()
+    for section in re.findall(r"^(?:Args|Attributes):\n((?:(?: .*)?\n?)*)", inspect.getdoc(thing) or "", re.MULTILINE):
+        for listed in re.findall(r"^    (\w+(?:, \w+)*): ", section, re.MULTILINE):
+            names |= set(listed.split(", "))
+    return names | (fields_with_docstrings(thing) if isinstance(thing, type) else set())
+
+
+def fields_with_docstrings(kind: type) -> set[str]:
+    source = textwrap.dedent(inspect.getsource(sys.modules[kind.__module__]))
+    body = next(
+        node.body
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ClassDef) and node.name == kind.__name__
+    )
+    return {
+        field.target.id
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+    }
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_the_example_runs(name):
+    text = inspect.getdoc(EXPORTS[name])
+    test = doctest.DocTestParser().get_doctest(text, {"np": np, "rnc": rnc}, name, None, None)
+    assert test.examples, f"{name} has no example"
+    assert len(test.examples) <= MOST_STATEMENTS
+    said = []
+    with np.printoptions(precision=8, suppress=False, linewidth=75):
+        doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=said.append)
+    assert not said, "".join(said)
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_every_parameter_is_documented(name):
+    missing = [each.name for each in parameters(EXPORTS[name]) if not each.name.startswith("_")]
+    missing = [each for each in missing if each not in documented(EXPORTS[name])]
+    assert not missing, f"{name} does not document {', '.join(missing)}"
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_parameters_of_methods_are_documented(name):
+    """In a list of its own, or in the words of a docstring that has none; what all take is in that of the class."""
+    text = inspect.getdoc(METHODS[name]) or ""
+    assert text, f"{name} has no docstring"
+    names = [each.name for each in parameters(METHODS[name])]
+    whole = inspect.getdoc(EXPORTS[name.split(".")[0]]).partition("Example:")[0]
+    words = set(re.findall(r"\w+", text + whole))
+    known = documented(METHODS[name]) if "Args:" in text else words
+    missing = [each for each in names if each not in known]
+    assert not missing, f"{name} does not document {', '.join(missing)}"
+
+
+@pytest.mark.parametrize("name", [*EXPORTS, *METHODS])
+def test_an_unknown_keyword_is_refused(name):
+    call = {**EXPORTS, **METHODS}[name]
+    assert all(each.kind is not inspect.Parameter.VAR_KEYWORD for each in parameters(call))
+    with pytest.raises(TypeError):
+        call(no_such_keyword=1)
+
+
+def test_what_is_missing_would_be_noticed():
+    def function(a, b):
+        """Nothing.
+
+        Args:
+            a: of two lines,
+                which are: here.
+        """
+
+    assert documented(function) == {"a"}
