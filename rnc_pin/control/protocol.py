@@ -5,11 +5,15 @@ resumed, batched and replayed to the bit:
 
     state = controller.initial_state(measurement)
     command, state = controller.step(t, measurement, state)      # once a sample
+
+Those of this package also describe themselves, so that the record of a run says with which gains it was made. One that
+does not runs all the same.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +22,11 @@ from numpy import ndarray as Array
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
+
+Plain: TypeAlias = "bool | int | float | str | Sequence[Plain] | Mapping[str, Plain] | None"
+"""A value that JSON can hold."""
+Description: TypeAlias = Mapping[str, Plain]
+"""What a controller says of itself: its ``type``, its gains, and the controllers under it by the same rule."""
 
 
 class VelocityTarget(NamedTuple):
@@ -67,6 +76,24 @@ class KinematicController(Protocol):
     def initial_state(self, measurement: Measurement) -> Any: ...
 
     def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...
+
+
+@runtime_checkable
+class Describable(Protocol):
+    """Says what it is and with which gains: every controller here does."""
+
+    def describe(self) -> Description: ...
+
+
+def describe(thing: object) -> Description:
+    """What something says of itself; the name of its class where it says nothing."""
+    return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
+
+
+def plain(values: float | np.ndarray) -> Plain:
+    """A gain as JSON holds it: a number, or a list of them."""
+    numbers: Plain = np.asarray(values).tolist()
+    return numbers
 
 
 class _Sized(Protocol):

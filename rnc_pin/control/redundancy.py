@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.comparison import compare, fed_back
-from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.control.protocol import Description, Plain, VelocityTarget, check_size, describe, plain, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply, condition_number
@@ -77,6 +77,15 @@ class RedundancyController:
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
+
+    def describe(self) -> Description:
+        """Its gains, and where A4 is wide what moving each redundant output costs and what else they are for."""
+        gains: dict[str, Plain] = {"k3": plain(self.k3), "k21": plain(self.k21)}
+        if len(self.task.redundant) > len(self.task.vertical):
+            gains["weights"] = plain(1.0 / self._cheap)
+        if self.secondary is not None:
+            gains["secondary"] = describe(self.secondary)
+        return {"type": type(self).__name__, **gains}
 
     def initial_state(self, measurement: Measurement) -> None:
         """It learns nothing."""

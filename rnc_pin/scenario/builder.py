@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control import Controller, SlitheringReference
+from rnc_pin.control import Controller, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
@@ -106,7 +106,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         simulation=scenario.simulation,
         warnings=tuple(setting.warnings),
         notes={
-            "controller": _described(controller),
+            "controller": describe(controller),
             "task": {"primary": list(task.primary_names), "redundant": list(task.redundant_names)},
             **setting.notes,
         },
@@ -185,21 +185,6 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
-
-
-def _described(controller: object) -> dict[str, Any]:
-    """Gains of a controller and of those under it, for the record."""
-    content: dict[str, Any] = {"type": type(controller).__name__}
-    for name in ("gains", "k", "k3", "k21", "k2"):
-        value = getattr(controller, name, None)
-        if is_dataclass(value):
-            value = {each.name: np.asarray(getattr(value, each.name)).tolist() for each in fields(value)}
-        if value is not None:
-            content[name] = value if isinstance(value, dict) else np.asarray(value).tolist()
-    for name in ("target", "tracker"):
-        if hasattr(controller, name):
-            content[name] = _described(getattr(controller, name))
-    return content
 
 
 def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:
