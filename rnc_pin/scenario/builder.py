@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control import Controller, SlitheringReference, describe
+from rnc_pin.control import Controller, Plain, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
@@ -18,8 +19,8 @@ from rnc_pin.model.task import Task
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
+from rnc_pin.scenario.schema.controllers import Context
 from rnc_pin.simulation import sample_count
 
 _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
@@ -90,25 +91,37 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             references[name] = Hold(start) if settings is None else settings.build(start, coordinates)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    setting = Setting(
-        scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight, given
+    path = _plan_path(scenario, reduced, task, q0)
+    built = scenario.controller.build(
+        Context(
+            reduced=reduced,
+            task=task,
+            primary=references["primary"] if path.primary is None else path.primary,
+            redundant=references["redundant"],
+            vertical=references["vertical"],
+            given=given,
+            q0=q0,
+            simulation=scenario.simulation,
+            preflight=scenario.preflight,
+            slithering=path.slithering,
+            watched=path.watched,
+        )
     )
-    _plan_path(scenario, setting)
-    controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
     return Experiment(
         scenario=scenario,
         reduced=reduced,
-        controller=controller,
+        controller=built.controller,
         q0=q0,
         simulation=scenario.simulation,
-        warnings=tuple(setting.warnings),
+        warnings=built.warnings,
         notes={
-            "controller": describe(controller),
+            "controller": describe(built.controller),
             "task": {"primary": list(task.primary_names), "redundant": list(task.redundant_names)},
-            **setting.notes,
+            **path.notes,
+            **built.notes,
         },
     )
 
@@ -124,16 +137,30 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
         raise ConfigurationError(f"initial.q: {error}") from None
 
 
-def _plan_path(scenario: Scenario, setting: Setting) -> None:
-    """Plan the path that the scenario asks for, and put its references in their places."""
-    settings, task, reduced = scenario.reference.path, setting.task, setting.reduced
+@dataclass(frozen=True)
+class _PlannedPath:
+    """What a path that is driven gives; nothing where the scenario plans none."""
+
+    primary: Reference | None = None
+    """Distance driven and steering angle."""
+    slithering: SlitheringReference | None = None
+    """Of the trailer's heading."""
+    watched: tuple[np.ndarray, Reference] | None = None
+    """Positions in x1 and reference of the frame's x and y."""
+    notes: Mapping[str, Plain] = field(default_factory=dict)
+
+
+def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _PlannedPath:
+    """Plan the path that the scenario asks for."""
+    settings = scenario.reference.path
     if settings is None:
-        return
+        return _PlannedPath()
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
     if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
         raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
-    start = frame_poses(reduced.robot, settings.frame, setting.q0[None])[0]
+    start = frame_poses(reduced.robot, settings.frame, q0[None])[0]
+    trailer, slithering = settings.trailer, None
     try:
         path = CarPath(
             start,
@@ -142,22 +169,22 @@ def _plan_path(scenario: Scenario, setting: Setting) -> None:
             settings.wheelbase,
             via=settings.via,
             max_steering=settings.max_steering,
-            forward_only=settings.trailer is not None or bool(settings.forward_only),
+            forward_only=trailer is not None or bool(settings.forward_only),
         )
-        setting.references["primary"] = path.reference
-        # For the pictures: the poses, whose they are, and which trailer should follow.
-        trailing = None if settings.trailer is None else settings.trailer.frame
-        poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-        setting.notes["path"] = {"frame": settings.frame, "trailer": trailing, "poses": poses}
-        if settings.trailer is not None:
-            trailer = settings.trailer
-            setting.slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
+        if trailer is not None:
+            slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     except ConfigurationError as error:
         raise type(error)(f"reference.path: {error}") from None
+    # For the pictures: the poses, whose they are, and which trailer should follow.
+    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+    trailing = None if trailer is None else trailer.frame
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
+    watched = None
     if all(name in reduced.vertical.names for name in names):
-        where = np.array([reduced.vertical.names.index(name) for name in names])
-        setting.watched = (where, path.position)
+        watched = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
+    return _PlannedPath(
+        path.reference, slithering, watched, {"path": {"frame": settings.frame, "trailer": trailing, "poses": poses}}
+    )
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
