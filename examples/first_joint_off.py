@@ -3,7 +3,7 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker
+from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
 from rnc_pin.planning import MinimumJerk
 
 robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -16,9 +16,10 @@ reduced = system.reduce(
 
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
 _, x2 = reduced.outputs(q0)
-tracker = PositionTracker(MinimumJerk(x2[:2], [1.15, 0.6], duration=4.0), outputs=np.array([0, 1]))
-controller = JacobianTransposeController(reduced, tracker, active=["joint_2", "joint_3"])
-tracker.gains = PositionGains.scaled(controller.effective_inertia(q0)[None], dt=0.002)
+tip, active = np.array([0, 1]), ["joint_2", "joint_3"]
+gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], dt=0.002)
+tracker = PositionTracker(MinimumJerk(x2[tip], [1.15, 0.6], duration=4.0), gains, outputs=tip)
+controller = JacobianTransposeController(reduced, tracker, active)
 
 run = rnc.simulate(reduced, controller, q0, duration=6.0, dt=0.002)
 errors = rnc.summarize(run)["final_error"]

@@ -4,10 +4,18 @@ from rnc_pin.control.chained_stabilizer import ChainedStabilizer, UnicycleStabil
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.estimation import EstimatedModel, Regressor
 from rnc_pin.control.gains import PositionGains, VelocityGains
-from rnc_pin.control.jacobian_transpose import JacobianTransposeController
+from rnc_pin.control.jacobian_transpose import JacobianTransposeController, effective_inertia
 from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
-from rnc_pin.control.protocol import Command, Controller, KinematicController, VelocityTarget
+from rnc_pin.control.protocol import (
+    Command,
+    Controller,
+    Describable,
+    Description,
+    KinematicController,
+    VelocityTarget,
+    describe,
+)
 from rnc_pin.control.reducing import ReducingOutputController
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.control.secondary import Combined, JointLimits, Posture, Secondary, SingularityDistance
@@ -24,6 +32,8 @@ __all__ = [
     "Command",
     "ComputedTorque",
     "Controller",
+    "Describable",
+    "Description",
     "DrivenPath",
     "EstimatedModel",
     "JacobianTransposeController",
@@ -52,4 +62,6 @@ __all__ = [
     "VelocityTarget",
     "VelocityTracker",
     "WheelRegressor",
+    "describe",
+    "effective_inertia",
 ]

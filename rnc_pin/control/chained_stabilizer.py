@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import place_poles
 
-from rnc_pin.control.protocol import VelocityTarget
+from rnc_pin.control.protocol import Description, VelocityTarget, listed
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
@@ -31,11 +31,20 @@ class ChainedStabilizer(Spelled):
     def __init__(self, n: int, k: float = 0.5, rate: float = 1.5) -> None:
         if n < 3 or not 0 < k < rate:
             raise ConfigurationError(f"a chained stabiliser needs n >= 3 and 0 < k < rate, found {n}, {k:g}, {rate:g}")
-        self.n, self.k = n, k
+        self.n, self.k, self.rate = n, k, rate
         size = n - 1
         A = np.diag(k * np.arange(size, dtype=float)) - np.diag(np.full(size - 1, k), -1)
         poles = -rate * (1.0 + 0.1 * np.arange(size))
         self.P = place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
+
+    def describe(self) -> Description:
+        """Its rates."""
+        return {
+            "type": type(self).__name__,
+            "n": self.n,
+            "k": self.k,
+            "rate": self.rate,
+        }
 
     def command(self, x: np.ndarray) -> np.ndarray:
         """(u1, u2) at a chained state x (n,) with x1 not zero."""
@@ -89,6 +98,18 @@ class UnicycleStabilizer(Spelled):
         self.goal, self.position = np.asarray(goal, dtype=float), np.asarray(position, dtype=int)
         self.begin, self.close, self.soft = begin, close, soft
         self.chain = ChainedStabilizer(3, k, rate)
+
+    def describe(self) -> Description:
+        """Where it drives, from when, and how fast."""
+        return {
+            "type": type(self).__name__,
+            "goal": listed(self.goal),
+            "begin": self.begin,
+            "k": self.chain.k,
+            "rate": self.chain.rate,
+            "close": self.close,
+            "soft": self.soft,
+        }
 
     def initial_state(self, measurement: Measurement) -> Waiting:
         """Not there yet.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, KinematicController, command_towards
+from rnc_pin.control.protocol import Command, Description, KinematicController, command_towards, describe, listed
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Spelled
@@ -24,6 +24,14 @@ class ComputedTorque(Spelled):
 
     def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:
         self._reduced, self.target, self.k = reduced, target, k
+
+    def describe(self) -> Description:
+        """Its gain, and what it follows."""
+        return {
+            "type": type(self).__name__,
+            "k": listed(self.k),
+            "target": describe(self.target),
+        }
 
     def initial_state(self, measurement: Measurement) -> object:
         """That of the kinematic controller."""

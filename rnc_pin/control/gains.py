@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rnc_pin.control.protocol import Description, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -28,6 +29,10 @@ class VelocityGains:
     k: Gain = 10.0
     beta: Gain = 10.0
     sigma: float = 0.1
+
+    def describe(self) -> Description:
+        """The numbers by name."""
+        return {"k": listed(self.k), "beta": listed(self.beta), "sigma": self.sigma}
 
     @classmethod
     def paper(cls) -> VelocityGains:
@@ -100,6 +105,16 @@ class PositionGains:
     gamma: float = 2.0
     beta: Gain = 10.0
     sigma: float = 0.1
+
+    def describe(self) -> Description:
+        """The numbers by name."""
+        return {
+            "k1": listed(self.k1),
+            "k2": listed(self.k2),
+            "gamma": self.gamma,
+            "beta": listed(self.beta),
+            "sigma": self.sigma,
+        }
 
     @classmethod
     def paper(cls) -> PositionGains:

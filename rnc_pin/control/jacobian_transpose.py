@@ -7,12 +7,37 @@ from collections.abc import Sequence
 import numpy as np
 
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
-from rnc_pin.control.protocol import Command
+from rnc_pin.control.protocol import Command, Description, describe
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Spelled
+
+
+def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray, active: Sequence[str]) -> np.ndarray:
+    """What F21 has to move while some actuators are off: ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand.
+
+    Not symmetric: the joints that are off move along.
+
+    Args:
+        reduced: the model.
+        q: configurations (..., nq).
+        outputs: positions of x21 in x2, k of them.
+        active: names of the actuators that are on; at least k.
+
+    Returns:
+        M, (..., k, k).
+
+    Raises:
+        ConfigurationError: unknown actuator, or fewer of them than outputs.
+    """
+    outputs = np.asarray(outputs, dtype=int)
+    on = _places(reduced, active, outputs)
+    drive = reduced.drive_jacobian(q)[..., outputs, :][..., on]
+    forces = reduced.input_matrix(q)[..., on] @ drive.mT
+    response = np.linalg.solve(reduced.inertia(q), forces)[..., outputs, :]
+    return np.linalg.inv(response)
 
 
 class JacobianTransposeController(Spelled):
@@ -33,15 +58,18 @@ class JacobianTransposeController(Spelled):
     """
 
     def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:
-        names = reduced.actuation.names
-        for name in active:
-            if name not in names:
-                raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
-        if len(active) < len(tracker.outputs):
-            raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(tracker.outputs)} outputs")
         self.tracker = tracker
         self._reduced = reduced
-        self._active = np.array([list(names).index(name) for name in active], dtype=int)
+        self._active = _places(reduced, active, tracker.outputs)
+
+    def describe(self) -> Description:
+        """The actuators that are on, and what drives them."""
+        names = self._reduced.actuation.names
+        return {
+            "type": type(self).__name__,
+            "active": [names[place] for place in self._active],
+            "tracker": describe(self.tracker),
+        }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
         """That of the tracker."""
@@ -56,12 +84,16 @@ class JacobianTransposeController(Spelled):
         return command._replace(F=None, T=T), state
 
     def effective_inertia(self, q: np.ndarray) -> np.ndarray:
-        """What F21 has to move, (..., k, k): ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand.
+        """That of its outputs and actuators, (..., k, k)."""
+        names = self._reduced.actuation.names
+        return effective_inertia(self._reduced, q, self.tracker.outputs, [names[place] for place in self._active])
 
-        Not symmetric: the joints that are off move along.
-        """
-        reduced = self._reduced
-        drive = reduced.drive_jacobian(q)[..., self.tracker.outputs, :][..., self._active]
-        forces = reduced.input_matrix(q)[..., self._active] @ drive.mT
-        response = np.linalg.solve(reduced.inertia(q), forces)[..., self.tracker.outputs, :]
-        return np.linalg.inv(response)
+
+def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -> np.ndarray:
+    names = list(reduced.actuation.names)
+    for name in active:
+        if name not in names:
+            raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
+    if len(active) < len(outputs):
+        raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(outputs)} outputs")
+    return np.array([names.index(name) for name in active], dtype=int)

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.comparison import fed_back
 from rnc_pin.control.gains import PositionGains
-from rnc_pin.control.protocol import Command, check_size, elapsed_time, spread
+from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
@@ -80,6 +80,14 @@ class PositionTracker(Spelled):
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
         self.held = 0.0 if held is None else np.asarray(held, dtype=float)
         check_size(reference, len(self.outputs), "tracked")
+
+    def describe(self) -> Description:
+        """Its gains, and the force that it starts with."""
+        return {
+            "type": type(self).__name__,
+            "gains": self.gains.describe(),
+            "held": listed(self.held),
+        }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
         """Adaptive gains zero, and the filter at rest at the present error."""

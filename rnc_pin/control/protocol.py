@@ -5,11 +5,15 @@ resumed, batched and replayed to the bit:
 
     state = controller.initial_state(measurement)
     command, state = controller.step(t, measurement, state)      # once a sample
+
+Those of this package also describe themselves, so that the record of a run says with which gains it was made. One that
+does not runs all the same.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +21,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
+
+Description: TypeAlias = Mapping[str, Json]
+"""What a controller says of itself: its ``type``, its gains, and the controllers under it by the same rule."""
 
 
 class VelocityTarget(NamedTuple):
@@ -67,6 +75,24 @@ class KinematicController(Protocol):
     def initial_state(self, measurement: Measurement) -> Any: ...
 
     def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...
+
+
+@runtime_checkable
+class Describable(Protocol):
+    """Says what it is and with which gains: every controller here does."""
+
+    def describe(self) -> Description: ...
+
+
+def describe(thing: object) -> Description:
+    """What something says of itself; the name of its class where it says nothing."""
+    return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
+
+
+def listed(values: float | np.ndarray) -> Json:
+    """A gain as JSON holds it: a number, or a list of them."""
+    numbers: Json = np.asarray(values).tolist()
+    return numbers
 
 
 class _Sized(Protocol):

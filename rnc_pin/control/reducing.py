@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.comparison import compare, fed_back
-from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
@@ -35,6 +35,13 @@ class ReducingOutputController(Spelled):
         self.watched = watched
         self.reference, self.k2 = reference, k2
         self._coordinates = reduced.reducing.coordinates
+
+    def describe(self) -> Description:
+        """Its gain."""
+        return {
+            "type": type(self).__name__,
+            "k2": listed(self.k2),
+        }
 
     def initial_state(self, measurement: Measurement) -> None:
         """It learns nothing."""

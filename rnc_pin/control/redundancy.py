@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.comparison import compare, fed_back
-from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.control.protocol import Description, VelocityTarget, check_size, describe, listed, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply, condition_number
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
+from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import Spelled
 
@@ -78,6 +79,15 @@ class RedundancyController(Spelled):
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
+
+    def describe(self) -> Description:
+        """Its gains, and where A4 is wide what moving each redundant output costs and what else they are for."""
+        gains: dict[str, Json] = {"k3": listed(self.k3), "k21": listed(self.k21)}
+        if len(self.task.redundant) > len(self.task.vertical):
+            gains["weights"] = listed(1.0 / self._cheap)
+        if self.secondary is not None:
+            gains["secondary"] = describe(self.secondary)
+        return {"type": type(self).__name__, **gains}
 
     def initial_state(self, measurement: Measurement) -> None:
         """It learns nothing."""

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control.comparison import compare, fed_back
-from rnc_pin.control.protocol import check_size
+from rnc_pin.control.protocol import Description, check_size, describe, listed
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.measurement import Measurement
@@ -41,6 +41,10 @@ class Combined(Spelled):
             raise ConfigurationError("name at least one secondary objective")
         self.parts = tuple(parts)
 
+    def describe(self) -> Description:
+        """What its parts say of themselves."""
+        return {"type": type(self).__name__, "parts": [describe(part) for part in self.parts]}
+
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         each = [part(t, measurement) for part in self.parts]
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
@@ -60,6 +64,10 @@ class Posture(Spelled):
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
         self._task, self.reference, self.k = task, reference, _one_each(k, task)
+
+    def describe(self) -> Description:
+        """Its gain."""
+        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         redundant = self._task.redundant
@@ -123,6 +131,10 @@ class JointLimits(Spelled):
         self._zone = margin * (high - low)
         self._begin_low, self._begin_high = low + self._zone, high - self._zone
 
+    def describe(self) -> Description:
+        """Its gain, and how wide the zones are [rad or m]."""
+        return {"type": type(self).__name__, "k": listed(self.k), "zone": listed(self._zone)}
+
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         q, v = measurement.q[..., self._q], measurement.v[..., self._v]
         over = np.maximum(q - self._begin_high, 0.0) / self._zone
@@ -158,6 +170,10 @@ class SingularityDistance(Spelled):
 
     def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:
         self._reduced, self._task, self.k = reduced, task, _one_each(k, task)
+
+    def describe(self) -> Description:
+        """Its gain."""
+        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """dw/dx22 (..., r2) at configurations (..., nq)."""

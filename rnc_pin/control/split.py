@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.control.protocol import Command, Controller, Description, describe
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
@@ -34,6 +34,11 @@ class SplitController(Spelled):
             raise ConfigurationError(
                 f"the parts command outputs {sorted(places.tolist())}, expected each of 0 to {r - 1} once"
             )
+
+    def describe(self) -> Description:
+        """What its parts say of themselves, and the positions of their outputs in x2."""
+        parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
+        return {"type": type(self).__name__, "parts": parts}
 
     def initial_state(self, measurement: Measurement) -> tuple[Any, ...]:
         """Those of the parts."""

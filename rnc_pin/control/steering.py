@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.comparison import compare, fed_back
-from rnc_pin.control.protocol import VelocityTarget, check_size, spread
+from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.linear_algebra import apply
@@ -74,6 +74,17 @@ class SteeringController(Spelled):
         self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical
         self.k3, self.k4, self.k21, self.damping, self.fastest = k3, k4, k21, damping, fastest
         self.watched = watched
+
+    def describe(self) -> Description:
+        """Its gains."""
+        return {
+            "type": type(self).__name__,
+            "k3": listed(self.k3),
+            "k4": self.k4,
+            "k21": listed(self.k21),
+            "damping": self.damping,
+            "fastest": self.fastest,
+        }
 
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
         """What the vertical reference remembers, if anything; refuses a system whose redundant rates move x11."""

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.estimation import Regressor, adapt
-from rnc_pin.control.protocol import VelocityTarget, elapsed_time
+from rnc_pin.control.protocol import Description, VelocityTarget, elapsed_time, listed
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
@@ -59,7 +59,6 @@ class UncertainRedundancyController(Spelled):
         alpha: float = 1.0,
     ) -> None:
         self.regressor, self.controller, self.alpha = regressor, controller, alpha
-        self.k3, self.k21 = controller.k3, controller.k21
         self.initial = np.array(initial, dtype=float)
         size = len(regressor.names)
         if self.initial.shape != (size,):
@@ -77,6 +76,16 @@ class UncertainRedundancyController(Spelled):
         if reduced.affine:
             raise ConfigurationError("estimation assumes A v = 0, a momentum of zero, and this one is not zero")
         self._estimated = regressor.estimated(reduced)
+
+    def describe(self) -> Description:
+        """Gains of the class-1 controller, and of the estimation: alpha, first estimates by name, bounds."""
+        return {
+            **self.controller.describe(),
+            "type": type(self).__name__,
+            "alpha": self.alpha,
+            "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
+            "bounds": [listed(self._low), listed(self._high)],
+        }
 
     def initial_state(self, measurement: Measurement) -> EstimatorState:
         """The first estimates."""

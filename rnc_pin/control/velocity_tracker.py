@@ -9,7 +9,15 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.gains import VelocityGains
-from rnc_pin.control.protocol import Command, KinematicController, command_towards, elapsed_time
+from rnc_pin.control.protocol import (
+    Command,
+    Description,
+    KinematicController,
+    command_towards,
+    describe,
+    elapsed_time,
+    listed,
+)
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
@@ -49,6 +57,15 @@ class VelocityTracker(Spelled):
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
         self.held = 0.0 if held is None else np.asarray(held, dtype=float)
+
+    def describe(self) -> Description:
+        """Its gains, the force that it starts with, and what it follows."""
+        return {
+            "type": type(self).__name__,
+            "gains": self.gains.describe(),
+            "held": listed(self.held),
+            "target": describe(self.target),
+        }
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """All adaptive gains zero."""

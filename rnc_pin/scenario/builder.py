@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control import Controller, SlitheringReference
+from rnc_pin.control import Controller, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
@@ -18,8 +18,8 @@ from rnc_pin.plain import Json
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.controllers import Setting, build_controller
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
+from rnc_pin.scenario.schema.controllers import Context
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
@@ -96,26 +96,37 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             references[name] = Hold(start) if settings is None else settings.build(start, coordinates)
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
-    setting = Setting(
-        scenario.controller, scenario.simulation, reduced, task, references, q0, scenario.preflight, given
+    path = _plan_path(scenario, reduced, task, q0)
+    built = scenario.controller.build(
+        Context(
+            reduced=reduced,
+            task=task,
+            primary=references["primary"] if path.primary is None else path.primary,
+            redundant=references["redundant"],
+            vertical=references["vertical"],
+            given=given,
+            q0=q0,
+            simulation=scenario.simulation,
+            preflight=scenario.preflight,
+            slithering=path.slithering,
+            watched=path.watched,
+        )
     )
-    path = _plan_path(scenario, setting)
-    controller = build_controller(setting)
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
     return Experiment(
         scenario=scenario,
         reduced=reduced,
-        controller=controller,
+        controller=built.controller,
         q0=q0,
         simulation=scenario.simulation,
-        warnings=tuple(setting.warnings),
+        warnings=built.warnings,
         provenance=replace(
-            provenance_of(setting.notes),
-            controller=_described(controller),
+            provenance_of(built.notes),
+            controller=describe(built.controller),
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
-            path=path,
+            path=path.planned,
         ),
     )
 
@@ -131,16 +142,31 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
         raise ConfigurationError(f"initial.q: {error}") from None
 
 
-def _plan_path(scenario: Scenario, setting: Setting) -> PlannedPath | None:
-    """Plan the path that the scenario asks for, if it does, and put its references in their places."""
-    settings, task, reduced = scenario.reference.path, setting.task, setting.reduced
+@dataclass(frozen=True)
+class _Way:
+    """What a path that is driven gives; nothing where the scenario plans none."""
+
+    primary: Reference | None = None
+    """Distance driven and steering angle."""
+    slithering: SlitheringReference | None = None
+    """Of the trailer's heading."""
+    watched: tuple[np.ndarray, Reference] | None = None
+    """Positions in x1 and reference of the frame's x and y."""
+    planned: PlannedPath | None = None
+    """For the pictures: the poses, whose they are, and which trailer should follow."""
+
+
+def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _Way:
+    """Plan the path that the scenario asks for."""
+    settings = scenario.reference.path
     if settings is None:
-        return None
+        return _Way()
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
     if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
         raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
-    start = frame_poses(reduced.robot, settings.frame, setting.q0[None])[0]
+    start = frame_poses(reduced.robot, settings.frame, q0[None])[0]
+    trailer, slithering = settings.trailer, None
     try:
         path = CarPath(
             start,
@@ -149,23 +175,20 @@ def _plan_path(scenario: Scenario, setting: Setting) -> PlannedPath | None:
             settings.wheelbase,
             via=settings.via,
             max_steering=settings.max_steering,
-            forward_only=settings.trailer is not None or bool(settings.forward_only),
+            forward_only=trailer is not None or bool(settings.forward_only),
         )
-        setting.references["primary"] = path.reference
-        # For the pictures: the poses, whose they are, and which trailer should follow.
-        trailing = None if settings.trailer is None else settings.trailer.frame
-        poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-        planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
-        if settings.trailer is not None:
-            trailer = settings.trailer
-            setting.slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
+        if trailer is not None:
+            slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     except ConfigurationError as error:
         raise type(error)(f"reference.path: {error}") from None
+    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+    trailing = None if trailer is None else trailer.frame
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
+    watched = None
     if all(name in reduced.vertical.names for name in names):
-        where = np.array([reduced.vertical.names.index(name) for name in names])
-        setting.watched = (where, path.position)
-    return planned
+        watched = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
+    planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
+    return _Way(path.reference, slithering, watched, planned)
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
@@ -193,21 +216,6 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
-
-
-def _described(controller: object) -> dict[str, Json]:
-    """Gains of a controller and of those under it, for the record."""
-    content: dict[str, Json] = {"type": type(controller).__name__}
-    for name in ("gains", "k", "k3", "k21", "k2"):
-        value = getattr(controller, name, None)
-        if is_dataclass(value):
-            value = {each.name: np.asarray(getattr(value, each.name)).tolist() for each in fields(value)}
-        if value is not None:
-            content[name] = value if isinstance(value, dict) else np.asarray(value).tolist()
-    for name in ("target", "tracker"):
-        if hasattr(controller, name):
-            content[name] = _described(getattr(controller, name))
-    return content
 
 
 def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.scenario.files import describe
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.scenario.schema.controllers import TYPES
 
 
 def validate(raw: Mapping[str, Any], source: str) -> Scenario:
@@ -36,6 +37,13 @@ def checked(model: type[_Model], raw: Mapping[str, Any], source: str) -> _Model:
 def _explain(error: Mapping[str, Any]) -> str:
     where = _path(error["loc"])
     kind, context = error["type"], error.get("ctx", {})
+    if kind == "wrong_key":
+        return f"{where}.{context['key']}: {context['message']}"
+    if kind == "union_tag_not_found":
+        return f"{where}.type: is missing"
+    if kind == "union_tag_invalid" and context["discriminator"] == "'type'":
+        types = " or ".join(str(context["expected_tags"]).rsplit(", ", 1))
+        return f"{where}.type: expected {types}, found {describe(error['input']['type'])}"
     if kind == "union_tag_invalid":
         expected = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
         words = ", ".join("a joint's name" if each == "name" else each for each in expected)
@@ -65,7 +73,7 @@ def _path(location: Sequence[str | int]) -> str:
     for part in location:
         if isinstance(part, int):
             text += f"[{part}]"
-        elif part != previous and part not in _UNION_MEMBERS:
+        elif part != previous and part not in _UNION_MEMBERS and not (previous == "controller" and part in TYPES):
             text += f".{part}" if text else part
         previous = part
     return text or "(top level)"

@@ -1,6 +1,6 @@
 """What a scenario file may say, one file a family."""
 
-from rnc_pin.scenario.schema.controller import ControllerSettings
-from rnc_pin.scenario.schema.scenario import Scenario, SimulationSettings
+from rnc_pin.scenario.schema.scenario import Scenario
+from rnc_pin.scenario.schema.simulation import SimulationSettings
 
-__all__ = ["ControllerSettings", "Scenario", "SimulationSettings"]
+__all__ = ["Scenario", "SimulationSettings"]

@@ -6,6 +6,7 @@ import re
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from rnc_pin.errors import nearest
 
@@ -26,6 +27,11 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 def _takes(kind: type, annotation: Any) -> bool:
     """Whether a kind of value is somewhere in an annotation: pydantic would take true for the number 1."""
     return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
+
+
+def wrong(key: str, message: str) -> PydanticCustomError:
+    """A mistake at one key of a mapping, for validators of the whole mapping."""
+    return PydanticCustomError("wrong_key", "{message}", {"key": key, "message": message})
 
 
 class Strict(BaseModel):

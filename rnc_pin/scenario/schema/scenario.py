@@ -8,45 +8,18 @@ from pydantic import Field, model_validator
 
 from rnc_pin.errors import nearest
 from rnc_pin.scenario.schema.actuators import ActuatorItem
-from rnc_pin.scenario.schema.base import FileName, Positive, Strict
+from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import Constraint
-from rnc_pin.scenario.schema.controller import ControllerSettings
+from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
-from rnc_pin.simulation import Plant, Stop
+from rnc_pin.scenario.schema.simulation import SimulationSettings
 
 Layer = Literal[
     "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
     "margin", "compared",
 ]  # fmt: skip
-
-
-class SimulationSettings(Strict):
-    """How long, how finely, and what of the real machine takes part."""
-
-    duration: Positive
-    """[s]"""
-    dt: Positive = 0.002
-    """Period of the controller [s]."""
-    substeps: Annotated[int, Field(ge=1)] = 1
-    """Integration steps in a period."""
-    joint_damping: bool = False
-    """Viscous damping of the robot's file acts."""
-    actuator_limits: bool = False
-    """Inputs are cut off at their limits."""
-    position_limits: bool = False
-    """The run ends where a joint reaches the end of its range."""
-
-    @property
-    def plant(self) -> Plant:
-        """What a real machine has beside the model."""
-        return Plant(self.joint_damping, self.actuator_limits)
-
-    @property
-    def stop(self) -> Stop:
-        """What ends the run early."""
-        return Stop(position_limits=self.position_limits)
 
 
 class Initial(Strict):
@@ -103,7 +76,7 @@ class Scenario(Strict):
     task: TaskNames = TaskNames()
     initial: Initial = Initial()
     reference: References = References()
-    controller: ControllerSettings | None = None
+    controller: ControllerItem | None = None
     simulation: SimulationSettings | None = None
     preflight: Literal["warn", "refuse"] = "warn"
     """What to do about a reference that leads to a singular configuration, found before anything moves."""

@@ -1,0 +1,58 @@
+"""Which controller a scenario has: one class of settings a type, told apart by ``type``, each knows what it builds.
+
+To add a type, write its class in a file of its own, and add it to ``ControllerItem``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, get_args
+
+from pydantic import BeforeValidator, Field
+
+from rnc_pin.errors import nearest
+from rnc_pin.scenario.schema.base import wrong
+from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerSettings
+from rnc_pin.scenario.schema.controllers.jacobian_transpose import JacobianTransposeSettings
+from rnc_pin.scenario.schema.controllers.reducing_outputs import ReducingOutputsSettings
+from rnc_pin.scenario.schema.controllers.redundancy import RedundancySettings
+from rnc_pin.scenario.schema.controllers.steering import SteeringSettings
+from rnc_pin.scenario.schema.controllers.two_phase import TwoPhaseSettings
+from rnc_pin.scenario.schema.controllers.uncertain_redundancy import UncertainRedundancySettings
+
+__all__ = ["TYPES", "Built", "Context", "ControllerItem", "ControllerSettings"]
+
+_AnyType = (
+    RedundancySettings
+    | ReducingOutputsSettings
+    | JacobianTransposeSettings
+    | UncertainRedundancySettings
+    | SteeringSettings
+    | TwoPhaseSettings
+)
+
+TYPES: dict[str, type[ControllerSettings]] = {
+    get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)
+}
+"""Settings of each type by its name."""
+
+
+def _of_its_type(raw: Any) -> Any:
+    """Refuse settings of another type, which are no slips of the pen.
+
+    One that is null is taken away: so a comparison may change the type alone.
+    """
+    own = TYPES.get(raw["type"]) if isinstance(raw, dict) and isinstance(raw.get("type"), str) else None
+    if own is None:
+        return raw
+    kept = {}
+    for key, value in raw.items():
+        others = [name for name, each in TYPES.items() if key in each.model_fields]
+        if key in own.model_fields or not others:
+            kept[key] = value
+        elif value is not None:
+            whose, hint = ", ".join(others), nearest(key, own.model_fields)
+            raise wrong(key, f"does not belong to type '{raw['type']}' (but to {whose}){hint}")
+    return kept
+
+
+ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_of_its_type)]

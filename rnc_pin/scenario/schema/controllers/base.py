@@ -1,0 +1,168 @@
+"""What the settings of all controllers share: what they build from, and what they give back."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from rnc_pin.control import Controller, SlitheringReference
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import Task
+from rnc_pin.plain import Json
+from rnc_pin.planning import Reference
+from rnc_pin.scenario.schema.base import Numbers, Positive, Strict, wrong
+from rnc_pin.scenario.schema.simulation import SimulationSettings
+
+Gain = float | Numbers | None
+"""One number, one for each output, or what the preset says."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a controller is built from.
+
+    Attributes:
+        reduced: the model.
+        task: how its outputs are divided.
+        primary, redundant, vertical: references of the task's outputs; those that nobody gave hold the start.
+        given: names of the references that the scenario gives.
+        q0: where the run starts, (nq,).
+        simulation: how long and how finely.
+        preflight: what to do about singular configurations ahead.
+        slithering: instead of ``vertical``, what follows from the path that is driven.
+        watched: positions in x1 and reference of vertical outputs that should follow by themselves; for the record.
+    """
+
+    reduced: ReducedModel
+    task: Task
+    primary: Reference
+    redundant: Reference
+    vertical: Reference
+    given: tuple[str, ...]
+    q0: np.ndarray
+    simulation: SimulationSettings
+    preflight: Literal["warn", "refuse"] = "warn"
+    slithering: SlitheringReference | None = None
+    watched: tuple[np.ndarray, Reference] | None = None
+
+    @property
+    def horizon(self) -> float:
+        """How long references move, and a little longer [s]."""
+        longest = max(reference.duration for reference in (self.primary, self.redundant, self.vertical)) + 1.0
+        return min(self.simulation.duration, longest)
+
+
+@dataclass(frozen=True)
+class Built:
+    """A controller, and what was noticed while it was built.
+
+    Attributes:
+        controller: ready to run.
+        warnings: for the person who runs it.
+        notes: for the record of the run.
+    """
+
+    controller: Controller
+    warnings: tuple[str, ...] = ()
+    notes: Mapping[str, Json] = field(default_factory=dict)
+
+
+class ControllerSettings(Strict):
+    """One type of controller: its gains, and how it is built."""
+
+    follows: ClassVar[frozenset[str]]
+    """References of the task that it reads."""
+    advice: ClassVar[str] = ""
+    """What would read the others."""
+    scaled_only: ClassVar[tuple[str, ...]] = ()
+    """Settings that mean nothing under the paper's gains."""
+
+    type: str
+    """Which controller."""
+    preset: Literal["paper", "scaled"] = "scaled"
+    """Gains of the paper, or gains scaled to the inertia along the way."""
+
+    @property
+    def followed(self) -> frozenset[str]:
+        """References that it reads with these settings."""
+        return self.follows
+
+    def build(self, context: Context) -> Built:
+        """The controller.
+
+        Raises:
+            ConfigurationError: a reference is given that it does not read, which would be ignored in silence.
+            RncError: something of it does not fit the robot or the task.
+        """
+        for name in context.given:
+            if name not in self.followed:
+                message = f"is not followed by a controller of type '{self.type}'{self.advice}"
+                raise ConfigurationError(f"reference.{name}: {message}")
+        return self.make(context)
+
+    @abstractmethod
+    def make(self, context: Context) -> Built:
+        """The controller, where all references that are given are followed."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _say_what_is_missing(cls, raw: Any) -> Any:
+        for name, info in cls.model_fields.items():
+            if isinstance(raw, dict) and info.is_required() and name not in raw:
+                what = str(info.description)
+                raise wrong(name, f"is missing; expected {what[0].lower()}{what[1:].rstrip('.')}")
+        return raw
+
+    @model_validator(mode="after")
+    def _suit_the_preset(self) -> ControllerSettings:
+        for name in self.scaled_only:
+            if self.preset != "scaled" and getattr(self, name) is not None:
+                raise wrong(name, "belongs to the preset 'scaled'")
+        return self
+
+
+class HeldSettings(ControllerSettings):
+    """Of controllers that learn the forces that they work against."""
+
+    scaled_only: ClassVar[tuple[str, ...]] = ("adaptation",)
+
+    held: bool | None = None
+    """Whether the robot starts held up by its actuators, so that trackers know the force that takes."""
+    adaptation: Positive | None = None
+    """Of scaled gains, beta / k [1/s]."""
+
+    def held_force(self, context: Context) -> np.ndarray | None:
+        """What the actuators hold before the run begins, if the controller is told, as a reduced force (r,)."""
+        if not self.held:
+            return None
+        rest = np.zeros(context.reduced.r)
+        return context.reduced.inverse_dynamics(context.q0, rest, rest)
+
+
+def chosen(name: str, value: Gain, default: float | np.ndarray, size: int) -> float | np.ndarray:
+    """A gain of the settings, checked for its length, or the preset's.
+
+    Raises:
+        ConfigurationError: not one for each output.
+    """
+    if value is None:
+        return default
+    if isinstance(value, list) and len(value) != size:
+        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+    return np.array(value) if isinstance(value, list) else value
+
+
+@contextmanager
+def named(key: str) -> Iterator[None]:
+    """Say which part of the scenario an error is about."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise type(error)(f"{key}: {error}") from None

@@ -1,0 +1,54 @@
+"""Some actuators drive the primary outputs, the others are off."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
+from rnc_pin.scenario.schema.base import Positive
+from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerSettings, Gain, chosen, named
+
+
+class JacobianTransposeSettings(ControllerSettings):
+    """Primary outputs follow their reference by the ``active`` actuators, without rates: (8)-(9)."""
+
+    follows: ClassVar[frozenset[str]] = frozenset({"primary"})
+
+    type: Literal["jacobian_transpose"]
+    """(8)-(9) on the ``active`` actuators, the others off."""
+    active: list[str]
+    """Actuators that are on."""
+    k1: Gain = None
+    """Gain of the position tracker (8): one number, or one for each primary output."""
+    k2: Gain = None
+    """Gain of the position tracker (8)."""
+    gamma: Positive | None = None
+    """Filter of the position tracker (8) [1/s]."""
+    beta: Gain = None
+    """Adaptation rate (9)."""
+    sigma: Annotated[float, Field(ge=0)] | None = None
+    """Leak of what is adapted [1/s]."""
+
+    def make(self, context: Context) -> Built:
+        task, reduced = context.task, context.reduced
+        tracker = PositionTracker(
+            context.primary, self._gains(context), outputs=task.primary, angular=task.primary_coordinates
+        )
+        return Built(JacobianTransposeController(reduced, tracker, self.active))
+
+    def _gains(self, context: Context) -> PositionGains:
+        gains, outputs = PositionGains.paper(), context.task.primary
+        if self.preset == "scaled":
+            # Outputs that nothing drives drift, so the region is not known beforehand: take the start.
+            inertia = effective_inertia(context.reduced, context.q0, outputs, self.active)
+            with named("controller"):
+                gains = PositionGains.scaled(inertia[None], context.simulation.dt)
+        return PositionGains(
+            k1=chosen("k1", self.k1, gains.k1, len(outputs)),
+            k2=chosen("k2", self.k2, gains.k2, len(outputs)),
+            gamma=gains.gamma if self.gamma is None else self.gamma,
+            beta=chosen("beta", self.beta, gains.beta, len(outputs)),
+            sigma=gains.sigma if self.sigma is None else self.sigma,
+        )

@@ -1,0 +1,76 @@
+"""Class 3: the primary outputs first, then the platform."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from rnc_pin.control import (
+    PositionGains,
+    PositionTracker,
+    SplitController,
+    UnicycleStabilizer,
+    VelocityGains,
+    VelocityTracker,
+)
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.task import Task
+from rnc_pin.scenario.schema.base import Strict
+from rnc_pin.scenario.schema.controllers.base import Built, Context, HeldSettings, named
+
+
+class PlatformGoal(Strict):
+    """Where a unicycle platform goes in the second phase."""
+
+    position: Annotated[list[str], Field(min_length=2, max_length=2)]
+    """Vertical outputs that are its x and y."""
+    to: Annotated[list[float], Field(min_length=3, max_length=3)]
+    """x, y [m] and heading [rad]."""
+    begin: Annotated[float, Field(ge=0)]
+    """When the second phase starts [s]."""
+
+
+class TwoPhaseSettings(HeldSettings):
+    """Class 3: primary outputs quickly by (8)-(9), then held while a point stabiliser drives the platform."""
+
+    follows: ClassVar[frozenset[str]] = frozenset({"primary"})
+
+    type: Literal["two_phase"]
+    """Class 3: (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
+    platform: PlatformGoal
+    """Where the platform goes, and when: position, to, begin."""
+
+    def make(self, context: Context) -> Built:
+        task, reduced, goal = context.task, context.reduced, self.platform
+        x2 = reduced.reducing
+        if len(task.redundant) != 2 or not x2.quasi[task.redundant[0]] or not x2.angular[task.redundant[1]]:
+            raise ConfigurationError("task.redundant: two_phase needs the platform's forward speed and yaw there")
+        places = Task.of(reduced, task.primary_names, task.redundant_names, goal.position).vertical
+        position, velocity = self._gains(context)
+        held = self.held_force(context)
+        tracker = PositionTracker(
+            context.primary,
+            position,
+            angular=task.primary_coordinates,
+            held=None if held is None else held[task.primary],
+        )
+        stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
+        # Found now rather than at the first sample.
+        measured = reduced.measure(context.q0, np.zeros(task.r))
+        stabilizer.initial_state(measured._replace(x2=measured.x2[task.redundant]))
+        drive = VelocityTracker(stabilizer, velocity, None if held is None else held[task.redundant])
+        return Built(SplitController([(tracker, task.primary), (drive, task.redundant)], task.r))
+
+    def _gains(self, context: Context) -> tuple[PositionGains, VelocityGains]:
+        """Of the hand's tracker and of the platform's."""
+        if self.preset == "paper":
+            return PositionGains.paper(), VelocityGains.paper()
+        task, reduced, dt, start = context.task, context.reduced, context.simulation.dt, context.q0[None]
+        hand = np.ix_(np.arange(1), task.primary, task.primary)
+        with named("controller"):
+            return (
+                PositionGains.scaled(reduced.inertia(start)[hand], dt),
+                VelocityGains.scaled(reduced, start, dt, outputs=task.redundant, adaptation=self.adaptation or 1.0),
+            )

@@ -1,0 +1,74 @@
+"""What uncertain kinematics do not know: masses, or lengths of wheels."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from rnc_pin.control import MomentumRegressor, Regressor, UnknownMass, UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.scenario.schema.base import Positive, Strict
+
+
+class UnknownMasses(Strict):
+    """Bodies whose masses are estimated."""
+
+    base: str
+    """The joint whose momentum is conserved."""
+    initial: Annotated[dict[str, float], Field(min_length=1)]
+    """Joint that carries the body: first estimate, in ``unit``."""
+    unit: Positive = 1.0
+    """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
+    bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
+    """Estimates stay between these, in ``unit``."""
+
+    def build(self, reduced: ReducedModel) -> Regressor:
+        return MomentumRegressor(reduced.robot, self.base, [UnknownMass(joint, self.unit) for joint in self.initial])
+
+    @property
+    def estimates(self) -> list[float]:
+        return list(self.initial.values())
+
+
+class _Length(Strict):
+    wheels: Annotated[list[str], Field(min_length=1)]
+    """Frames of the wheels that share the length."""
+    initial: Positive
+    """First estimate [m]."""
+
+
+class UnknownWheels(Strict):
+    """Wheels whose radii or tracks are estimated."""
+
+    radii: list[_Length] = []
+    """Each a radius that its wheels share."""
+    tracks: list[_Length] = []
+    """Each the distance of its two wheels along their axle."""
+    bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.01, 5.0]
+    """Of all of them [m]."""
+
+    @model_validator(mode="after")
+    def _something_unknown(self) -> UnknownWheels:
+        if not self.radii and not self.tracks:
+            raise ValueError("name at least one radius or track")
+        return self
+
+    def build(self, reduced: ReducedModel) -> Regressor:
+        radii = [UnknownRadius(each.wheels) for each in self.radii]
+        return WheelRegressor(reduced, [*radii, *(UnknownTrack(each.wheels) for each in self.tracks)])
+
+    @property
+    def estimates(self) -> list[float]:
+        return [each.initial for each in (*self.radii, *self.tracks)]
+
+
+def _what_is_unknown(raw: Any) -> str:
+    keys = raw if isinstance(raw, dict) else ()
+    return "unknown_wheels" if "radii" in keys or "tracks" in keys else "unknown_masses"
+
+
+Unknown = Annotated[
+    Annotated[UnknownMasses, Tag("unknown_masses")] | Annotated[UnknownWheels, Tag("unknown_wheels")],
+    Discriminator(_what_is_unknown),
+]

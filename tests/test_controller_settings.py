@@ -1,0 +1,123 @@
+"""Each type of controller has settings of its own, and the schema knows whose they are."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.planning import Hold
+from rnc_pin.scenario.builder import build_reduced, build_task
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.json_schema import schema
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.schema.controllers import TYPES, Context
+
+jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
+
+NEEDED = {
+    "redundancy": {},
+    "reducing_outputs": {},
+    "steering": {},
+    "jacobian_transpose": {"active": ["joint_2", "joint_3"]},
+    "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
+    "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
+}
+VALUES = {  # of every setting that some type has
+    "preset": "scaled",
+    "tracker": "computed_torque",
+    "held": False,
+    "adaptation": 3.0,
+    "bandwidth": 20.0,
+    "secondary": {"posture": {}},
+    **{name: values[name] for values in NEEDED.values() for name in values},
+    **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
+}
+
+
+def scenario(controller):
+    return with_options(read_yaml(find_scenario("space-robot")), {"controller": controller, "comparisons": {}})
+
+
+def test_every_setting_is_tried():
+    assert set(TYPES) == set(NEEDED)
+    assert set(VALUES) == {name for each in TYPES.values() for name in each.model_fields} - {"type"}
+
+
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("name", VALUES)
+def test_a_type_takes_its_own_settings_and_no_other(kind, name):
+    raw = scenario({"type": kind, **NEEDED[kind], name: VALUES[name]})
+    own = name in TYPES[kind].model_fields
+    assert jsonschema.Draft202012Validator(schema()).is_valid(raw) == own
+    if own:
+        assert getattr(validate(raw, "mine").controller, name) is not None
+        return
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        validate(raw, "mine")
+    message = str(caught.value)
+    assert message.startswith(f"mine: controller.{name}: does not belong to type '{kind}' (but to ")
+    assert "did you mean" in message or "expected one of" in message
+    assert "\n" not in message
+
+
+def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
+    raw = scenario({"type": "redundancy", "secondary": {"posture": {}}, "k3": 3.0})
+    changed = with_options(raw, {"controller.type": "reducing_outputs", "controller.secondary": None})
+    with pytest.raises(rnc.ConfigurationError, match=r"controller.k3: does not belong to type 'reducing_outputs'"):
+        validate(changed, "mine")
+    settings = validate(with_options(changed, {"controller.k3": None}), "mine").controller
+    assert isinstance(settings, TYPES["reducing_outputs"])
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
+        ({"type": "two_phase"}, "controller.platform: is missing; expected where the platform goes"),
+        ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
+        ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
+        ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
+        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'two_phase', found \['steering'\]"),
+        ("steering", "controller: expected a mapping, found 'steering'"),
+    ],
+)
+def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        validate(scenario(controller), "mine")
+
+
+def test_settings_of_every_type_are_shown_in_words_by_editors():
+    content = schema()
+    branches = next(each for each in content["properties"]["controller"]["anyOf"] if "discriminator" in each)
+    assert set(branches["discriminator"]["mapping"]) == set(TYPES)
+    for reference in branches["discriminator"]["mapping"].values():
+        part = content["$defs"][reference.rpartition("/")[2]]
+        assert part["description"]
+        assert all("description" in value or "$ref" in json.dumps(value) for value in part["properties"].values())
+
+
+def test_what_a_controller_is_built_from_cannot_be_changed():
+    given = validate(read_yaml(find_scenario("space-robot")), "space-robot")
+    _, reduced = build_reduced(given, find_scenario("space-robot").parent)
+    task = build_task(given, reduced)
+    q0 = reduced.robot.configuration(given.initial.q)
+    x1, x2 = reduced.outputs(q0)
+    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    context = Context(
+        reduced=reduced,
+        task=task,
+        **{name: Hold(start) for name, start in starts.items()},
+        given=("primary",),
+        q0=q0,
+        simulation=given.simulation,
+    )
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        context.given = ()
+    first, second = given.controller.build(context), given.controller.build(context)
+    assert first.controller is not second.controller
+    np.testing.assert_array_equal(first.controller.gains.k, second.controller.gains.k)
+    assert first.warnings == second.warnings == ()
+    with pytest.raises(rnc.ConfigurationError, match=r"reference.redundant: is not followed by .* 'redundancy'; contr"):
+        given.controller.build(dataclasses.replace(context, given=("redundant",)))
