@@ -5,8 +5,9 @@ It is all that help and completion need, so it imports Click and little else; wh
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -26,12 +27,13 @@ def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: s
 
 _scenario = click.argument("scenario", shell_complete=_scenarios)
 _options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 _force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
-def _showing(command: Any) -> Any:
+def _showing(command: _Command) -> _Command:
     """The options of whatever can be watched."""
     options = (
         click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),

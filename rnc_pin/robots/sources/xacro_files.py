@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 from unittest import mock
 
 from rnc_pin.errors import ModelError, nearest
@@ -55,7 +54,7 @@ def is_xacro(path: Path) -> bool:
     return path.name.endswith(_ENDINGS)
 
 
-def expand(path: Path, arguments: Mapping[str, Any] | None, packages: Packages) -> str:
+def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> str:
     """The XML that a xacro file stands for.
 
     Args:
@@ -135,8 +134,8 @@ def _guarded(xacro: ModuleType, packages: Packages) -> Iterator[None]:
             raise ModelError(f"no package '{name}': give its folder in package_dirs or in ROS_PACKAGE_PATH")
         return str(folder)
 
-    def checked(evaluate: Callable[..., Any]) -> Callable[..., Any]:
-        def call(expression: str, *rest: Any) -> Any:
+    def checked(evaluate: Callable[..., object]) -> Callable[..., object]:
+        def call(expression: str, *rest: object) -> object:
             check_expression(expression)
             return evaluate(expression, *rest)
 
@@ -156,7 +155,7 @@ def _guarded(xacro: ModuleType, packages: Packages) -> Iterator[None]:
         symbols.update(withheld)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
