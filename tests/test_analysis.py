@@ -242,7 +242,7 @@ def test_first_bracket_is_the_commutator_of_flows():
 def test_the_space_robot_is_class_1():
     report = rnc.analyze(space_robot(), primary=["tip_x", "tip_y"], redundant=["joint_1"])
     assert report.redundancy_class == "1"
-    assert report.redundancy["tracked"] == ("platform",)
+    assert report.redundancy.tracked == ("platform",)
     assert report.completely_nonholonomic
 
 
@@ -250,10 +250,10 @@ def test_the_fire_truck_is_class_2s_not_2():
     """The paper says 2; the rate of the rear steering moves nothing, its angle does."""
     report = rnc.analyze(fire_truck(), redundant=["rear_steering"])
     assert report.redundancy_class == "2s"
-    assert report.redundancy["A4_singular_values"] == [0.0, 0.0]
-    assert report.redundancy["d(A3 v21)/dx22"] > 0.1
-    assert report.redundancy["tracked"] == ("trailer_yaw",)
-    assert report.redundancy["driven"] == ("tractor_x", "tractor_y", "tractor_yaw")
+    assert report.redundancy.evidence.A4_singular_values == (0.0, 0.0)
+    assert report.redundancy.evidence.steering > 0.1
+    assert report.redundancy.tracked == ("trailer_yaw",)
+    assert report.redundancy.driven == ("tractor_x", "tractor_y", "tractor_yaw")
 
 
 def turreted():
@@ -274,13 +274,13 @@ def test_a_unicycle_with_a_turret_is_class_2():
     reduced = turreted()
     report = rnc.analyze(reduced, redundant=["turret"])
     assert report.redundancy_class == "2"
-    assert report.redundancy["tracked"] == ("gun_yaw",)
+    assert report.redundancy.tracked == ("gun_yaw",)
 
 
 def test_nothing_redundant_is_no_class_and_says_why():
     report = rnc.analyze(unicycle())
     assert report.redundancy_class is None
-    assert report.redundancy["reason"] == "no redundant output"
+    assert report.redundancy.reason == "no redundant output"
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -328,10 +328,10 @@ def test_blocks_of_the_evidence_have_the_figures_of_the_geometry():
     """The tip stands still while the base drives: A4 is minus the cosine of its bearing, less for its height."""
     report = mobile_manipulator_report(64)
     assert report.redundancy_class == "1"
-    blocks = {block["name"]: block for block in report.redundancy["blocks"]}
-    shapes = {name: block["shape"] for name, block in blocks.items()}
-    assert shapes == {"A3": [1, 3], "A4": [1, 1], "A5": [0, 3], "A6": [0, 1]}
-    assert (blocks["A4"]["rows"], blocks["A4"]["columns"]) == (["distance_base_tip"], ["base_speed_x"])
+    blocks = {block.name: block for block in report.redundancy.evidence.blocks}
+    shapes = {name: block.shape for name, block in blocks.items()}
+    assert shapes == {"A3": (1, 3), "A4": (1, 1), "A5": (0, 3), "A6": (0, 1)}
+    assert (blocks["A4"].rows, blocks["A4"].columns) == (("distance_base_tip",), ("base_speed_x",))
     # Over A3, the way to the tip in the world: the horizontal part of the distance, whatever the heading.
     generator, height = np.random.default_rng(0), 0.48
     drawn = [mobile_manipulator().robot.random_configuration(generator) for _ in range(64)]
@@ -341,11 +341,24 @@ def test_blocks_of_the_evidence_have_the_figures_of_the_geometry():
     across = reach / np.hypot(reach, height)
     A4 = across * np.abs(np.cos([bearing_of_the_tip(values) for values in good]))
     for name, expected in (("A3", across), ("A4", A4)):
-        spread = blocks[name]["smallest_singular_value"]
-        assert spread["min"] == pytest.approx(expected.min())
-        assert spread["median"] == pytest.approx(np.median(expected))
-        assert spread["max"] == pytest.approx(expected.max())
-    assert blocks["A4"]["largest_entry"] == pytest.approx(A4.max())
+        spread = blocks[name].smallest_singular_value
+        assert spread.min == pytest.approx(expected.min())
+        assert spread.median == pytest.approx(np.median(expected))
+        assert spread.max == pytest.approx(expected.max())
+    assert blocks["A4"].largest_entry == pytest.approx(A4.max())
+
+
+def test_the_evidence_in_json_has_its_keys():
+    evidence = mobile_manipulator_report(8).to_dict()["redundancy"]
+    keys = "tracked driven A3 A4_singular_values A6 A5_along_x22 blocks reason"
+    assert list(evidence) == keys.split()
+    full, empty = evidence["blocks"][1], evidence["blocks"][3]
+    assert (empty["name"], empty["shape"]) == ("A6", [0, 1])
+    assert set(full) - set(empty) == {"largest_entry", "smallest_singular_value"}
+    steered = rnc.analyze(fire_truck(), redundant=["rear_steering"], samples=8).to_dict()["redundancy"]
+    assert steered["d(A3 v21)/dx22"] > 0.1
+    assert [block["name"] for block in steered["blocks"]][4:] == ["d(A3 v21)/dx22"]
+    assert set(rnc.analyze(unicycle(), samples=8).to_dict()["redundancy"]) == {"tracked", "driven", "reason"}
 
 
 def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip_abeam():

@@ -4,16 +4,19 @@ from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.linearization import Linearization, linearize
-from rnc_pin.analysis.redundancy import Redundancy, classify
+from rnc_pin.analysis.redundancy import Block, Evidence, Redundancy, Spread, classify
 from rnc_pin.analysis.report import Report, analyze
 from rnc_pin.analysis.singularities import Singularity
 
 __all__ = [
+    "Block",
+    "Evidence",
     "Integrability",
     "Linearization",
     "Redundancy",
     "Report",
     "Singularity",
+    "Spread",
     "analyze",
     "classify",
     "growth_vector",

@@ -2,32 +2,122 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
+from rnc_pin.plain import Json
 
 _ZERO = 1e-9
+_STEERING = "d(A3 v21)/dx22"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A figure over the samples."""
+
+    min: float
+    median: float
+    max: float
+
+    @classmethod
+    def over(cls, values: np.ndarray) -> Spread:
+        """Of values (count,)."""
+        return cls(float(values.min()), float(np.median(values)), float(values.max()))
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of A*, or of ``d(A3 v21)/dx22``, in figures.
+
+    Attributes:
+        name: "A3" to "A6", or "d(A3 v21)/dx22".
+        rows, columns: names of the outputs.
+        largest_entry: magnitude over all samples; None of a block without entries.
+        smallest_singular_value: over the samples; None of a block without entries.
+    """
+
+    name: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    largest_entry: float | None = None
+    smallest_singular_value: Spread | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.rows), len(self.columns)
+
+    def to_dict(self) -> dict[str, Json]:
+        """Plain lists, numbers and strings, ready for JSON."""
+        content: dict[str, Json] = {
+            "name": self.name,
+            "rows": list(self.rows),
+            "columns": list(self.columns),
+            "shape": list(self.shape),
+        }
+        if self.smallest_singular_value is not None:
+            content["largest_entry"] = self.largest_entry
+            content["smallest_singular_value"] = asdict(self.smallest_singular_value)
+        return content
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The figures that decide on a class.
+
+    Attributes:
+        A3: largest entry in the rows of all vertical outputs.
+        A4_singular_values: smallest and largest of the rows of A4 that are not zero; zeros where all are.
+        A6: largest entry in the other rows.
+        A5_along_x22: largest derivative of A5 along a redundant output.
+        steering: largest entry of ``d(A3 v21)/dx22``, where A4 is zero.
+        blocks: A3 to A6 as the partition has them, and ``d(A3 v21)/dx22`` where A4 is zero.
+    """
+
+    A3: float
+    A4_singular_values: tuple[float, float]
+    A6: float
+    A5_along_x22: float
+    steering: float | None
+    blocks: tuple[Block, ...]
+
+    def to_dict(self) -> dict[str, Json]:
+        """Plain lists, numbers and strings, ready for JSON."""
+        return {
+            "A3": self.A3,
+            "A4_singular_values": list(self.A4_singular_values),
+            "A6": self.A6,
+            "A5_along_x22": self.A5_along_x22,
+            **({} if self.steering is None else {_STEERING: self.steering}),
+            "blocks": [block.to_dict() for block in self.blocks],
+        }
 
 
 @dataclass(frozen=True)
 class Redundancy:
-    """The class, the partition of x1 that it needs, and the figures that decided.
+    """The class, the partition of x1 that it needs, and why.
 
     Attributes:
         redundancy_class: "1", "2", "2s" or None.
         tracked: vertical outputs x11 that the redundant outputs can steer.
         driven: vertical outputs x12 that only the primary outputs move.
-        evidence: figures and the reason in words; ``blocks`` describes A3 to A6 as this partition has them.
+        reason: in words.
+        evidence: the figures that decided; None where there is nothing to decide.
     """
 
     redundancy_class: str | None
     tracked: tuple[str, ...]
     driven: tuple[str, ...]
-    evidence: dict[str, Any]
+    reason: str
+    evidence: Evidence | None = None
+
+    def to_dict(self) -> dict[str, Json]:
+        """Partition, figures and reason as plain lists, numbers and strings, ready for JSON."""
+        figures = {} if self.evidence is None else self.evidence.to_dict()
+        return {"tracked": list(self.tracked), "driven": list(self.driven), **figures, "reason": self.reason}
 
 
 def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed: int = 0) -> Redundancy:
@@ -39,7 +129,7 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     names = task.vertical_names
     if not len(task.redundant) or not names:
         reason = "no redundant output" if names else "no vertical output"
-        return Redundancy(None, (), names, {"reason": reason})
+        return Redundancy(None, (), names, reason)
     A = reduced.at(configurations).A_star[:, task.vertical]
     # Derivatives of A_star along the motion of each redundant output alone, (count, k, r, r2).
     A_along = reduced.kinematic_gradient(configurations, task.redundant)[:, task.vertical]
@@ -64,16 +154,17 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
         _described("A5", A3[:, ~tracked], below, task.primary_names),
         _described("A6", A4[:, ~tracked], below, task.redundant_names),
     ]
-    evidence: dict[str, Any] = {
-        "A3": _largest(A3),
-        "A4_singular_values": _smallest_largest(A4[:, moved]) if moved.any() else [0.0, 0.0],
-        "A6": _largest(A4[:, ~moved]),
-        "A5_along_x22": _largest(A3_along[:, ~tracked]),
-    }
     if not moved.any():
-        evidence["d(A3 v21)/dx22"] = _largest(steering)
-        blocks.append(_described("d(A3 v21)/dx22", steering[:, tracked], above, task.redundant_names))
-    return Redundancy(redundancy_class, above, below, {**evidence, "blocks": blocks, "reason": reason})
+        blocks.append(_described(_STEERING, steering[:, tracked], above, task.redundant_names))
+    evidence = Evidence(
+        A3=_largest(A3),
+        A4_singular_values=_smallest_largest(A4[:, moved]) if moved.any() else (0.0, 0.0),
+        A6=_largest(A4[:, ~moved]),
+        A5_along_x22=_largest(A3_along[:, ~tracked]),
+        steering=None if moved.any() else _largest(steering),
+        blocks=tuple(blocks),
+    )
+    return Redundancy(redundancy_class, above, below, reason, evidence)
 
 
 def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends: bool) -> tuple[str | None, str]:
@@ -98,23 +189,21 @@ def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends:
     return "2", "A6 = 0, A4 nonsingular and A5 independent of x22"
 
 
-def _described(name: str, block: np.ndarray, rows: tuple[str, ...], columns: tuple[str, ...]) -> dict[str, Any]:
+def _described(name: str, block: np.ndarray, rows: tuple[str, ...], columns: tuple[str, ...]) -> Block:
     """A block (count, k, l) in figures: its largest entry, and the spread of its singular values over the samples."""
-    content: dict[str, Any] = {"name": name, "rows": list(rows), "columns": list(columns), "shape": [*block.shape[1:]]}
     if not block.size:
-        return content
+        return Block(name, rows, columns)
     smallest = np.linalg.svd(block, compute_uv=False)[:, -1]
-    spread = {"min": float(smallest.min()), "median": float(np.median(smallest)), "max": float(smallest.max())}
-    return {**content, "largest_entry": _largest(block), "smallest_singular_value": spread}
+    return Block(name, rows, columns, _largest(block), Spread.over(smallest))
 
 
 def _largest(array: np.ndarray) -> float:
     return float(np.abs(array).max(initial=0.0))
 
 
-def _smallest_largest(matrices: np.ndarray) -> list[float]:
+def _smallest_largest(matrices: np.ndarray) -> tuple[float, float]:
     values = np.linalg.svd(matrices, compute_uv=False)
-    return [float(values.min()), float(values.max())]
+    return float(values.min()), float(values.max())
 
 
 def _full_row_rank(matrices: np.ndarray) -> bool:

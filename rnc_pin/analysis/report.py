@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
-from rnc_pin.analysis.redundancy import classify
+from rnc_pin.analysis.redundancy import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
+from rnc_pin.plain import Json, plain_mapping
 
 _GROWTH_SAMPLES = 3
 _LEMMA_TOLERANCE = 1e-6
@@ -38,7 +38,7 @@ class Report:
         growth_vector: dimensions of span(R) and its brackets, level by level.
         completely_nonholonomic: whether they reach n.
         redundancy_class: "1", "2", "2s" or None for the task.
-        redundancy: x11 (``tracked``), x12 (``driven``), and the evidence.
+        redundancy: the class with x11 (``tracked``), x12 (``driven``), and the evidence.
         actuation_rank: smallest rank of ``R^T B``; below r not every F can be realised.
         unactuated: reducing outputs with a part in some F that no actuator produces.
         condition: min, median and max condition number of E with unit rows.
@@ -71,7 +71,7 @@ class Report:
     growth_vector: tuple[int, ...]
     completely_nonholonomic: bool
     redundancy_class: str | None
-    redundancy: dict[str, Any]
+    redundancy: Redundancy
     actuation_rank: int
     unactuated: tuple[str, ...]
     condition: dict[str, float]
@@ -81,10 +81,9 @@ class Report:
     lemma1: dict[str, float]
     lemma1_holds: bool
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
-        content: dict[str, Any] = _plain(asdict(self))
-        return content
+        return plain_mapping({**asdict(self), "redundancy": self.redundancy.to_dict()}, "report")
 
 
 def analyze(
@@ -160,14 +159,10 @@ def analyze(
         growth_vector=growth,
         completely_nonholonomic=growth[-1] == reduced.n,
         redundancy_class=redundancy.redundancy_class,
-        redundancy={"tracked": redundancy.tracked, "driven": redundancy.driven, **redundancy.evidence},
+        redundancy=redundancy,
         actuation_rank=actuation_rank,
         unactuated=unactuated,
-        condition={
-            "min": float(conditions.min()),
-            "median": float(np.median(conditions)),
-            "max": float(conditions.max()),
-        },
+        condition=asdict(Spread.over(conditions)),
         samples=samples,
         singular_samples=samples - len(regular),
         singularities=tuple(singular),
@@ -185,10 +180,3 @@ def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, 
     worst, rank = int(np.argmin(ranks)), int(ranks.min())
     missing = np.linalg.norm(left[worst][:, rank:], axis=1)
     return rank, tuple(name for name, part in zip(reduced.reducing.names, missing, strict=True) if part > _MISSING)
-
-
-def _plain(content: Any) -> Any:
-    """Tuples as lists, all the way down."""
-    if isinstance(content, dict):
-        return {key: _plain(value) for key, value in content.items()}
-    return [_plain(each) for each in content] if isinstance(content, list | tuple) else content

@@ -6,14 +6,14 @@ import json
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TextIO
 
 import click
 
 from rnc_pin.errors import ModelWarning
 
 
-def print_json(content: Any) -> None:
+def print_json(content: object) -> None:
     """Print JSON on standard output."""
     click.echo(json.dumps(content, indent=2))
 
@@ -35,9 +35,16 @@ def told_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
-        def tell(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+        def tell(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
             if not issubclass(category, ModelWarning):
-                usual(message, category, *rest, **more)
+                usual(message, category, filename, lineno, file, line)
             elif str(message) not in told:
                 told.add(str(message))
                 warn(str(message))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.scenario.sweep_table import Spread
 from rnc_pin.simulation import Summary
 
 
@@ -19,7 +19,7 @@ def print_summary(summary: Summary, folder: Path) -> None:
     for column in ("final error", "largest error", "rms error"):
         errors.add_column(column, justify="right")
     for name in summary["final_error"]:
-        figures = (summary[key][name] for key in ("final_error", "max_error", "rms_error"))
+        figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
         errors.add_row(name, *(f"{figure:.2e}" for figure in figures))
     console.print(errors)
     invariants = Table(show_header=False, box=None, pad_edge=False)
@@ -45,18 +45,18 @@ def print_summary(summary: Summary, folder: Path) -> None:
         console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
 
 
-def print_spread(summary: dict[str, Any], folder: Path) -> None:
+def print_spread(scenario: str, summary: Spread, folder: Path) -> None:
     """Outcomes and errors of a sweep."""
     console = Console()
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
     if summary["redrawn"]:
         outcomes += f" ({summary['redrawn']} tasks did not pass preflight and were drawn again)"
-    table = Table(title=f"{summary['scenario']}: {outcomes}", title_justify="left", title_style="bold")
+    table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")
     table.add_column("output")
     table.add_column("median final error", justify="right")
     table.add_column("95 % below", justify="right")
     table.add_column("largest final error", justify="right")
     for name, figures in summary["final_error"].items():
-        table.add_row(name, *(f"{figures[key]:.2e}" for key in ("median", "95 %", "max")))
+        table.add_row(name, *(f"{figure:.2e}" for figure in (figures["median"], figures["95 %"], figures["max"])))
     console.print(table)
     console.print(f"in {folder}: sweep.csv, sweep.json and a folder for each run", highlight=False)

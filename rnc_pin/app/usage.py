@@ -5,14 +5,18 @@ It is all that help and completion need, so it imports Click and little else; wh
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
 from rnc_pin.app import commands
 from rnc_pin.scenario.files import built_in_names
+
+Given: TypeAlias = Any
+"""What Click hands over; the commands say of which types it is."""
 
 
 def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -26,12 +30,13 @@ def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: s
 
 _scenario = click.argument("scenario", shell_complete=_scenarios)
 _options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 _force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
-def _showing(command: Any) -> Any:
+def _showing(command: _Command) -> _Command:
     """The options of whatever can be watched."""
     options = (
         click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
@@ -61,7 +66,7 @@ def cli(context: click.Context) -> None:
 @cli.command("list")
 @_json
 @_debug
-def list_scenarios(**given: Any) -> None:
+def list_scenarios(**given: Given) -> None:
     """List the built-in scenarios."""
     commands.list_scenarios(**given)
 
@@ -74,7 +79,7 @@ def list_scenarios(**given: Any) -> None:
 @_json
 @_force
 @_debug
-def run(**given: Any) -> int:
+def run(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
     return commands.run_scenario(**given)
 
@@ -86,7 +91,7 @@ def run(**given: Any) -> int:
 @click.option("--seed", type=int, default=0, help="Of the sampled configurations.")
 @_json
 @_debug
-def inspect(**given: Any) -> None:
+def inspect(**given: Given) -> None:
     """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
     commands.inspect_system(**given)
 
@@ -98,7 +103,7 @@ def inspect(**given: Any) -> None:
 @click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @_debug
-def init(**given: Any) -> None:
+def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
     commands.draft_scenario(**given)
 
@@ -120,7 +125,7 @@ def schema() -> None:
 @click.option("--aside", is_flag=True, help="Set the runs beside each other, not into each other.")
 @_force
 @_debug
-def replay(**given: Any) -> None:
+def replay(**given: Given) -> None:
     """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
     commands.replay_runs(**given)
 
@@ -135,7 +140,7 @@ def replay(**given: Any) -> None:
 @_json
 @_force
 @_debug
-def sweep(**given: Any) -> int:
+def sweep(**given: Given) -> int:
     """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'.
 
     A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.

@@ -24,6 +24,8 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
 
+State: TypeAlias = Any
+"""What a controller remembers from one sample to the next: its own affair."""
 Description: TypeAlias = Mapping[str, Json]
 """What a controller says of itself: its ``type``, its gains, and the controllers under it by the same rule."""
 
@@ -63,18 +65,18 @@ class Command(NamedTuple):
 class Controller(Protocol):
     """Decides a command once a sample."""
 
-    def initial_state(self, measurement: Measurement) -> Any: ...
+    def initial_state(self, measurement: Measurement) -> State: ...
 
-    def step(self, t: float, measurement: Measurement, state: Any) -> tuple[Command, Any]: ...
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]: ...
 
 
 @runtime_checkable
 class KinematicController(Protocol):
     """Decides a velocity target once a sample."""
 
-    def initial_state(self, measurement: Measurement) -> Any: ...
+    def initial_state(self, measurement: Measurement) -> State: ...
 
-    def step(self, t: float, measurement: Measurement, state: Any) -> tuple[VelocityTarget, Any]: ...
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[VelocityTarget, State]: ...
 
 
 @runtime_checkable

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller, Description, describe
+from rnc_pin.control.protocol import Command, Controller, Description, State, describe
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
@@ -40,11 +39,11 @@ class SplitController(Spelled):
         parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
         return {"type": type(self).__name__, "parts": parts}
 
-    def initial_state(self, measurement: Measurement) -> tuple[Any, ...]:
+    def initial_state(self, measurement: Measurement) -> tuple[State, ...]:
         """Those of the parts."""
         return tuple(controller.initial_state(_part(measurement, outputs)) for controller, outputs in self._parts)
 
-    def step(self, t: float, measurement: Measurement, state: tuple[Any, ...]) -> tuple[Command, tuple[Any, ...]]:
+    def step(self, t: float, measurement: Measurement, state: tuple[State, ...]) -> tuple[Command, tuple[State, ...]]:
         shape = measurement.x2.shape
         F, v2, x2 = np.empty(shape), np.full(shape, np.nan), np.full(shape, np.nan)
         x1: np.ndarray | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from rnc_pin.control.protocol import (
     Command,
     Description,
     KinematicController,
+    State,
     command_towards,
     describe,
     elapsed_time,
@@ -30,7 +31,7 @@ class TrackerState(NamedTuple):
     g: Float[Array, "*batch r"]
     C: Float[Array, "*batch r r"]
     D: Float[Array, "*batch r r2"]
-    target: Any
+    target: State
     """State of the kinematic controller."""
 
 

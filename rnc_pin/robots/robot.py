@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -76,7 +76,7 @@ class Robot(Printed):
         package_dirs: Sequence[str | Path] = (),
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
-        xacro_arguments: Mapping[str, Any] | None = None,
+        xacro_arguments: Mapping[str, object] | None = None,
     ) -> Robot:
         """Load a URDF file, or a xacro file, which is expanded first.
 

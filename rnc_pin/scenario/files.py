@@ -9,11 +9,11 @@ import os.path
 from collections.abc import Hashable, Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.plain import Json
 
 _BUILT_IN = Path(__file__).resolve().parent / "builtin"
 
@@ -22,8 +22,8 @@ class _Loader(yaml.SafeLoader):
     """Safe YAML that refuses a key given twice, where YAML would quietly keep the last."""
 
 
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, Any]:
-    seen: set[Any] = set()
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, object]:
+    seen: set[Hashable] = set()
     for key_node, _ in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
             continue
@@ -61,7 +61,7 @@ def find_scenario(name: str) -> Path:
     raise ConfigurationError(f"no scenario '{name}': neither built in nor a file{nearest(name, built_in_names())}")
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Json]:
     """The mapping in a YAML file.
 
     Raises:
@@ -84,7 +84,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return raw
 
 
-def parse_option(option: str) -> tuple[str, Any]:
+def parse_option(option: str) -> tuple[str, Json]:
     """``a.b=c`` as a key and a value read as YAML."""
     key, equals, text = option.partition("=")
     if not equals or not key.strip():
@@ -95,16 +95,16 @@ def parse_option(option: str) -> tuple[str, Any]:
         raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
 
 
-def parse_options(options: Iterable[str]) -> dict[str, Any]:
+def parse_options(options: Iterable[str]) -> dict[str, Json]:
     """Keys and values, as ``with_options`` takes them; of a key given twice the last counts."""
     return dict(parse_option(option) for option in options)
 
 
-def with_options(raw: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
+def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
     """A copy of a scenario with values at dotted keys replaced; numbers in a key index lists."""
     result = deepcopy(dict(raw))
     for key, value in options.items():
-        where: Any = result
+        where: object = result
         parts = key.split(".")
         for depth, part in enumerate(parts):
             last = depth == len(parts) - 1
@@ -125,7 +125,7 @@ def with_options(raw: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str
     return result
 
 
-def describe(value: Any) -> str:
+def describe(value: object) -> str:
     """A value in a few words."""
     if isinstance(value, dict):
         return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
+from rnc_pin.plain import Json
 from rnc_pin.scenario.schema import Scenario
 
 
@@ -14,7 +14,7 @@ def schema_path() -> Path:
     return Path(__file__).resolve().parent / "scenario.schema.json"
 
 
-def schema() -> dict[str, Any]:
+def schema() -> dict[str, Json]:
     """The schema, made from the models that read scenario files."""
     content = Scenario.model_json_schema()
     return {

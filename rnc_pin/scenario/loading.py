@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.plain import Json
 from rnc_pin.scenario.files import describe
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.controllers import TYPES
 
 
-def validate(raw: Mapping[str, Any], source: str) -> Scenario:
+def validate(raw: Mapping[str, Json], source: str) -> Scenario:
     """A scenario from its mapping.
 
     Raises:
@@ -25,7 +27,7 @@ def validate(raw: Mapping[str, Any], source: str) -> Scenario:
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def checked(model: type[_Model], raw: Mapping[str, Any], source: str) -> _Model:
+def checked(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
     """A part of a scenario from its mapping, like ``validate``."""
     try:
         return model.model_validate(raw)
@@ -34,7 +36,7 @@ def checked(model: type[_Model], raw: Mapping[str, Any], source: str) -> _Model:
         raise ConfigurationError(f"{source}: {_explain(first)}") from None
 
 
-def _explain(error: Mapping[str, Any]) -> str:
+def _explain(error: ErrorDetails) -> str:
     where = _path(error["loc"])
     kind, context = error["type"], error.get("ctx", {})
     if kind == "wrong_key":

@@ -6,7 +6,6 @@ import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -56,13 +55,13 @@ class OutputFolder:
         """Where a run inside this one may write."""
         return self.file(name)
 
-    def write_json(self, name: str, content: Mapping[str, Any]) -> Path:
+    def write_json(self, name: str, content: Mapping[str, object]) -> Path:
         """Write JSON."""
         path = self.file(name)
         path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         return path
 
-    def write_yaml(self, name: str, content: Mapping[str, Any]) -> Path:
+    def write_yaml(self, name: str, content: Mapping[str, object]) -> Path:
         """Write YAML."""
         path = self.file(name)
         path.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding="utf-8")

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import joblib
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
+from rnc_pin.plain import Json
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.run import execute, plan, write
+from rnc_pin.scenario.sweep_table import Row
 
 _MOST_DRAWS = 20  # tasks tried for one run, before its ranges count as infeasible
 
 
-def drawn_keys(scenario: str, options: dict[str, Any]) -> tuple[dict[str, list[float]], int]:
+def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, list[float]], int]:
     """What the scenario's ``sweep`` says is drawn uniformly, dotted key to range, and the scenario's seed.
 
     Raises:
@@ -39,7 +39,7 @@ def drawn_keys(scenario: str, options: dict[str, Any]) -> tuple[dict[str, list[f
     return checked.sweep, checked.seed
 
 
-def draw(scenario: str, options: dict[str, Any], run: int) -> Iterator[dict[str, Any]]:
+def draw(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[str, Json]]:
     """Options of one run of a sweep, and others in its place, and so on; every run has a seed of its own.
 
     Raises:
@@ -52,7 +52,7 @@ def draw(scenario: str, options: dict[str, Any], run: int) -> Iterator[dict[str,
         yield {"preflight": "refuse", **options, "comparisons": {}, "seed": seed, **values}
 
 
-def one_run(scenario: str, options: dict[str, Any], run: int, folder: Path) -> dict[str, Any]:
+def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) -> Row:
     """A row of the table: what was drawn, how the run ended, its errors. Results stand in a folder of its own.
 
     A task that preflight refuses, or that no gains suit, is drawn again; ``redrawn`` says how often.
@@ -86,8 +86,13 @@ def one_run(scenario: str, options: dict[str, Any], run: int, folder: Path) -> d
 
 
 def sweep(
-    scenario: str, options: dict[str, Any], runs: int, out: OutputFolder, jobs: int = 1, scheduler: str | None = None
-) -> Iterator[dict[str, Any]]:
+    scenario: str,
+    options: Mapping[str, Json],
+    runs: int,
+    out: OutputFolder,
+    jobs: int = 1,
+    scheduler: str | None = None,
+) -> Iterator[Row]:
     """Run a sweep of tasks that pass preflight, yielding rows in order as they are done.
 
     Args:
@@ -131,31 +136,3 @@ class _backend:
     def __exit__(self, *error: object) -> None:
         if self._client is not None:
             self._client.close()
-
-
-def write_table(rows: list[dict[str, Any]], path: Path) -> None:
-    """Write rows as CSV; a column for every key that any row has."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def spread(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Outcomes and redrawn tasks counted; median, 95th percentile and largest final errors of what completed."""
-    outcomes: dict[str, int] = {}
-    for row in rows:
-        outcomes[row["outcome"]] = outcomes.get(row["outcome"], 0) + 1
-    done = [row for row in rows if row["outcome"] == "completed"]
-    names = [key for key in (done[0] if done else {}) if key.startswith("final_error.")]
-    errors = {
-        name.removeprefix("final_error."): {
-            "median": float(np.median([row[name] for row in done])),
-            "95 %": float(np.percentile([row[name] for row in done], 95)),
-            "max": float(np.max([row[name] for row in done])),
-        }
-        for name in names
-    }
-    redrawn = sum(row["redrawn"] for row in rows)
-    return {"runs": len(rows), "redrawn": redrawn, "outcomes": outcomes, "final_error": errors}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
@@ -102,7 +100,7 @@ class MovingPlant:
 
         return rate
 
-    def _y_dot(self, w_dot: np.ndarray, state: Evaluation, v: np.ndarray, power: Any) -> np.ndarray:
+    def _y_dot(self, w_dot: np.ndarray, state: Evaluation, v: np.ndarray, power: np.ndarray | float) -> np.ndarray:
         r = self._r
         y_dot = np.zeros(2 * r + 1)
         y_dot[:r], y_dot[2 * r] = w_dot, power

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.control.protocol import Command, Controller, State
 from rnc_pin.errors import ConstraintError, DivergenceError, InputError, LimitError, SimulationError, SingularityError
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
@@ -68,7 +68,7 @@ def simulate(
     substeps: int = 1,
     plant: Plant = NOTHING_BESIDE,
     stop: Stop = BEYOND_BOUNDS,
-    controller_state: Any = None,
+    controller_state: State = None,
     observer: Observer | None = None,
     meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +19,7 @@ class Keyframes:
         self.rate = rate
         self._frames: dict[str, list[int]] = {}
         self._matrices: dict[str, list[np.ndarray]] = {}
-        self._tracks: dict[str, list[dict[str, Any]]] = {}
+        self._tracks: dict[str, list[dict[str, object]]] = {}
         self._colors: dict[str, tuple[list[int], list[np.ndarray]]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
@@ -40,7 +38,7 @@ class Keyframes:
         keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
         self._tracks.setdefault(path, []).append({"name": ".visible", "type": "boolean", "keys": keys})
 
-    def command(self) -> dict[str, Any]:
+    def command(self) -> dict[str, object]:
         """The command that plays it."""
         for path, matrices in self._matrices.items():
             self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices)))
@@ -55,7 +53,7 @@ class Keyframes:
         return {"type": "set_animation", "path": "", "animations": clips, "options": options}
 
     @staticmethod
-    def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, Any]]:
+    def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, object]]:
         columns = matrices[:, :3, :3]
         scale = np.linalg.norm(columns, axis=1)
         turn = Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
@@ -71,7 +69,7 @@ class Keyframes:
         return tracks
 
 
-def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, Any]:
+def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, object]:
     """Keys of one property; where it rests, the first and the last will do."""
     moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _STILL
     kept = np.r_[True, moves] | np.r_[moves, True]

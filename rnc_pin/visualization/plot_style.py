@@ -20,8 +20,11 @@ from rnc_pin.simulation import Trajectory
 # Okabe and Ito, in an order in which neighbours differ in lightness too.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 MARKERS = "os^Dvp"
-DOTS = (0, (1, 1.6))
-DASHES = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
+Dashes = tuple[int, tuple[float, ...]]
+"""Where a pattern begins, and lengths of lines and gaps [points]."""
+
+DOTS: Dashes = (0, (1, 1.6))
+DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 _NAMED = 9  # lines in a legend
 _MARKS = 7  # markers on a line
 STYLE: dict[Any, Any] = {
@@ -75,15 +78,20 @@ def save(figure: Figure, path: str | Path) -> Path:
     return Path(path)
 
 
-def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, label: str, **others: Any) -> Line2D:
+def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, label: str, **others: float) -> Line2D:
     """Draw the k-th of so many series: its colour, and its marker at places of its own."""
     step = max(1, len(time) // _MARKS)
-    style = {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)], "label": label, **others}
+    style: dict[str, Any] = {
+        "color": COLORS[k % len(COLORS)],
+        "marker": MARKERS[k % len(MARKERS)],
+        "label": label,
+        **others,
+    }
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(time, values, markevery=(start, step), markeredgecolor="white", markeredgewidth=0.6, **style)[0]
 
 
-def dashes(labels: Iterable[str]) -> Iterable[tuple[Any, str]]:
+def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
     """A dash pattern for each label."""
     return zip(cycle(DASHES), labels, strict=False)
 

@@ -12,9 +12,9 @@ import ipaddress
 import socket
 import threading
 import webbrowser
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import tornado.httpserver
@@ -42,6 +42,12 @@ def is_loopback(host: str) -> bool:
     return all(ipaddress.ip_address(address).is_loopback for address in found)
 
 
+class Drawing(Protocol):
+    """One of Meshcat's commands."""
+
+    def lower(self) -> Mapping[str, object]: ...
+
+
 class SceneWindow:
     """What Meshcat's ``Visualizer`` writes to. Pass it as ``meshcat.Visualizer(window=...)``.
 
@@ -61,11 +67,11 @@ class SceneWindow:
 
     # ------------------------------------------------------------------ drawing
 
-    def send(self, command: Any) -> None:
+    def send(self, command: Drawing) -> None:
         """Take one of Meshcat's drawing commands; returns at once."""
         self.post(command.lower())
 
-    def post(self, command: dict[str, Any], single: bool = False) -> None:
+    def post(self, command: Mapping[str, object], single: bool = False) -> None:
         """Take a drawing command as the viewer gets it, Meshcat's or one of ``page.js``; returns at once.
 
         Args:

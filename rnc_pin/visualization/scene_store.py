@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 Key = tuple[str, str]
 """Path of a part, and what of it: an object, a transform, one property, ..."""
@@ -11,10 +10,10 @@ Key = tuple[str, str]
 _RANK = {"set_object": 0, "copy": 0, "set_property": 1, "set_transform": 2}
 
 
-def key_of(command: dict[str, Any]) -> Key:
+def key_of(command: Mapping[str, object]) -> Key:
     """What a command has the last word on."""
-    path = "/".join(part for part in command.get("path", "").split("/") if part)
-    kind = command["type"]
+    path = "/".join(part for part in str(command.get("path", "")).split("/") if part)
+    kind = str(command["type"])
     return path, f"{kind} {command['property']}" if kind == "set_property" else kind
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import meshcat
 import meshcat.geometry as mg
@@ -102,7 +101,7 @@ class Stage:
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
 
     def board(
-        self, title: str, rows: Sequence[Mapping[str, Any]], legend: Sequence[Mapping[str, Any]], **series: Any
+        self, title: str, rows: Sequence[Mapping[str, object]], legend: Sequence[Mapping[str, object]], **series: object
     ) -> None:
         """Figures and legend at the corner of the page."""
         content = {"title": title, "rows": list(rows), "legend": list(legend), **series}

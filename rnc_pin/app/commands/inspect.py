@@ -17,6 +17,9 @@ def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: in
     built, reduced = build_reduced(checked, path.parent)
     task = build_task(checked, reduced)
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
+    if not as_json:
+        print_report(system, reduced, task, report)
+        return
     content = {
         "system": system,
         "robot": built.robot.name,
@@ -28,7 +31,4 @@ def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: in
         "redundant": list(task.redundant_names),
         **report.to_dict(),
     }
-    if as_json:
-        print_json(content)
-    else:
-        print_report(content)
+    print_json(content)

@@ -19,5 +19,5 @@ def list_scenarios(as_json: bool) -> None:
     table.add_column("scenario", style="bold")
     table.add_column("what it shows")
     for name, title in titles.items():
-        table.add_row(name, title)
+        table.add_row(name, str(title))
     Console().print(table)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -14,7 +13,8 @@ from rnc_pin.app.tables import print_spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.sweep import drawn_keys, spread, sweep, write_table
+from rnc_pin.scenario.sweep import drawn_keys, sweep
+from rnc_pin.scenario.sweep_table import Row, spread, write_table
 
 
 def sweep_scenario(
@@ -33,16 +33,17 @@ def sweep_scenario(
     parsed = parse_options(options)
     drawn_keys(scenario, parsed)
     folder = OutputFolder(out, force)
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
         for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
             rows.append(row)
             advance(len(rows))
     write_table(rows, folder.file("sweep.csv"))
-    summary = {"scenario": scenario, **spread(rows)}
+    figures = spread(rows)
+    summary = {"scenario": scenario, **figures}
     folder.write_json("sweep.json", summary)
     if as_json:
         print_json(summary)
     else:
-        print_spread(summary, folder.path)
-    return DONE if summary["outcomes"].get("completed", 0) == runs else FAILED
+        print_spread(scenario, figures, folder.path)
+    return DONE if figures["outcomes"].get("completed", 0) == runs else FAILED

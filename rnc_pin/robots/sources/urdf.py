@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pinocchio as pin
@@ -26,7 +25,7 @@ from rnc_pin.robots.sources.xacro_files import expand, is_xacro
 
 
 def read_urdf(
-    path: Path, base: str, package_dirs: Sequence[str | Path], xacro_arguments: Mapping[str, Any] | None
+    path: Path, base: str, package_dirs: Sequence[str | Path], xacro_arguments: Mapping[str, object] | None
 ) -> Description:
     """Read a URDF, or a xacro file that expands to one.
 

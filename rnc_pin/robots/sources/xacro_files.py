@@ -57,7 +57,7 @@ def is_xacro(path: Path) -> bool:
     return path.name.endswith(_ENDINGS)
 
 
-def expand(path: Path, arguments: Mapping[str, Any] | None, packages: Packages) -> str:
+def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> str:
     """The XML that a xacro file stands for.
 
     Args:
@@ -170,15 +170,15 @@ def _guarded() -> _Guarded:
     return _Guarded()
 
 
-def _checked(evaluate: Callable[..., Any]) -> Callable[..., Any]:
-    def call(expression: str, *rest: Any) -> Any:
+def _checked(evaluate: Callable[..., object]) -> Callable[..., object]:
+    def call(expression: str, *rest: object) -> object:
         check_expression(expression)
         return evaluate(expression, *rest)
 
     return call
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.wheels import DrawnAxle, Wheel
 
-Entry = str | dict[str, Any]
+Entry = str | Mapping[str, Json]
 
 
 @dataclass
@@ -37,8 +38,8 @@ class Mobility:
     frame: str = ""
     constraints: list[tuple[Entry, str]] = field(default_factory=list)
     actuators: list[tuple[Entry, str]] = field(default_factory=list)
-    outputs: list[tuple[dict[str, Any], float]] = field(default_factory=list)
-    vertical: list[dict[str, Any]] = field(default_factory=list)
+    outputs: list[tuple[Mapping[str, Json], float]] = field(default_factory=list)
+    vertical: list[Mapping[str, Json]] = field(default_factory=list)
     lock: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     passive: set[str] = field(default_factory=set)
@@ -176,7 +177,7 @@ def _steer(result: Mobility, steered: list[Wheel]) -> None:
         result.notes.append(f"one steered wheel stands for all (a bicycle): locked are {', '.join(joints)}")
 
 
-def _rolls(wheel: Wheel) -> dict[str, Any]:
+def _rolls(wheel: Wheel) -> dict[str, Json]:
     return {"rolling_wheel": {"frame": wheel.frame, "radius": round(wheel.radius, 6)}}
 
 

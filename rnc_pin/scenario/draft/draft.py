@@ -16,7 +16,9 @@ from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError, RncError, nearest
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.urdf_files import example_urdfs, is_file, shipped_directory
@@ -33,7 +35,7 @@ _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]
 _LIMBS = 3  # a body with so many is more likely to float than to be bolted down
 
 
-def draft(source: str, folder: Path, base: str | None = None, xacro_arguments: Mapping[str, Any] | None = None) -> str:
+def draft(source: str, folder: Path, base: str | None = None, xacro_arguments: Mapping[str, Json] | None = None) -> str:
     """The text of a scenario that ``rnc-pin inspect`` and ``rnc-pin run`` accept as it is.
 
     Args:
@@ -51,7 +53,7 @@ def draft(source: str, folder: Path, base: str | None = None, xacro_arguments: M
     return _Draft(entry, folder, base).text()
 
 
-def _source(source: str, folder: Path) -> dict[str, Any]:
+def _source(source: str, folder: Path) -> dict[str, Json]:
     path = Path(source).expanduser()
     if is_file(path):
         relative = os.path.relpath(path.resolve(), folder.resolve())
@@ -71,7 +73,7 @@ def _source(source: str, folder: Path) -> dict[str, Any]:
 
 @dataclass
 class _Draft:
-    entry: dict[str, Any]
+    entry: dict[str, Json]
     folder: Path
     asked: str | None
     notes: list[str] = field(default_factory=list)
@@ -220,7 +222,7 @@ class _Draft:
         """Where joints of one degree of freedom stand in v: a base stands on the ground."""
         return [self.robot.velocity_indices(name).start for name in self.start]
 
-    def robot_entry(self) -> dict[str, Any]:
+    def robot_entry(self) -> dict[str, Json]:
         """What the scenario says of the robot."""
         mobility = self.mobility
         return {
@@ -269,7 +271,7 @@ class _Draft:
         return system, actuators
 
     def system(self, actuators: list[tuple[Entry, str]]) -> NonholonomicSystem:
-        raw = {
+        raw: dict[str, Json] = {
             "robot": self.robot_entry(),
             "constraints": [entry for entry, _ in self.mobility.constraints],
             "actuators": [entry for entry, _ in actuators],
@@ -277,10 +279,10 @@ class _Draft:
         }
         return build_system(validate(raw, "draft"), self.folder)
 
-    def reduce(self, system: NonholonomicSystem, outputs: list[dict[str, Any]]) -> Any:
+    def reduce(self, system: NonholonomicSystem, outputs: list[Mapping[str, Json]]) -> ReducedModel:
         return system.reduce([_build(each) for each in outputs])
 
-    def outputs(self, system: NonholonomicSystem) -> tuple[list[dict[str, Any]], list[str], list[float]]:
+    def outputs(self, system: NonholonomicSystem) -> tuple[list[Mapping[str, Json]], list[str], list[float]]:
         """Reducing outputs: of the candidates in order, those that add a motion at the start."""
         mobility = self.mobility
         driven = [name for name in self.start if name not in mobility.passive]
@@ -289,7 +291,7 @@ class _Draft:
         joints = [({"joint": name}, self.step(name)) for name in (*driven, *passive) if name not in used]
         position = Kinematics(system.robot).position(self.q0)
         rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
-        chosen: list[dict[str, Any]] = []
+        chosen: list[Mapping[str, Json]] = []
         names: list[str] = []
         steps: list[float] = []
         for entry, step in (*mobility.outputs, *joints):
@@ -308,7 +310,7 @@ class _Draft:
             )
         return chosen, names, steps
 
-    def vertical(self, reducing: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def vertical(self, reducing: list[Mapping[str, Json]]) -> list[Mapping[str, Json]]:
         return [entry for entry in self.mobility.vertical if entry not in reducing]
 
     def step(self, name: str) -> float:
@@ -357,7 +359,7 @@ def _base_frame(robot: Robot, root: int) -> str:
     return frames[0] if frames else body_frame(robot, max(root, 1))
 
 
-def _build(entry: dict[str, Any]) -> Any:
+def _build(entry: Mapping[str, Json]) -> Any:
     return TypeAdapter(OutputItem).validate_python(entry).build()
 
 
@@ -370,7 +372,7 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
     return True
 
 
-def _rank(reduced: Any, q: np.ndarray) -> int:
+def _rank(reduced: ReducedModel, q: np.ndarray) -> int:
     matrix = reduced.terms(q, np.zeros(reduced.r)).input_matrix
     return int(np.linalg.matrix_rank(unit_rows(matrix), tol=1e-8)) if matrix.size else 0
 

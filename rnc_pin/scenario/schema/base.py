@@ -24,7 +24,7 @@ def _file_name(name: str) -> str:
 FileName = Annotated[str, AfterValidator(_file_name)]
 
 
-def _takes(kind: type, annotation: Any) -> bool:
+def _takes(kind: type, annotation: object) -> bool:
     """Whether a kind of value is somewhere in an annotation: pydantic would take true for the number 1."""
     return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
 
@@ -41,7 +41,7 @@ class Strict(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, raw: Any) -> Any:
+    def _known_keys(cls, raw: object) -> object:
         if isinstance(raw, dict):
             for key, value in raw.items():
                 if key not in cls.model_fields:
@@ -57,7 +57,7 @@ class Strict(BaseModel):
 NAME, _OTHER = "name", "other"
 
 
-def _kind(raw: Any) -> str:
+def _kind(raw: object) -> str:
     """What an entry is: its one key, or a bare name."""
     if isinstance(raw, dict) and len(raw) == 1:
         return str(next(iter(raw)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import GetJsonSchemaHandler, Tag, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -26,7 +26,7 @@ class _MomentumArguments(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _bare_name(cls, raw: Any) -> Any:
+    def _bare_name(cls, raw: object) -> object:
         if isinstance(raw, str):
             return {"joint": raw}
         if not isinstance(raw, dict):

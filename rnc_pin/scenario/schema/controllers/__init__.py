@@ -5,7 +5,7 @@ To add a type, write its class in a file of its own, and add it to ``ControllerI
 
 from __future__ import annotations
 
-from typing import Annotated, Any, get_args
+from typing import Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
@@ -36,13 +36,14 @@ TYPES: dict[str, type[ControllerSettings]] = {
 """Settings of each type by its name."""
 
 
-def _of_its_type(raw: Any) -> Any:
+def _of_its_type(raw: object) -> object:
     """Refuse settings of another type, which are no slips of the pen.
 
     One that is null is taken away: so a comparison may change the type alone.
     """
-    own = TYPES.get(raw["type"]) if isinstance(raw, dict) and isinstance(raw.get("type"), str) else None
-    if own is None:
+    kind = raw.get("type") if isinstance(raw, dict) else None
+    own = TYPES.get(kind) if isinstance(kind, str) else None
+    if own is None or not isinstance(raw, dict):
         return raw
     kept = {}
     for key, value in raw.items():
@@ -51,7 +52,7 @@ def _of_its_type(raw: Any) -> Any:
             kept[key] = value
         elif value is not None:
             whose, hint = ", ".join(others), nearest(key, own.model_fields)
-            raise wrong(key, f"does not belong to type '{raw['type']}' (but to {whose}){hint}")
+            raise wrong(key, f"does not belong to type '{kind}' (but to {whose}){hint}")
     return kept
 
 

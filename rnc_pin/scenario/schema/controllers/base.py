@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -113,7 +113,7 @@ class ControllerSettings(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _say_what_is_missing(cls, raw: Any) -> Any:
+    def _say_what_is_missing(cls, raw: object) -> object:
         for name, info in cls.model_fields.items():
             if isinstance(raw, dict) and info.is_required() and name not in raw:
                 what = str(info.description)

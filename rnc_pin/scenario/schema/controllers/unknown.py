@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -63,7 +63,7 @@ class UnknownWheels(Strict):
         return [each.initial for each in (*self.radii, *self.tracks)]
 
 
-def _what_is_unknown(raw: Any) -> str:
+def _what_is_unknown(raw: object) -> str:
     keys = raw if isinstance(raw, dict) else ()
     return "unknown_wheels" if "radii" in keys or "tracks" in keys else "unknown_masses"
 

@@ -1,0 +1,59 @@
+"""The table that a sweep leaves, and what it comes to."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+
+Row = dict[str, float | str | None]
+"""A run of a sweep: what was drawn, by dotted key, how it ended, and its figures."""
+
+Figures = TypedDict("Figures", {"median": float, "95 %": float, "max": float})
+"""Of the final errors of one output."""
+
+
+class Spread(TypedDict):
+    """How the runs of a sweep ended, and final errors by output of those that completed."""
+
+    runs: int
+    redrawn: int
+    outcomes: dict[str, int]
+    final_error: dict[str, Figures]
+
+
+def write_table(rows: list[Row], path: Path) -> None:
+    """Write rows as CSV; a column for every key that any row has."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _figure(row: Row, key: str) -> float:
+    value = row[key]
+    assert isinstance(value, float | int)
+    return value
+
+
+def spread(rows: list[Row]) -> Spread:
+    """Outcomes and redrawn tasks counted; median, 95th percentile and largest final errors of what completed."""
+    outcomes: dict[str, int] = {}
+    for row in rows:
+        outcome = str(row["outcome"])
+        outcomes[outcome] = outcomes.get(outcome, 0) + 1
+    done = [row for row in rows if row["outcome"] == "completed"]
+    names = [key for key in (done[0] if done else {}) if key.startswith("final_error.")]
+    errors: dict[str, Figures] = {
+        name.removeprefix("final_error."): {
+            "median": float(np.median([_figure(row, name) for row in done])),
+            "95 %": float(np.percentile([_figure(row, name) for row in done], 95)),
+            "max": float(np.max([_figure(row, name) for row in done])),
+        }
+        for name in names
+    }
+    redrawn = sum(int(_figure(row, "redrawn")) for row in rows)
+    return {"runs": len(rows), "redrawn": redrawn, "outcomes": outcomes, "final_error": errors}

@@ -1,0 +1,226 @@
+"""What a run says of itself: typed in the package, JSON under fixed keys in its file."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import Command
+from rnc_pin.robots.urdf_files import shipped_directory
+from rnc_pin.scenario.files import find_scenario
+from rnc_pin.scenario.replay import load_run
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
+from rnc_pin.simulation.info_json import info_from_plain, info_to_plain, provenance_of, provenance_to_plain
+from systems import space_robot
+
+SHORT = {"simulation.duration": 0.02, "comparisons": {}, "plots": {}}
+FULL = Provenance(
+    scenario="mine",
+    seed=3,
+    config={"robot": {"urdf": "mine.urdf"}, "constraints": [], "title": None},
+    folder="/home/me",
+    controller={"type": "Mine", "k": [1.0, 2.0]},
+    task=TaskNames(("tip_x",), ("joint_1",)),
+    path=PlannedPath("tractor", "trailer", ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2))),
+    estimates={"mass": "kg"},
+    predicted={"rolling": "m/s"},
+    more={"note": ["anything", {"else": 1.5}]},
+)
+
+
+class Idle:
+    """A controller that does nothing."""
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return Command(T=np.zeros(3)), state
+
+
+def idle_run(**arguments):
+    reduced = space_robot()
+    q0 = reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0})
+    return rnc.simulate(reduced, Idle(), q0, 0.02, 0.01, **arguments)
+
+
+@pytest.fixture(scope="module")
+def run():
+    return idle_run(meta=FULL)
+
+
+def changed(run, **parts):
+    """The run's content as its file has it, with something else at the top."""
+    return {**run.meta, **parts}
+
+
+@pytest.mark.parametrize("origin", [FULL, Provenance(), replace(FULL, path=None, seed=None)])
+def test_provenance_survives_being_plain(origin):
+    content = provenance_to_plain(origin)
+    assert json.loads(json.dumps(content)) == content
+    assert None not in content.values()
+    assert provenance_of(content) == origin
+
+
+def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
+    run.save(tmp_path / "run.npz")
+    again = rnc.Trajectory.load(tmp_path / "run.npz")
+    assert again.info == run.info
+    assert again.meta == run.meta == json.loads(json.dumps(run.meta))
+    assert again.info.provenance == FULL
+    with np.load(tmp_path / "run.npz") as file:
+        written = json.loads(str(file["meta"]))
+    assert list(written) == [
+        "names", "units", "angular", "rotations", "goals", "dt", "versions", "scenario", "seed", "config", "folder",
+        "controller", "task", "path", "estimates", "predicted", "note", "outcome",
+    ]  # fmt: skip
+    assert written["names"]["T"] == ["joint_1", "joint_2", "joint_3"]
+    assert written["task"] == {"primary": ["tip_x"], "redundant": ["joint_1"]}
+    assert (written["note"], written["outcome"]) == (["anything", {"else": 1.5}], "completed")
+
+
+def test_a_mapping_of_ones_own_is_kept():
+    run = idle_run(meta={"scenario": "mine", "note": (1, 2)})
+    assert run.info.provenance == Provenance(scenario="mine", more={"note": [1, 2]})
+    assert (run.meta["scenario"], run.meta["note"]) == ("mine", [1, 2])
+
+
+def test_what_one_run_says_can_be_given_to_another(run):
+    """Its names and its outcome are its own; where it comes from is handed on."""
+    ended = replace(run, info=replace(run.info, outcome=rnc.Outcome.SINGULAR, message="too far", goals=("joint_9",)))
+    again = idle_run(meta=ended.meta)
+    assert again.info == run.info
+
+
+def test_a_free_motion_knows_where_it_comes_from():
+    reduced = space_robot()
+    motion = rnc.free_motion(
+        reduced, reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), np.full(3, 0.1), 0.1, meta=FULL
+    )
+    assert motion.info.provenance == FULL
+
+
+def test_a_run_that_fails_says_why():
+    with pytest.raises(rnc.DivergenceError) as caught:
+        idle_run(speed_limit=1e-300, v2_0=np.ones(3), meta={"seed": 1})
+    info = caught.value.trajectory.info
+    assert (info.outcome, info.message, info.provenance.seed) == (rnc.Outcome.DIVERGED, str(caught.value), 1)
+    assert caught.value.trajectory.meta["message"] == info.message
+
+
+def test_what_is_not_there_is_not_needed(run):
+    """Others write such files too: they name the outputs, and what they do not say is as if nothing were known."""
+    needed = {key: run.meta[key] for key in ("names", "units", "angular")}
+    assert info_from_plain(needed) == RunInfo(replace(run.info.outputs))
+    assert info_to_plain(info_from_plain(run.meta)) == run.meta
+
+
+REFUSED = {
+    "a number for a mapping": ({"config": 3}, "'meta' has 3 as 'config', expected a mapping"),
+    "a text for a number": ({"seed": "3"}, "'meta' has '3' as 'seed', expected a whole number"),
+    "true for a number": ({"dt": True}, "'meta' has True as 'dt', expected a number"),
+    "an outcome nobody knows": ({"outcome": "won"}, "'meta' has 'won' as 'outcome', expected one of completed, "),
+    "numbers for names": ({"goals": [1]}, r"'meta' has \[1\] as 'goals', expected text"),
+    "a text for names": ({"task": {"primary": "tip"}}, "'meta' has 'tip' as 'task.primary', expected a list"),
+    "a path of nobody": ({"path": {"poses": []}}, "'meta' has None as 'path.frame', expected text"),
+    "poses without headings": (
+        {"path": {"frame": "tip", "poses": [[0.0, 1.0]]}},
+        "as 'path.poses', expected poses of x, y and heading",
+    ),
+    "no names": ({"names": []}, "'meta' does not name the outputs"),
+    "flags in words": ({"angular": {"x1": [], "x2": ["no"]}}, "as 'angular.x2', expected true or false"),
+    "too few names": ({"names": {"x1": ["platform"], "x2": ["tip"]}}, "'meta' does not name the columns of 'x2'"),
+}
+
+
+@pytest.mark.parametrize(("parts", "words"), REFUSED.values(), ids=REFUSED)
+def test_a_file_that_says_something_else_is_refused(parts, words, run, tmp_path):
+    path = tmp_path / "run.npz"
+    run.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **{**arrays, "meta": np.array(json.dumps(changed(run, **parts)))})
+    with pytest.raises(rnc.ConfigurationError, match=words) as caught:
+        rnc.Trajectory.load(path)
+    assert str(caught.value).startswith(f"{path}: not a trajectory: ")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_inputs_without_names_are_refused(run, tmp_path):
+    path = tmp_path / "run.npz"
+    run.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    names = {**run.meta["names"], "T": ["joint_1"]}
+    np.savez(path, **{**arrays, "meta": np.array(json.dumps(changed(run, names=names)))})
+    with pytest.raises(rnc.ConfigurationError, match="'meta' does not name the columns of 'T'"):
+        rnc.Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ("meta", "error", "words"),
+    [
+        ({"task": "reach"}, rnc.ConfigurationError, "'meta' has 'reach' as 'task', expected a mapping"),
+        ({"note": {"q": [np.zeros(2)]}}, rnc.InputError, r"meta.note.q\[0\]: is of type ndarray, expected numbers"),
+    ],
+)
+def test_what_could_not_be_written_is_refused_before_the_run(meta, error, words):
+    with pytest.raises(error, match=words):
+        idle_run(meta=meta, observer=lambda sample: pytest.fail("it ran"))
+
+
+def test_a_summary_is_told_from_the_record(run):
+    summary = rnc.summarize(run)
+    assert (summary["scenario"], summary["outcome"]) == ("mine", "completed")
+    assert set(summary["max_input"]) == {"joint_1", "joint_2", "joint_3"}
+    assert summary["versions"] == run.meta["versions"]
+    assert "message" not in summary
+
+
+# ---------------------------------------------------------------------- what records say of the computer
+
+
+def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
+    run = execute(plan("space-robot", SHORT)).trajectory
+    assert "folder" not in run.meta
+    assert str(Path(rnc.__file__).parent) not in json.dumps(run.meta)
+    run.save(tmp_path / "run.npz")
+    # A file of the same name where the replay is started is another robot.
+    (tmp_path / "space_robot.urdf").write_text("<robot name='other'/>")
+    monkeypatch.chdir(tmp_path)
+    assert load_run(tmp_path / "run.npz").reduced.robot.name == "space_robot"
+
+
+def test_the_run_of_a_file_of_ones_own_keeps_its_folder(tmp_path):
+    (tmp_path / "space-robot.yaml").write_bytes(find_scenario("space-robot").read_bytes())
+    run = execute(plan(str(tmp_path / "space-robot.yaml"), SHORT)).trajectory
+    assert run.meta["folder"] == str(tmp_path.resolve())
+
+
+def test_the_bits_of_a_run_do_not_depend_on_where_the_package_is(tmp_path):
+    package = Path(rnc.__file__).parent
+    ignored = shutil.ignore_patterns("__pycache__", "urdf")
+    copied = shutil.copytree(package, tmp_path / "copy" / "rnc_pin", ignore=ignored)
+    shutil.copytree(shipped_directory(), copied / "urdf")
+    script = (
+        "import sys; from rnc_pin.scenario.run import execute, plan; import rnc_pin; print(rnc_pin.__file__);"
+        "execute(plan('fire-truck', {'simulation.duration': 0.05, 'comparisons': {}})).trajectory.save(sys.argv[1])"
+    )
+    contents = []
+    for root in (package.parent, tmp_path / "copy"):
+        target = tmp_path / f"{len(contents)}.npz"
+        environment = {**os.environ, "PYTHONPATH": str(root)}
+        call = [sys.executable, "-c", script, str(target)]
+        process = subprocess.run(call, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert process.stdout.strip().startswith(str(root))
+        with np.load(target) as file:
+            contents.append({name: file[name].tobytes() for name in file.files})
+    assert contents[0] == contents[1]
