@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,14 +16,15 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, ModelError, RncE
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plain import Json
+from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.urdf_files import example_urdfs, is_file, shipped_directory
 from rnc_pin.scenario.builder import build_experiment, build_system
 from rnc_pin.scenario.draft.base import Entry, Mobility, on_drawn_axles, on_wheels
-from rnc_pin.scenario.draft.text import write_draft
+from rnc_pin.scenario.draft.text import Drafted, write_draft
 from rnc_pin.scenario.draft.wheels import body_frame, find_drawn_axles, find_wheels
 from rnc_pin.scenario.loading import checked, validate
 from rnc_pin.scenario.schema.outputs import OutputItem
@@ -232,12 +232,15 @@ class _Draft:
             **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
         }
 
-    def scenario(self) -> tuple[dict[str, Any], dict[str, str]]:
+    def scenario(self) -> tuple[Drafted, dict[str, str]]:
         mobility = self.mobility
         system, actuators = self.actuated()
         outputs, names, steps = self.outputs(system)
         initial = {name: value for name, value in self.start.items() if value}
-        scenario: dict[str, Any] = {
+        view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
+        if mobility.ground is not None:
+            view["ground"] = round(mobility.ground, 4) + 0.0
+        scenario: Drafted = {
             "robot": self.robot_entry(),
             "constraints": mobility.constraints,
             "actuators": actuators,
@@ -245,10 +248,8 @@ class _Draft:
             "task": {"primary": names},
             "initial": {"q": initial},
             "reference": {"primary": {"minimum_jerk": {"by": steps, "duration": 5}}},
-            "view": {"trail": [mobility.frame] if mobility.base != "fixed" else []},
+            "view": view,
         }
-        if mobility.ground is not None:
-            scenario["view"]["ground"] = round(mobility.ground, 4) + 0.0
         return scenario, {}
 
     def actuated(self) -> tuple[NonholonomicSystem, list[tuple[Entry, str]]]:
@@ -359,8 +360,9 @@ def _base_frame(robot: Robot, root: int) -> str:
     return frames[0] if frames else body_frame(robot, max(root, 1))
 
 
-def _build(entry: Mapping[str, Json]) -> Any:
-    return TypeAdapter(OutputItem).validate_python(entry).build()
+def _build(entry: Mapping[str, Json]) -> OutputKind:
+    kind: OutputKind = TypeAdapter(OutputItem).validate_python(entry).build()
+    return kind
 
 
 def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
@@ -377,8 +379,6 @@ def _rank(reduced: ReducedModel, q: np.ndarray) -> int:
     return int(np.linalg.matrix_rank(unit_rows(matrix), tol=1e-8)) if matrix.size else 0
 
 
-def _without_remarks(scenario: dict[str, Any]) -> dict[str, Any]:
-    plain = dict(scenario)
-    for key in ("constraints", "actuators"):
-        plain[key] = [entry for entry, _ in scenario[key]]
-    return plain
+def _without_remarks(scenario: Drafted) -> dict[str, Json]:
+    bare = {key: [entry for entry, _ in scenario[key]] for key in ("constraints", "actuators")}
+    return plain_mapping({**scenario, **bare}, "draft")

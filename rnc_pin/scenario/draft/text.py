@@ -3,22 +3,52 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from collections.abc import Mapping
+from typing import NotRequired, TypedDict
 
 import yaml
 
+from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.base import Entry, Mobility
 from rnc_pin.scenario.json_schema import schema_path
 
 _WIDTH = 118
 
 
-def write_draft(name: str, scenario: dict[str, Any], remarks: dict[str, str], mobility: Mobility) -> str:
+class DraftedOutputs(TypedDict):
+    """Entries of the outputs."""
+
+    reducing: list[Mapping[str, Json]]
+    vertical: list[Mapping[str, Json]]
+
+
+class DraftedStart(TypedDict):
+    """Values of joints at the start."""
+
+    q: dict[str, float]
+
+
+class Drafted(TypedDict):
+    """The parts of a drafted scenario; constraints and actuators with a remark each."""
+
+    robot: Mapping[str, Json]
+    constraints: list[tuple[Entry, str]]
+    actuators: list[tuple[Entry, str]]
+    outputs: DraftedOutputs
+    task: Mapping[str, Json]
+    initial: DraftedStart
+    reference: Mapping[str, Json]
+    view: Mapping[str, Json]
+    controller: NotRequired[Mapping[str, Json]]
+    simulation: NotRequired[Mapping[str, Json]]
+
+
+def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility: Mobility) -> str:
     """The text of a scenario file.
 
     Args:
         name: of the robot.
-        scenario: its parts; constraints and actuators with a remark each.
+        scenario: its parts.
         remarks: on other parts, by key.
         mobility: what was assumed of the base.
     """
