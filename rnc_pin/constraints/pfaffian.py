@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Motion, Position, over_states
-from rnc_pin.model.rows import Rows, checked_rows
+from rnc_pin.model.rows import Rows, admit_rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -65,7 +65,7 @@ class _PfaffianRows(Rows):
         self._kind = kind
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
-        checked_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
+        admit_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
 
     def jacobian(self, at: Position) -> np.ndarray:
         return self._evaluated(self._kind.rows, "rows(q)", self._shape, at.q)
@@ -95,7 +95,7 @@ class _PfaffianRows(Rows):
     def _evaluated(
         self, function: Callable[..., object], what: str, shape: tuple[int, ...], *arrays: np.ndarray
     ) -> np.ndarray:
-        def checked(*state: np.ndarray) -> np.ndarray:
-            return checked_rows(function(*state), shape, f"{what} of a Pfaffian constraint")
+        def admitted(*state: np.ndarray) -> np.ndarray:
+            return admit_rows(function(*state), shape, f"{what} of a Pfaffian constraint")
 
-        return over_states(checked, shape, *arrays)
+        return over_states(admitted, shape, *arrays)

@@ -14,7 +14,7 @@ from rnc_pin.math.components import Component, components, cross, packed, packed
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Gradients, Kinematics, Motion, Position, Rates
-from rnc_pin.model.rows import Rows, refuse_undefined
+from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
@@ -96,7 +96,7 @@ class RollingRows(Rows):
             x, y, z = components(apply(at.rotation(self.frame), self._axle))
             s = (x * x + y * y) ** 0.5
             if smallest(s) < _FLAT:
-                refuse_undefined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
+                check_defined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
             self._seen = at.q, (x, y, z, s)  # rows and their drift ask for the same
         return self._seen[1]
 

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Position, Rates, over_states
-from rnc_pin.model.rows import checked_rows
+from rnc_pin.model.rows import admit_rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -149,7 +149,7 @@ class Actuation:
 
     def _called(self, q: np.ndarray) -> np.ndarray:
         assert self._function is not None
-        return checked_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
+        return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
     def matrix_rate(self, at: Rates) -> np.ndarray | None:
         """Rate of B along v, (..., nv, p); None for a user's function, whose rate nobody gave."""

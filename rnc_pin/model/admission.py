@@ -30,13 +30,13 @@ class Admission:
         q = np.array(q, float)  # by position: a keyword costs as much as the call
         if q.shape == self._shape:  # one state, on the hot path
             if not isfinite(sum(q.tolist())):
-                refuse_not_finite("q", q)
+                check_finite("q", q)
             if self._on_spheres and not pin.isNormalized(self._model, q, 1e-6):
                 raise _NOT_OF_UNIT_LENGTH
             return q
         if q.ndim == 0 or q.shape[-1] != self._nq:
             raise InputError(f"q has shape {q.shape}, expected (..., {self._nq})")
-        refuse_not_finite("q", q)
+        check_finite("q", q)
         if self._on_spheres and not all(pin.isNormalized(self._model, q_i, 1e-6) for q_i in q.reshape(-1, self._nq)):
             raise _NOT_OF_UNIT_LENGTH
         return q
@@ -50,15 +50,15 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
     array = np.asarray(array, float)
     if array.shape == (size,):
         if not isfinite(sum(array.tolist())):  # of few numbers faster than any array function
-            refuse_not_finite(name, array)
+            check_finite(name, array)
         return array
     if array.ndim == 0 or array.shape[-1] != size:
         raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
-    refuse_not_finite(name, array)
+    check_finite(name, array)
     return array
 
 
-def refuse_not_finite(name: str, array: np.ndarray) -> None:
+def check_finite(name: str, array: np.ndarray) -> None:
     """Refuse an array that holds NaN or infinities."""
     finite = np.isfinite(array).all(axis=-1)
     if not finite.all():

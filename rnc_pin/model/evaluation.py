@@ -186,7 +186,7 @@ class Evaluation:
         """``E^-1``: multiplier columns beside R."""
         _, E_inverse, regular = self._settled
         if regular is not True and not np.all(regular):
-            self._refuse_singular(np.asarray(regular))
+            raise self._singularity(np.asarray(regular))
         return E_inverse
 
     @property
@@ -581,13 +581,14 @@ class Evaluation:
 
     # ------------------------------------------------------------------ singular configurations
 
-    def _refuse_singular(self, regular: Array) -> None:
+    def _singularity(self, regular: Array) -> SingularityError:
+        """What is said of the first state that is not regular."""
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
         scaled = self.scaled_stack()[first]
         left, values, _ = np.linalg.svd(scaled)
         weights = np.abs(left[:, -1])
         names = self._names(first)
-        raise SingularityError(
+        return SingularityError(
             "singular configuration",
             q=self.q[first].copy(),
             condition=float(values[0] / max(values[-1], 1e-300)),

@@ -52,7 +52,7 @@ def select_independent(
     rank = ranks[0] if ranks else 0
     kept = _choose(matrices, rank)
     if rates is not None:
-        _refuse_contradiction(samples, rates, kept, names)
+        _check_consistent(samples, rates, kept, names)
     others = [row for row in range(len(names)) if row not in kept]
     return kept, [DroppedRow(names[row], _reason(row, kept, matrices, names)) for row in others]
 
@@ -81,7 +81,7 @@ def _smallest(matrix: np.ndarray) -> float:
     return float(np.linalg.svd(matrix, compute_uv=False)[-1]) if len(matrix) else 1.0
 
 
-def _refuse_contradiction(samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> None:
+def _check_consistent(samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> None:
     for matrix, mu in zip(samples, rates, strict=True):
         v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0] if kept else np.zeros(matrix.shape[1])
         gap = np.abs(matrix @ v - mu)

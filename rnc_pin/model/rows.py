@@ -144,7 +144,7 @@ class OutputKind(Protocol):
     def bind(self, robot: Robot) -> OutputRows: ...
 
 
-def refuse_undefined(what: str, at: Position, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
+def check_defined(what: str, at: Position, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
     """Refuse states at which rows have no meaning, because something in them is too small.
 
     Args:
@@ -167,7 +167,7 @@ def refuse_undefined(what: str, at: Position, sizes: Component, limit: float, na
     raise SingularityError(what, q=q, condition=1 / max(float(flat[first]), 1e-300), rows=names)
 
 
-def checked_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
+def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
     """An array that a user's function returned, refused with its name when it has the wrong shape."""
     array = np.asarray(rows, dtype=float)
     if array.shape != expected:

@@ -70,7 +70,7 @@ class NonholonomicSystem(Printed):
         self.actuation = Actuation(actuators, robot)
         blocks = [kind.bind(robot) for kind in constraints]
         self.rows = RowStack(blocks)
-        _refuse_twice(self.rows.names, "constraint row")
+        _check_unique(self.rows.names, "constraint row")
         self.assembly = Assembly(robot, blocks)
         self._samples = _sampled_configurations(self.assembly)
         samples, rates = _sample_rows(self.rows, robot, self._samples)
@@ -127,7 +127,7 @@ class NonholonomicSystem(Printed):
             return self._reduced(self._entries(), x1, singularity_limit, free=True)
         x2 = OutputStack([kind.bind(self.robot) for kind in reducing])
         if x2.size != self.r:
-            _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
+            _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints"
@@ -141,7 +141,7 @@ class NonholonomicSystem(Printed):
         return Portrait(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
-        _refuse_twice((*self.constraints.names, *x2.names, *x1.names), "output")
+        _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = natural_lengths(self.robot, self.rows, x2, self._samples)
         parts = Parts(self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free)
         return ReducedModel(parts, self.assembly, self.dropped_rows)
@@ -251,7 +251,7 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
         )
 
 
-def _refuse_twice(names: Sequence[str], what: str) -> None:
+def _check_unique(names: Sequence[str], what: str) -> None:
     for name in names:
         if list(names).count(name) > 1:
             raise ConstraintError(f"{what} '{name}' is there twice")

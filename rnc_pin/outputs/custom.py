@@ -11,7 +11,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Motion, Position, over_states
-from rnc_pin.model.rows import OutputRows, checked_rows
+from rnc_pin.model.rows import OutputRows, admit_rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -60,26 +60,26 @@ class _CustomRows(OutputRows):
         self.quasi = kind.value is None
         self._kind = kind
         self._shape = (size, robot.nv)
-        checked_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
+        admit_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
 
     def value(self, at: Position) -> np.ndarray:
         value = self._kind.value
         if value is None:
             return super().value(at)
-        return over_states(partial(self._checked, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
+        return over_states(partial(self._admitted, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
 
     def jacobian(self, at: Position) -> np.ndarray:
-        rows = partial(self._checked, self._kind.jacobian, "jacobian(q)", self._shape)
+        rows = partial(self._admitted, self._kind.jacobian, "jacobian(q)", self._shape)
         return over_states(rows, self._shape, at.q)
 
     def jacobian_dot(self, at: Motion) -> np.ndarray:
-        rows = partial(self._checked, self._kind.jacobian_dot, "jacobian_dot(q, v)", self._shape)
+        rows = partial(self._admitted, self._kind.jacobian_dot, "jacobian_dot(q, v)", self._shape)
         return over_states(rows, self._shape, at.q, at.v)
 
     def drift(self, at: Motion) -> np.ndarray:
         return apply(self.jacobian_dot(at), at.v)
 
-    def _checked(
+    def _admitted(
         self, function: Callable[..., object], what: str, shape: tuple[int, ...], *state: np.ndarray
     ) -> np.ndarray:
-        return checked_rows(function(*state), shape, f"{what} of output {self.names}")
+        return admit_rows(function(*state), shape, f"{what} of output {self.names}")

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
-from rnc_pin.model.rows import OutputRows, refuse_undefined
+from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.robots.robot import Robot
 
 _TOGETHER = 1e-9
@@ -58,7 +58,7 @@ class _DistanceRow(OutputRows):
         """Unit vectors (..., 3) from a to b, and the distances (..., 1)."""
         vector = self._vector(at)
         length = np.linalg.norm(vector, axis=-1, keepdims=True)
-        refuse_undefined("a distance has no rate where it is zero", at, length[..., 0], _TOGETHER, self.names)
+        check_defined("a distance has no rate where it is zero", at, length[..., 0], _TOGETHER, self.names)
         return vector / length, length
 
     def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:

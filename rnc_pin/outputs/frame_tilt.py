@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.math.components import Component
 from rnc_pin.model.kinematics import Position
-from rnc_pin.model.rows import OutputRows, refuse_undefined
+from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.outputs.spin_form import SpinFormRow, Vector
 from rnc_pin.robots.robot import Robot
 
@@ -71,6 +71,6 @@ class _TiltRow(SpinFormRow):
         level = square**0.5
         return second[2] / level + z * first[2] * first[2] / (square * level)
 
-    def _refuse_vertical(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: Position, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
-        refuse_undefined("the tilt of a vertical axis has no rate", at, level, _VERTICAL, self.names)
+        check_defined("the tilt of a vertical axis has no rate", at, level, _VERTICAL, self.names)

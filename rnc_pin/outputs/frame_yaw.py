@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.math.components import Component
 from rnc_pin.model.kinematics import Position
-from rnc_pin.model.rows import OutputRows, refuse_undefined
+from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.outputs.spin_form import SpinFormRow, Vector
 from rnc_pin.robots.robot import Robot
 
@@ -69,6 +69,6 @@ class _YawRow(SpinFormRow):
         area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
         return area_rate / square - area * twice / (square * square)
 
-    def _refuse_vertical(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: Position, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
-        refuse_undefined("a yaw is not defined for a vertical axis", at, level, _VERTICAL, self.names)
+        check_defined("a yaw is not defined for a vertical axis", at, level, _VERTICAL, self.names)

@@ -45,7 +45,7 @@ class SpinFormRow(OutputRows):
         """Second derivative of the angle where the direction has two derivatives."""
 
     @abstractmethod
-    def _refuse_vertical(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: Position, direction: Vector) -> None:
         """Raise where the angle has no rate."""
 
     def _direction(self, at: Position) -> np.ndarray:
@@ -53,7 +53,7 @@ class SpinFormRow(OutputRows):
 
     def _defined(self, at: Position) -> Vector:
         direction = components(self._direction(at))
-        self._refuse_vertical(at, direction)
+        self._check_defined(at, direction)
         return direction
 
     def jacobian(self, at: Position) -> np.ndarray:

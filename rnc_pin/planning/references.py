@@ -47,7 +47,7 @@ class Hold:
     duration = 0.0
 
     def __init__(self, value: ArrayLike) -> None:
-        position = _finite(value, "value of a constant reference")
+        position = _admit(value, "value of a constant reference")
         zero = np.zeros_like(position)
         self.size = position.size
         self._point = ReferencePoint(position, zero, zero, zero)
@@ -89,7 +89,10 @@ class MinimumJerk(_Polynomial):
     """
 
     def __init__(self, start: ArrayLike, goal: ArrayLike, duration: float, begin: float = 0.0) -> None:
-        ends = [_finite(start, "start of a minimum-jerk reference"), _finite(goal, "goal of a minimum-jerk reference")]
+        ends = [
+            _admit(start, "start of a minimum-jerk reference"),
+            _admit(goal, "goal of a minimum-jerk reference"),
+        ]
         if ends[0].shape != ends[1].shape:
             raise InputError(f"start has shape {ends[0].shape} but goal {ends[1].shape}")
         if not duration > 0:
@@ -108,10 +111,10 @@ class ViaPoints(_Polynomial):
     """
 
     def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
-        knots, values = _finite(times, "times of via points"), np.asarray(points, dtype=float)
+        knots, values = _admit(times, "times of via points"), np.asarray(points, dtype=float)
         if len(knots) < 2 or len(knots) != len(values) or not (np.diff(knots) > 0).all():
             raise InputError("via points need at least two increasing times, and one point each")
-        _finite(values, "via points")
+        _admit(values, "via points")
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])
         rest = [(1, zero), (2, zero)]
@@ -142,7 +145,7 @@ class Harmonic:
         phase: ArrayLike = 0.0,
         ramp: float = 1.0,
     ) -> None:
-        self._center = _finite(center, "center of a harmonic reference")
+        self._center = _admit(center, "center of a harmonic reference")
         self.size = self._center.size
         try:
             self._amplitude, self._rate, self._phase = (
@@ -215,7 +218,7 @@ class InTurn:
         return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)
 
 
-def _finite(value: ArrayLike, what: str) -> np.ndarray:
+def _admit(value: ArrayLike, what: str) -> np.ndarray:
     array = np.atleast_1d(np.asarray(value, dtype=float))
     if not np.isfinite(array).all():
         raise InputError(f"{what} has to be finite, found {array.tolist()}")

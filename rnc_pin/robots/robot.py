@@ -135,7 +135,7 @@ class Robot(Printed):
     def _from_description(
         cls, path: Path, read: Description, lock: Mapping[str, JointValue] | None, gravity: Sequence[float] | None
     ) -> Robot:
-        def checked(model: pin.Model) -> Robot:
+        def admitted(model: pin.Model) -> Robot:
             try:
                 return cls(model)
             except ModelError as error:
@@ -152,7 +152,7 @@ class Robot(Printed):
             model.gravity.linear = acceleration
         # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
         if not lock:
-            robot = checked(model)
+            robot = admitted(model)
             robot._load_geometry = read.geometry
         else:
             names = _Names(model)
@@ -160,7 +160,7 @@ class Robot(Printed):
             if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
                 raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
             reference = _configuration(model, names, lock)
-            robot = checked(pin.buildReducedModel(model, joints, reference))
+            robot = admitted(pin.buildReducedModel(model, joints, reference))
             robot._load_geometry = lambda kind: pin.buildReducedModel(model, read.geometry(kind), joints, reference)[1]
         robot.mimics = read.mimics
         return robot

@@ -21,13 +21,13 @@ def validate(raw: Mapping[str, Json], source: str) -> Scenario:
     Raises:
         ConfigurationError: one line for the first mistake: file, key, what was found and expected.
     """
-    return checked(Scenario, raw, source)
+    return admitted(Scenario, raw, source)
 
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def checked(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
+def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
     """A part of a scenario from its mapping, like ``validate``."""
     try:
         return model.model_validate(raw)

@@ -17,7 +17,7 @@ from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Provenance, RunInfo, Sample, output_names
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of
-from rnc_pin.visualization.robot_view import drawable
+from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
 from rnc_pin.visualization.show import Show, Subject, View
 from rnc_pin.visualization.stage import Stage
@@ -67,7 +67,7 @@ class LiveView:
         title: str = "rnc_pin",
         screen: Callable[..., Screen] | None = None,
     ) -> None:
-        drawable(model.robot if isinstance(model, ReducedModel) else model)
+        check_drawable(model.robot if isinstance(model, ReducedModel) else model)
         # A model serves one thread at a time, and the loop uses this one.
         model = copy.deepcopy(model) if isinstance(model, ReducedModel) else model
         self._model, self._speed = model, speed

@@ -10,7 +10,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.stage import Stage
 
 
-def drawable(robot: Robot) -> None:
+def check_drawable(robot: Robot) -> None:
     """Refuse a robot that has nothing to draw.
 
     Raises:
@@ -33,7 +33,7 @@ class RobotView:
     """
 
     def __init__(self, robot: Robot, stage: Stage) -> None:
-        drawable(robot)
+        check_drawable(robot)
         # Without collision geometry: nobody sees it, and meshes would be in the page twice.
         self.visualizer: BaseVisualizer = MeshcatVisualizer(robot.model, None, robot.visual_model)
         self.visualizer.initViewer(viewer=stage.root)

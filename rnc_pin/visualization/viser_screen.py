@@ -14,7 +14,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
 from rnc_pin.visualization.poses import Poses
-from rnc_pin.visualization.robot_view import drawable
+from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.show import View
 from rnc_pin.visualization.state import State
 
@@ -37,7 +37,7 @@ class ViserScreen:
                 "PINOCCHIO_VIEWER=viser: viser is not installed; pip install 'rnc_pin[viser]'"
             ) from None
         robot = model.robot if isinstance(model, ReducedModel) else model
-        drawable(robot)
+        check_drawable(robot)
         self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
         self._visualizer: BaseVisualizer = ViserVisualizer(robot.model, pin.GeometryModel(), robot.visual_model)

@@ -148,8 +148,8 @@ class _Guarded:
         sys.modules[_COPY] = library  # where its modules look for each other
         spec.loader.exec_module(library)
         substitution: Any = importlib.import_module(f"{_COPY}.substitution_args")
-        library.safe_eval = _checked(library.safe_eval)
-        substitution._eval = _checked(substitution._eval)
+        library.safe_eval = _guarding(library.safe_eval)
+        substitution._eval = _guarding(substitution._eval)
         substitution._eval_find = substitution._eval_dict["find"] = self._find
         symbols = library._global_symbols["python"]
         for name in _WITHHELD:
@@ -170,7 +170,7 @@ def _guarded() -> _Guarded:
     return _Guarded()
 
 
-def _checked(evaluate: Callable[..., object]) -> Callable[..., object]:
+def _guarding(evaluate: Callable[..., object]) -> Callable[..., object]:
     def call(expression: str, *rest: object) -> object:
         check_expression(expression)
         return evaluate(expression, *rest)

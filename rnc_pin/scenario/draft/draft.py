@@ -26,7 +26,7 @@ from rnc_pin.scenario.builder import build_experiment, build_system
 from rnc_pin.scenario.draft.base import Entry, Mobility, on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.text import Drafted, write_draft
 from rnc_pin.scenario.draft.wheels import body_frame, find_drawn_axles, find_wheels
-from rnc_pin.scenario.loading import checked, validate
+from rnc_pin.scenario.loading import admitted, validate
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.robot import RobotSource
 
@@ -101,7 +101,7 @@ class _Draft:
 
     def load(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
         raw = {**self.entry, **({} if base is None else {"base": base}), "lock": dict(lock or {})}
-        return checked(RobotSource, raw, "robot").build(self.folder)
+        return admitted(RobotSource, raw, "robot").build(self.folder)
 
     def find_base(self) -> Mobility:
         robot = self.standing
