@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import threading
 import time
 from collections import deque
@@ -15,13 +14,14 @@ from rnc_pin.errors import RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import OutputNames, Provenance, RunInfo, Sample, output_names
+from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
-from rnc_pin.visualization.show import Show, Subject, View
+from rnc_pin.visualization.show import Show, Shown, View
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import State, live_state
+from rnc_pin.visualization.subject import Subject
 
 RATE = 30.0  # pictures per second
 _FIGURES_RATE = 10.0
@@ -67,11 +67,10 @@ class LiveView:
         title: str = "rnc_pin",
         screen: Callable[..., Screen] | None = None,
     ) -> None:
-        check_drawable(model.robot if isinstance(model, ReducedModel) else model)
-        # A model serves one thread at a time, and the loop uses this one.
-        model = copy.deepcopy(model) if isinstance(model, ReducedModel) else model
-        self._model, self._speed = model, speed
-        self._screen = (screen or MeshcatScreen)(model, view or View(), _info(model, meta), host, title)
+        subject = Subject.of(model)
+        check_drawable(subject.robot)
+        self._subject, self._speed = subject.for_another_thread(), speed  # the loop uses this one
+        self._screen = (screen or MeshcatScreen)(self._subject, view or View(), _info(subject, meta), host, title)
         self.url = self._screen.url
         self._started: float | None = None
         self._next = 0.0
@@ -131,8 +130,8 @@ class LiveView:
     def _state(self, sample: Sample | State) -> State:
         if isinstance(sample, State):
             return sample
-        if isinstance(self._model, ReducedModel):
-            return live_state(self._model, sample)
+        if self._subject.reduced is not None:
+            return live_state(self._subject.reduced, sample)
         none = np.empty(0)
         return State(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
 
@@ -148,29 +147,28 @@ class LiveView:
         self._screen.close()
 
 
-def _info(model: ReducedModel | Robot, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
+def _info(subject: Subject, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
     """What there is to say before a run; a model knows the names of its outputs."""
     if isinstance(meta, RunInfo):
         return meta
     if isinstance(meta, Mapping) and "names" in meta:
         return info_from_plain(meta)
-    outputs = output_names(model) if isinstance(model, ReducedModel) else OutputNames()
-    return RunInfo(outputs, provenance=provenance_of(meta))
+    return RunInfo(subject.outputs, provenance=provenance_of(meta))
 
 
 class MeshcatScreen:
     """Meshcat's page, served by this process.
 
     Args:
-        model: what is shown, for the drawing thread alone.
+        subject: what is shown, for the drawing thread alone.
         view: how.
         info: on the run.
         host: address to serve on.
         title: of the page.
     """
 
-    def __init__(self, model: ReducedModel | Robot, view: View, info: RunInfo, host: str, title: str) -> None:
-        self._model, self._view, self._info = model, view, info
+    def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
+        self._subject, self._view, self._info = subject, view, info
         self._window = SceneWindow(title)
         self._stage = Stage(self._window)
         self._show: Show | None = None
@@ -196,8 +194,7 @@ class MeshcatScreen:
                 for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
                 if np.isfinite(value)
             ]
-            subject = Subject(self._model, self._info, goals)
-            self._show = Show(subject, self._view, self._stage, state)
+            self._show = Show(Shown(self._subject, self._info, goals), self._view, self._stage, state)
             title = self._window.title if self._window.title != "rnc_pin" else ""
             self._stage.board(title, self._show.board.labels(), self._show.legend())
         now = time.monotonic()

@@ -11,9 +11,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.show import Show, Subject, View
+from rnc_pin.visualization.show import Show, Shown, View
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import RATE, recorded_states
+from rnc_pin.visualization.subject import Subject
 
 
 class Recording:
@@ -42,17 +43,18 @@ class Recording:
         aside: bool = False,
     ) -> None:
         others = dict(comparisons or {})
-        robot = model.robot if isinstance(model, ReducedModel) else model
+        subject = Subject.of(model)
+        robot = subject.robot
         for label, each in {title: trajectory, **others}.items():
             if each.q.shape[1] != robot.nq:
                 raise InputError(f"'{label}': configurations have {each.q.shape[1]} entries, the robot {robot.nq}")
             if len(each.time) < 2:
                 raise InputError(f"'{label}': holds {len(each.time)} samples, nothing to play")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        subject = Subject(model, trajectory.info, trajectory.info.goals, trajectory, others, aside)
+        shown = Shown(subject, trajectory.info, trajectory.info.goals, trajectory, others, aside)
         self.duration = float(trajectory.time[-1])
         self._stage = Stage(SceneWindow(title), RATE)
-        show = Show(subject, view or View(), self._stage, states[0])
+        show = Show(shown, view or View(), self._stage, states[0])
         frames, chips = [], []
         for self._stage.frame, state in enumerate(states):
             show.update(state)

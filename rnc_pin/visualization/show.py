@@ -10,8 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
@@ -21,6 +19,7 @@ from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import RobotView
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import Names, State
+from rnc_pin.visualization.subject import Subject
 
 LAYERS = ("path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
           "margin", "compared")  # fmt: skip
@@ -54,11 +53,11 @@ class View:
 
 
 @dataclass
-class Subject:
+class Shown:
     """A run to be shown, over or under way.
 
     Attributes:
-        model: what moves; a reduced model shows its constraints and its null motion too.
+        subject: what moves.
         info: names of its outputs, and what it is a run of.
         goals: outputs that have goals.
         trajectory: the run, where it is over.
@@ -66,7 +65,7 @@ class Subject:
         aside: set the runs that it is compared with beside it instead of into it.
     """
 
-    model: ReducedModel | Robot
+    subject: Subject
     info: RunInfo
     goals: Sequence[str]
     trajectory: Trajectory | None = None
@@ -88,7 +87,7 @@ class Show:
     """A robot on a stage with everything that is drawn around it.
 
     Args:
-        subject: what to show.
+        shown: what to show.
         view: how to look at it.
         stage: where.
         first: the first state.
@@ -97,24 +96,22 @@ class Show:
         ModelError: nothing to draw, or no such frame.
     """
 
-    def __init__(self, subject: Subject, view: View, stage: Stage, first: State) -> None:
-        self.subject, self.view, self.stage = subject, view, stage
-        model = subject.model
-        self.reduced = model if isinstance(model, ReducedModel) else None
-        self.robot = model.robot if isinstance(model, ReducedModel) else model
-        self.names = Names.of(subject.info.outputs)
+    def __init__(self, shown: Shown, view: View, stage: Stage, first: State) -> None:
+        self.shown, self.view, self.stage = shown, view, stage
+        self.robot, self.reduced = shown.subject.robot, shown.subject.reduced
+        self.names = Names.of(shown.info.outputs)
         self.robot_view = RobotView(self.robot, stage)
         self.poses = Poses(self.robot, self.reduced.constraints if self.reduced else None)
-        run = subject.trajectory
+        run = shown.trajectory
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.poses.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._offset = np.zeros(3)
         self._pictures = 0
         corners = np.concatenate([self.poses.corners(q) for q in moments])
         self._look(with_plan(corners, self._path, view.ground or 0.0))
-        self.tracked = self.names.tracked(subject.goals, self.robot)
+        self.tracked = self.names.tracked(shown.goals, self.robot)
         self.elements = self._elements(first)
-        self.board = Board(self.names, subject.goals, self.poses, self._path, self.reduced is not None)
+        self.board = Board(self.names, shown.goals, self.poses, self._path, self.reduced is not None)
         for element in self.elements:
             element.build(stage)
         for entry in self.legend():
@@ -146,7 +143,7 @@ class Show:
 
     @property
     def _path(self) -> PlannedPath | None:
-        return self.subject.info.provenance.path
+        return self.shown.info.provenance.path
 
     # ------------------------------------------------------------------ camera
 
@@ -154,12 +151,12 @@ class Show:
         view = self.view
         given = None if view.camera is None else np.array(view.camera, dtype=float)
         forward = np.array(GAZE) if given is None else np.array(view.target, dtype=float) - given
-        if self.subject.aside:
+        if self.shown.aside:
             away = np.array([forward[0], forward[1], 0.0]) / max(float(np.hypot(*forward[:2])), 1e-9)
             self._offset = away * 1.2 * float(np.ptp(points @ away))
-            steps = range(len(self.subject.comparisons) + 1)
+            steps = range(len(self.shown.comparisons) + 1)
             points = np.concatenate([points + k * self._offset for k in steps])
-        if given is None or self.subject.aside:
+        if given is None or self.shown.aside:
             camera, target = fitting_camera(points, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
@@ -183,7 +180,7 @@ class Show:
 
     @property
     def _piece(self) -> int:
-        run = self.subject.trajectory
+        run = self.shown.trajectory
         return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
 
     def _plan(self, first: State) -> list[e.Element]:
@@ -217,13 +214,13 @@ class Show:
         """The goal's axes (3, 3): of the attitude where that has a goal, of the heading, or the world's."""
         for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
             column = self.names.column(name)
-            if name in self.subject.goals and column is not None:
+            if name in self.shown.goals and column is not None:
                 return _attitude(*column, size)
         return _resting(np.eye(3))
 
     def _references(self, first: State) -> list[e.Element]:
         found: list[e.Element] = []
-        run = self.subject.trajectory
+        run = self.shown.trajectory
         line = e.Entry("reference", "reference", e.BLACK, "dashed")
         goal = e.Entry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
@@ -268,7 +265,7 @@ class Show:
             return []
         points, _ = self.poses.lines(first)
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
-        run = self.subject.trajectory
+        run = self.shown.trajectory
         largest = _Largest(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
         direction = e.Entry("constraint direction", "constraint directions", e.SKY)
         force = e.Entry("constraint force", "constraint forces", e.ORANGE, "arrow")
@@ -290,8 +287,8 @@ class Show:
         return found
 
     def _null_motion(self, first: State) -> list[e.Element]:
-        task = self.subject.info.provenance.task or TaskNames()
-        free = task.redundant or [name for name in self.names.names["x2"] if name not in self.subject.goals]
+        task = self.shown.info.provenance.task or TaskNames()
+        free = task.redundant or [name for name in self.names.names["x2"] if name not in self.shown.goals]
         if self.reduced is None or not free:
             return []
         entry = e.Entry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
@@ -314,11 +311,11 @@ class Show:
 
     def _compared(self, first: State) -> list[e.Element]:
         found: list[e.Element] = []
-        others = self.subject.comparisons
+        others = self.shown.comparisons
         for k, (label, color) in enumerate(zip(others, _repeated(_GHOSTS, len(others)), strict=True)):
             offset = self._offset * (k + 1)
             entry = e.Entry(label, f"compared/{k}", color)
-            opacity = 1.0 if self.subject.aside else 0.4
+            opacity = 1.0 if self.shown.aside else 0.4
             found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.robot_view.parts, opacity, offset))
             for frame in self.view.trail or self.tracked:
                 path = self.poses.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset

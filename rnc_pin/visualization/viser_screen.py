@@ -9,14 +9,13 @@ import pinocchio as pin
 from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.show import View
 from rnc_pin.visualization.state import State
+from rnc_pin.visualization.subject import Subject
 
 _PIECE = 15  # pictures to a piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
@@ -29,14 +28,14 @@ class ViserScreen:
         ConfigurationError: viser is not installed.
     """
 
-    def __init__(self, model: ReducedModel | Robot, view: View, info: RunInfo, host: str, title: str) -> None:
+    def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
         try:
             import viser
         except ImportError:
             raise ConfigurationError(
                 "PINOCCHIO_VIEWER=viser: viser is not installed; pip install 'rnc_pin[viser]'"
             ) from None
-        robot = model.robot if isinstance(model, ReducedModel) else model
+        robot = subject.robot
         check_drawable(robot)
         self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
