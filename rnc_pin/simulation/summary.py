@@ -92,10 +92,9 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
     scale = max(float(np.ptp(trajectory.energy)) if len(balance) else 0.0, 1e-12)
-    return {
+    summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
-        **_message(info.message),
         "duration": duration,
         "samples": len(trajectory.time),
         "final_output": {
@@ -107,7 +106,6 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "final_error": {name: float(abs(error[-1])) for name, error in errors.items() if len(error)},
         "max_error": {name: float(np.abs(error).max()) for name, error in errors.items() if len(error)},
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
-        **_learning(trajectory),
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
         "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
@@ -121,14 +119,10 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "realtime_factor": None if not wall_time else duration / wall_time,
         "versions": dict(info.versions),
     }
-
-
-class _Message(TypedDict, total=False):
-    message: str
-
-
-def _message(text: str | None) -> _Message:
-    return {} if text is None else {"message": text}
+    if info.message is not None:
+        summary["message"] = info.message
+    summary.update(_learning(trajectory))
+    return summary
 
 
 def _learning(trajectory: Trajectory) -> Learning:

@@ -48,7 +48,7 @@ class SecondarySettings(Strict):
 
     @model_validator(mode="after")
     def _something(self) -> SecondarySettings:
-        if self.posture is self.joint_limits is self.singularity is None:
+        if (self.posture, self.joint_limits, self.singularity) == (None, None, None):
             raise ValueError("expected at least one of posture, joint_limits, singularity; {} takes their defaults")
         return self
 
