@@ -121,17 +121,15 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     }
     if info.message is not None:
         summary["message"] = info.message
-    summary.update(_learning(trajectory))
+    if trajectory.estimates.shape[1] and len(trajectory.time):
+        _add_learning(summary, trajectory)
     return summary
 
 
-def _learning(trajectory: Trajectory) -> Learning:
-    if not trajectory.estimates.shape[1] or not len(trajectory.time):
-        return {}
+def _add_learning(summary: Summary, trajectory: Trajectory) -> None:
     late = trajectory.time >= 0.5 * trajectory.time[-1]
-    rms = {name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()}
-    return {
-        "final_estimates": trajectory.estimates[-1].tolist(),
-        "late_prediction_error_rms": float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2))),
-        "late_rms_error": rms,
+    summary["final_estimates"] = trajectory.estimates[-1].tolist()
+    summary["late_prediction_error_rms"] = float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2)))
+    summary["late_rms_error"] = {
+        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()
     }
