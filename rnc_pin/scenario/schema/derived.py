@@ -53,12 +53,13 @@ class Entry:
     def _given(self, said: object) -> dict[str, object]:
         if not isinstance(said, BaseModel):
             return {str(self.only): said}
-        given = {}
-        for each in dataclasses.fields(self.kind):
-            key = self._key(each.name)
-            if key in said.model_fields_set and not (_unlimited(each) and getattr(said, key) is None):
-                given[each.name] = getattr(said, key)
-        return given
+        keys = {each: self._key(each.name) for each in self._fields if self._key(each.name) in said.model_fields_set}
+        values = {each: getattr(said, key) for each, key in keys.items()}
+        return {each.name: value for each, value in values.items() if value is not None or not _unlimited(each)}
+
+    @property
+    def _fields(self) -> list[dataclasses.Field[object]]:
+        return [each for each in dataclasses.fields(self.kind) if each.init]
 
     def _key(self, name: str) -> str:
         return self.keys.get(name, name)
@@ -66,15 +67,13 @@ class Entry:
     @cached_property
     def model(self) -> type[Strict]:
         """The mapping that a file writes."""
-        fields, texts = dataclasses.fields(self.kind), descriptions(self.kind)
-        types = get_type_hints(self.kind, include_extras=True)
-        return _mapping(
-            self.kind.__name__,
-            summary(self.kind),
-            {self._key(each.name): self._field(each, types[each.name], texts.get(each.name)) for each in fields},
-        )
+        types, texts = get_type_hints(self.kind, include_extras=True), descriptions(self.kind)
+        fields = {
+            self._key(each.name): self._field(each, types[each.name], texts.get(each.name, "")) for each in self._fields
+        }
+        return _mapping(self.kind.__name__, summary(self.kind), fields)
 
-    def _field(self, each: dataclasses.Field[object], kind: object, text: str | None) -> tuple[object, object]:
+    def _field(self, each: dataclasses.Field[object], kind: object, text: str) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
         default = each.default if each.default_factory is MISSING else each.default_factory()
         if _unlimited(each):
@@ -97,18 +96,17 @@ class Entry:
         if isinstance(raw, str):
             return {self._key(self.short): raw}
         if not isinstance(raw, Mapping):
-            keys = [self._key(each.name) for each in dataclasses.fields(self.kind)]
+            keys = [self._key(each.name) for each in self._fields]
             raise ValueError(f"expected a {self.short}'s name or a mapping with {' and '.join(keys)}, found {raw!r}")
         return raw
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        form = handler(core)
-        alone = self.only or self.short
-        if alone is None:
-            return form
-        text = descriptions(self.kind).get(alone)
-        named = {"type": "string"} if text is None else {"type": "string", "description": text}
-        return named if self.only else {"anyOf": [named, form]}
+        form, texts = handler(core), descriptions(self.kind)
+        if self.only is not None:
+            return {**form, "description": texts.get(self.only, "")}
+        if self.short is not None:
+            return {"anyOf": [{"type": "string", "description": texts.get(self.short, "")}, form]}
+        return form
 
 
 def one_of(names: bool = False, /, **entries: type | Entry) -> object:
@@ -156,7 +154,7 @@ def _in_files(kind: object) -> object:
         return Annotated[_in_files(parts[0]), *parts[1:]]
     if origin in (Union, UnionType):
         return _either([_in_files(part) for part in parts if part is not np.ndarray])
-    return GenericAlias(list, parts) if origin is Sequence else kind
+    return GenericAlias(list, tuple(map(_in_files, parts))) if origin is Sequence else kind
 
 
 def _either(kinds: Sequence[object]) -> object:
