@@ -55,6 +55,12 @@ def test_a_command_imports_what_it_needs():
     assert {"pinocchio", "pydantic"} <= packages & HEAVY
 
 
+def test_reading_scenarios_imports_nothing_that_draws():
+    _, packages = imported([sys.executable, "-c", "import rnc_pin.scenario.loading"])
+    assert "pydantic" in packages
+    assert not packages & {"matplotlib", "meshcat", "tornado", "viser"}
+
+
 def test_the_shell_learns_to_complete():
     out, packages = imported([COMMAND], _RNC_PIN_COMPLETE="bash_source")
     assert "complete -o nosort" in out

@@ -10,7 +10,7 @@ from rnc_pin.simulation import Provenance, RunInfo
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.scene_server import is_loopback
 from rnc_pin.visualization.screens import chosen_screen
-from rnc_pin.visualization.show import View
+from rnc_pin.visualization.view import View
 
 
 def live_view(

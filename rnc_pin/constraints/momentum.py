@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Motion, Position, Rates, over_states
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.values import Numbers
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 4
@@ -53,14 +53,14 @@ class MomentumConservation:
     """
 
     joint: str
-    momentum: float | Sequence[float] | np.ndarray | None = None
+    momentum: float | Numbers | np.ndarray = 0.0
 
     def bind(self, robot: Robot) -> Rows:
         rows = robot.velocity_indices(self.joint)
         _check_symmetry(robot, self.joint, rows)
         joint = robot.joint_id(self.joint)
         units = _units(robot.model.joints[joint])
-        if self.momentum is None or not np.any(self.momentum):
+        if not np.any(self.momentum):
             return _MomentumRows(self.joint, rows, units)
         value = np.atleast_1d(np.array(self.momentum, dtype=float))
         size = rows.stop - rows.start

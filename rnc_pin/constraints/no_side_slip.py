@@ -9,6 +9,7 @@ import numpy as np
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Position
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.values import Axis
 from rnc_pin.robots.robot import Robot
 
 
@@ -31,7 +32,7 @@ class NoSideSlip:
     """
 
     frame: str
-    axis: str = "y"
+    axis: Axis = "y"
 
     def bind(self, robot: Robot) -> Rows:
         return _NoSideSlipRow(self, robot)

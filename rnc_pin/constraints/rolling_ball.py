@@ -11,6 +11,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.values import Positive
 from rnc_pin.robots.robot import Robot
 
 
@@ -40,7 +41,7 @@ class RollingBall:
     """
 
     frame: str
-    radius: float
+    radius: Positive
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):

@@ -15,6 +15,7 @@ from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Gradients, Kinematics, Motion, Position, Rates
 from rnc_pin.model.rows import Rows, check_defined
+from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
@@ -51,8 +52,8 @@ class RollingWheel:
     """
 
     frame: str
-    radius: float
-    axis: str | None = None
+    radius: Positive
+    axis: Axis | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):

@@ -11,6 +11,7 @@ from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Position, Rates, over_states
 from rnc_pin.model.rows import admit_rows
+from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
 
 
@@ -33,8 +34,8 @@ class FrameForce:
     """
 
     frame: str
-    axis: str
-    limit: float = np.inf
+    axis: Axis
+    limit: Positive = np.inf
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ class FrameTorque:
     """
 
     frame: str
-    axis: str
-    limit: float = np.inf
+    axis: Axis
+    limit: Positive = np.inf
 
 
 MatrixFunction = Callable[[np.ndarray], np.ndarray]

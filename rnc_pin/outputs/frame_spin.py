@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.values import Axis
 from rnc_pin.robots.robot import Robot
 
 
@@ -29,7 +30,7 @@ class FrameSpin:
     """
 
     frame: str
-    axis: str = "z"
+    axis: Axis = "z"
 
     def bind(self, robot: Robot) -> OutputRows:
         return _SpinRow(self, robot)

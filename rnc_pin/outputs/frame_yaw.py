@@ -9,6 +9,7 @@ import numpy as np
 from rnc_pin.math.components import Component
 from rnc_pin.model.kinematics import Position
 from rnc_pin.model.rows import OutputRows, check_defined
+from rnc_pin.model.values import Axis
 from rnc_pin.outputs.spin_form import SpinFormRow, Vector
 from rnc_pin.robots.robot import Robot
 
@@ -35,7 +36,7 @@ class FrameYaw:
     """
 
     frame: str
-    axis: str = "x"
+    axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
         return _YawRow(self, robot)

@@ -29,16 +29,13 @@ _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
 def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
     """Robot, constraints and actuators; paths are relative to ``folder``."""
     robot = scenario.robot.build(folder)
-    actuators = [each if isinstance(each, str) else each.build() for each in scenario.actuators]
-    return NonholonomicSystem(robot, [each.build() for each in scenario.constraints], actuators)
+    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators)
 
 
 def build_reduced(scenario: Scenario, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
     """The system and its reduction to the scenario's outputs."""
     system = build_system(scenario, folder)
-    outputs = scenario.outputs
-    reduced = system.reduce([each.build() for each in outputs.reducing], [each.build() for each in outputs.vertical])
-    return system, reduced
+    return system, system.reduce(scenario.outputs.reducing, scenario.outputs.vertical)
 
 
 def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:

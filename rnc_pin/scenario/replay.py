@@ -14,7 +14,7 @@ from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Provenance, Trajectory
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.show import View
+from rnc_pin.visualization.view import View
 
 
 @dataclass(frozen=True)
@@ -88,4 +88,4 @@ def record(runs: Sequence[Run], aside: bool = False) -> Recording:
 
 def view_of(scenario: Scenario) -> View:
     """How the scenario wants to be looked at."""
-    return View(**scenario.view.model_dump())
+    return scenario.view

@@ -18,10 +18,11 @@ from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
-from rnc_pin.visualization.show import Show, Shown, View
+from rnc_pin.visualization.show import Show, Shown
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import State, live_state
 from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.view import View
 
 RATE = 30.0  # pictures per second
 _FIGURES_RATE = 10.0

@@ -11,10 +11,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.show import Show, Shown, View
+from rnc_pin.visualization.show import Show, Shown
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import RATE, recorded_states
 from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.view import View
 
 
 class Recording:

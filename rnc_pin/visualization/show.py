@@ -9,7 +9,6 @@ from typing import TypedDict
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
@@ -20,36 +19,11 @@ from rnc_pin.visualization.robot_view import RobotView
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import Names, State
 from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.view import View
 
-LAYERS = ("path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
-          "margin", "compared")  # fmt: skip
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
 _LAG = 6  # pictures of a live view between two of what is costly
-
-
-@dataclass(frozen=True)
-class View:
-    """How a run is looked at, for any robot.
-
-    Attributes:
-        trail: frames whose paths are drawn; by default those that have goals.
-        camera: position of the camera in the world [m]; found from the motion by default.
-        target: what it looks at [m].
-        ground: height of the grid and of wheel tracks [m]; None for neither.
-        hide: layers that are off at first; the viewer's controls switch them on.
-    """
-
-    trail: Sequence[str] = ()
-    camera: Sequence[float] | None = None
-    target: Sequence[float] = (0.0, 0.0, 0.0)
-    ground: float | None = 0.0
-    hide: Sequence[str] = ("null motion", "constraint directions")
-
-    def __post_init__(self) -> None:
-        for layer in self.hide:
-            if layer not in LAYERS:
-                raise ConfigurationError(f"view.hide: no layer '{layer}'{nearest(layer, LAYERS)}")
 
 
 @dataclass

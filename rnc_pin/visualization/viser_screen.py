@@ -13,9 +13,9 @@ from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
-from rnc_pin.visualization.show import View
 from rnc_pin.visualization.state import State
 from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.view import View
 
 _PIECE = 15  # pictures to a piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))

@@ -361,7 +361,7 @@ def _base_frame(robot: Robot, root: int) -> str:
 
 
 def _build(entry: Mapping[str, Json]) -> OutputKind:
-    kind: OutputKind = TypeAdapter(OutputItem).validate_python(entry).build()
+    kind: OutputKind = TypeAdapter(OutputItem).validate_python(entry)
     return kind
 
 

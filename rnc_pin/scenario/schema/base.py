@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from rnc_pin.errors import nearest
+from rnc_pin.model.values import Positive as Positive
 
-Positive = Annotated[float, Field(gt=0)]
-Axis = Literal["x", "y", "z"]
 Numbers = Annotated[list[float], Field(min_length=1)]
 
 

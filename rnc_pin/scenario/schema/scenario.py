@@ -9,17 +9,14 @@ from pydantic import Field, model_validator
 from rnc_pin.errors import nearest
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.base import FileName, Strict
-from rnc_pin.scenario.schema.constraints import Constraint
+from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
+from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
 from rnc_pin.scenario.schema.simulation import SimulationSettings
-
-Layer = Literal[
-    "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
-    "margin", "compared",
-]  # fmt: skip
+from rnc_pin.visualization.view import View
 
 
 class Initial(Strict):
@@ -49,28 +46,13 @@ class PlotSettings(Strict):
         return self
 
 
-class View(Strict):
-    """What the animation shows besides the robot."""
-
-    trail: list[str] = []
-    """Frames whose paths are drawn; by default those that have goals."""
-    camera: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
-    """Position in the world [m]; by default where the whole motion is in the picture."""
-    target: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
-    """Point that the camera looks at [m]."""
-    ground: float | None = 0.0
-    """Height of the grid and of wheel tracks [m]; null for neither."""
-    hide: list[Layer] = ["constraint directions", "null motion"]
-    """What is off at first; the page's legend and controls switch it on."""
-
-
 class Scenario(Strict):
     """A whole run."""
 
     title: str | None = None
     """What ``rnc-pin list`` and the plots call it."""
     robot: RobotSource
-    constraints: list[Constraint] = []
+    constraints: list[ConstraintItem] = []
     actuators: list[ActuatorItem] = []
     outputs: Outputs
     task: TaskNames = TaskNames()
@@ -87,7 +69,7 @@ class Scenario(Strict):
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
     plots: dict[FileName, PlotSettings] = {}
-    view: View = View()
+    view: Annotated[View, Entry(View)] = View()
 
     @model_validator(mode="after")
     def _labels_exist(self) -> Scenario:

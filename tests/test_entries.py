@@ -1,0 +1,143 @@
+"""Entries of scenario files are derived from dataclasses: what those have, files have, and it is described."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import pytest
+from annotated_types import Gt, Len
+from pydantic import TypeAdapter, ValidationError
+
+import rnc_pin as rnc
+from rnc_pin import constraints, outputs
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.json_schema import schema
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.replay import view_of
+from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
+from rnc_pin.visualization.show import View
+
+KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
+KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]
+TAKE_FUNCTIONS = {rnc.Pfaffian, rnc.Output}  # which no file can say
+KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS] + [rnc.FrameForce, rnc.FrameTorque]
+ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
+KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
+REQUIRED = {(rnc.FrameSpin, "axis"), (rnc.FrameTilt, "axis")}
+PARTS = schema()["$defs"]
+
+
+def said_default(value):
+    """A default as JSON has it: null for what is infinite, lists for tuples."""
+    if isinstance(value, float) and np.isinf(value):
+        return None
+    return list(value) if isinstance(value, tuple) else value
+
+
+def check_fields(kind, part):
+    assert list(part["properties"]) == [KEYS.get((kind, each.name), each.name) for each in dataclasses.fields(kind)]
+    for each, (name, field) in zip(dataclasses.fields(kind), part["properties"].items(), strict=True):
+        assert field["description"], name
+        optional = each.default is not dataclasses.MISSING and (kind, each.name) not in REQUIRED
+        assert (name in part.get("required", [])) is not optional
+        if optional:
+            assert field["default"] == said_default(each.default)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_every_dataclass_that_files_know_has_an_entry_with_its_fields(kind):
+    entry = PARTS[f"{kind.__name__}Entry"]
+    assert entry["description"] == " ".join(kind.__doc__.split("\n\n")[0].split())
+    (value,) = entry["properties"].values()
+    if kind in ALONE:
+        assert (value["type"], value["description"]) == ("string", descriptions(kind)[ALONE[kind]])
+    else:
+        assert f"#/$defs/{kind.__name__}" in str(value)
+        check_fields(kind, PARTS[kind.__name__])
+
+
+def test_the_view_is_declared_once():
+    check_fields(View, PARTS["View"])
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"view": {"camera": [1, 2, 3], "ground": None}})
+    view = view_of(validate(raw, "mine.yaml"))
+    assert view == View(camera=[1.0, 2.0, 3.0], ground=None)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring between two frames.
+
+    It was not there when entries were written.
+
+    Args:
+        frame_a, frame_b: where it is
+            fixed.
+        stiffness: of the spring [N/m].
+        kind: what it is made of.
+        ends: where it stops [m]; None for nowhere.
+        limit: largest force [N].
+
+    Example:
+        >>> Spring("a", "b", 2.0)
+    """
+
+    frame_a: str
+    frame_b: str
+    stiffness: Annotated[float, Gt(0)]
+    kind: Literal["steel", "rubber"] = "steel"
+    ends: Annotated[Sequence[float], Len(2, 2)] | np.ndarray | None = None
+    limit: float = np.inf
+
+    def __post_init__(self):
+        if self.frame_a == self.frame_b:
+            raise ConfigurationError(f"spring from '{self.frame_a}' to itself")
+
+
+ITEM = TypeAdapter(Annotated[object, one_of(True, spring=Spring)])
+SPRING = {"frame_a": "a", "frame_b": "b", "stiffness": 2}
+
+
+def test_a_new_dataclass_takes_one_line():
+    assert ITEM.validate_python({"spring": SPRING}) == Spring("a", "b", 2.0)
+    assert ITEM.validate_python("a name") == "a name"
+    told = {**SPRING, "kind": "rubber", "ends": [0, 1], "limit": 3}
+    assert ITEM.validate_python({"spring": told}) == Spring("a", "b", 2.0, "rubber", [0.0, 1.0], 3.0)
+    assert ITEM.validate_python({"spring": {**SPRING, "limit": None}}).limit == np.inf
+    part = ITEM.json_schema()["$defs"]["Spring"]
+    assert part["description"] == "A spring between two frames."
+    check_fields(Spring, part)
+    texts = {name: field["description"] for name, field in part["properties"].items()}
+    assert texts["frame_b"] == "Where it is fixed."
+    assert texts["ends"] == "Where it stops [m]; null for nowhere."
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stiffness": 0}, "greater than 0"),
+        ({"stiffness": True}, "'stiffness' is neither true nor false"),
+        ({"kind": "wood"}, "'steel' or 'rubber'"),
+        ({"ends": [1]}, "at least 2 items"),
+        ({"limit": np.inf}, "finite"),
+        ({"stifness": 2}, "did you mean 'stiffness'?"),
+        ({"frame_b": "a"}, "spring from 'a' to itself"),
+    ],
+)
+def test_its_values_are_held_to_its_annotations(changes, words):
+    with pytest.raises(ValidationError, match=words.replace("?", r"\?")):
+        ITEM.validate_python({"spring": {**SPRING, **changes}})
+
+
+def test_an_entry_tells_what_a_file_says_otherwise():
+    entry = Entry(Spring, keys={"stiffness": "k"}, required=("kind",))
+    reader = TypeAdapter(Annotated[object, entry])
+    assert reader.validate_python({"frame_a": "a", "frame_b": "b", "k": 2, "kind": "steel"}) == Spring("a", "b", 2.0)
+    with pytest.raises(ValidationError, match="kind"):
+        reader.validate_python({"frame_a": "a", "frame_b": "b", "k": 2})
+    momentum = TypeAdapter(Annotated[object, Entry(rnc.MomentumConservation, short="joint")])
+    assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
+    with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
+        momentum.validate_python(3)
