@@ -124,7 +124,7 @@ class SimulationError(RncError):
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
         >>> reduced = rnc.NonholonomicSystem(robot).reduce()
         >>> try:
-        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, speed_limit=2.0)
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, stop=rnc.Stop(speed=2.0))
         ... except rnc.SimulationError as error:
         ...     print(error.trajectory.outcome, len(error.trajectory.time) > 0)  # the run so far
         diverged True
@@ -142,7 +142,7 @@ class DivergenceError(SimulationError):
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
         >>> reduced = rnc.NonholonomicSystem(robot).reduce()
         >>> try:
-        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, speed_limit=2.0)
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, stop=rnc.Stop(speed=2.0))
         ... except rnc.DivergenceError as error:
         ...     print(error.time is not None, "reached" in str(error))
         True True
@@ -166,7 +166,7 @@ class LimitError(SimulationError):
         >>> rest = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
         >>> controller, q0 = rnc.control.ComputedTorque(reduced, rest), robot.configuration({"joint_1": 63.0})
         >>> try:
-        ...     rnc.simulate(reduced, controller, q0, duration=1.0, position_limits=True)
+        ...     rnc.simulate(reduced, controller, q0, duration=1.0, stop=rnc.Stop(position_limits=True))
         ... except rnc.LimitError as error:
         ...     print(error)
         joint 'joint_1' left its range [-62.8319, 62.8319]: 63 at t = 0.000 s

@@ -18,8 +18,8 @@ from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.screens import chosen_screen
-from rnc_pin.visualization.show import View
 from rnc_pin.visualization.state import RATE, sample_configurations
+from rnc_pin.visualization.view import View
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)

@@ -18,7 +18,7 @@ from rnc_pin.scenario.json_schema import schema
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
-from rnc_pin.visualization.show import View
+from rnc_pin.visualization.view import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
 KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]

@@ -110,7 +110,7 @@ def test_a_free_motion_knows_where_it_comes_from():
 
 def test_a_run_that_fails_says_why():
     with pytest.raises(rnc.DivergenceError) as caught:
-        idle_run(speed_limit=1e-300, v2_0=np.ones(3), meta={"seed": 1})
+        idle_run(stop=rnc.Stop(speed=1e-300), v2_0=np.ones(3), meta={"seed": 1})
     info = caught.value.trajectory.info
     assert (info.outcome, info.message, info.provenance.seed) == (rnc.Outcome.DIVERGED, str(caught.value), 1)
     assert caught.value.trajectory.meta["message"] == info.message

@@ -19,8 +19,8 @@ from rnc_pin.visualization.keyframes import Keyframes
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.show import View
 from rnc_pin.visualization.state import RATE, Names, State, recorded_states, sample_configurations
+from rnc_pin.visualization.view import View
 
 
 @pytest.fixture(scope="module")

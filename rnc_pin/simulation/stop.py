@@ -21,6 +21,15 @@ class Stop:
 
     Raises:
         InputError: the speed is not positive.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> try:
+        ...     rnc.free_motion(reduced, robot.configuration(), [5.0, 0.0], 1.0, stop=rnc.Stop(speed=2.0))
+        ... except rnc.DivergenceError as error:
+        ...     print(error)
+        diverged at t = 0.000 s: reduced velocities reached 5
     """
 
     speed: float = 1e3

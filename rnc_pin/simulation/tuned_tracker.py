@@ -42,6 +42,17 @@ def tuned_tracker(
     Raises:
         InfeasibleError: no gains suit both the inertia and the sampling.
         SingularityError: the references lead through a singular configuration, with the time.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> swing = rnc.planning.MinimumJerk(np.zeros(3), [0.5, 0.0, 0.0], duration=1.0)
+        >>> target = rnc.control.ReducingOutputController(reduced, swing)
+        >>> tracker = rnc.tuned_tracker(reduced, target, robot.configuration(), duration=1.0)
+        >>> run = rnc.simulate(reduced, tracker, robot.configuration(), duration=1.2)
+        >>> bool(abs(run.x2[-1, 0] - 0.5) < 0.01)
+        True
     """
     _, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
     gains = VelocityGains.scaled(reduced, region, dt, bandwidth, adaptation=adaptation)
