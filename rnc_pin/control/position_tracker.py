@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.comparison import fed_back
+from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
 from rnc_pin.errors import ConfigurationError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.comparison import compare, fed_back
+from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -51,7 +51,7 @@ class ReducingOutputController(Spelled):
         x1 = None
         if self.watched is not None:
             x1 = spread(self.watched[1].at(t).position, self.watched[0], measurement.x1.shape)
-        seen = compare(self._coordinates, desired, measurement.x2, measurement.v2)
+        seen = deviation(self._coordinates, desired, measurement.x2, measurement.v2)
         return VelocityTarget(
             v2=seen.velocity + fed_back(self.k2, seen.error),
             v2_dot=seen.acceleration + self.k2 * seen.error_rate,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.comparison import compare, fed_back
+from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, describe, listed, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
@@ -95,8 +95,8 @@ class RedundancyController(Spelled):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         task, m = self.task, measurement
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
-        first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        base = compare(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
+        first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
+        base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
         v21 = first.velocity + fed_back(self.k21, first.error)
         v21_dot = first.acceleration + self.k21 * first.error_rate
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control.comparison import compare, fed_back
+from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, check_size, describe, listed
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
@@ -72,7 +72,7 @@ class Posture(Spelled):
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         redundant = self._task.redundant
         x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
-        seen = compare(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
+        seen = deviation(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
         return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.comparison import compare, fed_back
+from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
@@ -101,7 +101,7 @@ class SteeringController(Spelled):
     ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
         x21d = self.primary.at(t)
-        first = compare(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
+        first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         v21d_dot = first.acceleration + self.k21 * first.error_rate
         v2_dot = np.zeros(m.v2.shape)  # of steering rates unknown: it would take the references' third derivatives
         v2_dot[..., task.primary] = v21d_dot
@@ -117,7 +117,7 @@ class SteeringController(Spelled):
         gradient = self._reduced.kinematic_gradient(m.q, task.redundant)[..., task.vertical, :, :][..., task.primary, :]
         N = np.einsum("...kis,...i->...ks", gradient, v21)
         rate = apply(A3, v21)
-        seen = compare(task.vertical_coordinates, x11d, m.x1[..., task.vertical], rate)
+        seen = deviation(task.vertical_coordinates, x11d, m.x1[..., task.vertical], rate)
         wanted = seen.velocity + self.k3 * seen.error
         wanted_dot = seen.acceleration + self.k3 * seen.error_rate
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)

@@ -11,7 +11,7 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning.references import ReferencePoint
 
 
-class Comparison(NamedTuple):
+class Deviation(NamedTuple):
     """What feedback of k outputs is made of, (..., k) each; of rotations all are angular rates in world axes."""
 
     velocity: np.ndarray
@@ -23,11 +23,11 @@ class Comparison(NamedTuple):
     error_rate: np.ndarray
 
 
-def compare(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> Comparison:
+def deviation(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> Deviation:
     """A reference against outputs (..., k) and their rates (..., k)."""
     velocity, acceleration = coordinates.to_rates(desired.position, desired.velocity, desired.acceleration)
     error = coordinates.difference(desired.position, actual)
-    return Comparison(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
+    return Deviation(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
 
 
 def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
