@@ -1,6 +1,7 @@
 """The systems that invariants are tested on: the paper's three, and robots nobody prepared for this."""
 
 from functools import cache
+from itertools import islice
 
 import numpy as np
 import pinocchio as pin
@@ -247,6 +248,7 @@ def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, conditio
     """Seeded random (q, v2) at which the outputs parametrise the motion well."""
     generator = np.random.default_rng(seed)
     drawn = (reduced.random_configuration(generator, spread=1.2) for _ in range(100 * count))
-    states = [(q, generator.uniform(-1, 1, reduced.r)) for q in drawn if reduced.condition(q) < condition][:count]
+    good = ((q, generator.uniform(-1, 1, reduced.r)) for q in drawn if reduced.condition(q) < condition)
+    states = list(islice(good, count))
     assert len(states) == count, f"only {len(states)} of {count} configurations have condition below {condition:g}"
     return states
