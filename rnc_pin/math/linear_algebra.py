@@ -62,22 +62,6 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def congruence(basis: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """``basis^T matrix basis`` for (..., n, r) and (..., n, n)."""
-    return product(basis.mT, product(matrix, basis))
-
-
-def row_conditions(matrix: np.ndarray, inverse_matrix: np.ndarray) -> np.ndarray:
-    """How nearly each row depends on the others, (..., n): one over the sine of its angle to them.
-
-    The product of the length of row i and of column i of the inverse. It does not change when rows
-    are rescaled, so momenta and velocities can stand in one stack.
-    """
-    rows = np.einsum("...ij,...ij->...i", matrix, matrix)
-    columns = np.einsum("...ji,...ji->...i", inverse_matrix, inverse_matrix)
-    return np.sqrt(rows * columns)
-
-
 def unit_rows(matrix: np.ndarray) -> np.ndarray:
     """The matrix with every nonzero row scaled to unit length."""
     lengths = np.linalg.norm(matrix, axis=-1, keepdims=True)

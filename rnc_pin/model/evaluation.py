@@ -107,7 +107,8 @@ class Evaluation:
         """All constraint rows, dropped ones included."""
         return self._parts.rows.jacobian(self.position)
 
-    def _settle(self) -> tuple[Array, Array, Array | bool]:
+    @once
+    def _settled(self) -> tuple[Array, Array, Array | bool]:
         """E and its inverse, and where E is regular; with other rows where the default ones are dependent."""
         parts, position = self._parts, self.position
         if self.q.ndim == 1:
@@ -130,8 +131,6 @@ class Evaluation:
                     self._choose_again(tuple(i), E, E_inverse)
                 worst = self._dependences(E, E_inverse).max(axis=-1)
         return E, E_inverse, worst < parts.singularity_limit
-
-    _settled = once(_settle)
 
     def _dependences(self, E: Array, E_inverse: Array) -> Array:
         """How nearly each row depends on the others, (..., n): one over the sine of its angle to them.
@@ -323,7 +322,7 @@ class Evaluation:
     def gamma(self) -> Float[Array, "*batch nv"]:
         """``Edot v - [mudot; 0]``: accelerations of constraint rows and reducing outputs at zero ``vdot``."""
         parts = self._parts
-        if self._kept is None:
+        if self._by_default:
             return parts.stack.drift(self.motion)
         chosen = np.take_along_axis(parts.rows.drift(self.motion), self._broad_kept, axis=-1)
         return np.concatenate([chosen, parts.reducing.drift(self.motion)], axis=-1)
@@ -453,7 +452,7 @@ class Evaluation:
         v2_dot = self._accelerated(force)
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._parts.affine:  # constraints that move do work
-            power = power - np.vecdot(self.mu, self._multipliers(force))
+            power = power - np.vecdot(self.mu, self._multipliers(force, v2_dot))
         return Flow(self.v, v2_dot, power)
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
@@ -475,19 +474,7 @@ class Evaluation:
     @once
     def _unforced(self) -> Array:
         """``H* E^-1 gamma - bias``: what moves the system beside its actuators, as ``vdot = R v2dot - E^-1 gamma``."""
-        # On the hot path each step is called by itself: a chain of properties would cost as much as the arithmetic.
-        known, parts = self.__dict__, self._parts
-        if "position" not in known:
-            known["position"] = parts.kinematics.position(self.q)
-        if "_settled" not in known:
-            known["_settled"] = self._settle()
-        if "motion" not in known:
-            if "v" not in known:
-                known["v"] = self.velocity(self.v2)
-            known["motion"] = self.position.moving(self.v)
-        gamma = parts.stack.drift(self.motion) if self._kept is None else self.gamma
-        known["_E_inverse_gamma"] = still = apply(self.E_inverse, gamma)
-        return apply(self.position.M, still) - self.motion.bias
+        return apply(self.M, self._E_inverse_gamma) - self.bias
 
     def _accelerated(self, force: Array) -> Array:
         # H v2dot = R^T (force - bias + H* E^-1 gamma).
@@ -529,18 +516,19 @@ class Evaluation:
         The rows are those kept by default; at states where others had to be chosen these have no multipliers of their
         own, and are NaN: ``contact_forces`` says what acts there.
         """
-        found = self._multipliers(self._force(vector(T, self._parts.p, "T"), None))
+        force = self._force(vector(T, self._parts.p, "T"), None)
+        found = self._multipliers(force, self._accelerated(force))
         if not self._by_default:
             found[(self._broad_kept != np.array(self._parts.kept, dtype=int)).any(axis=-1)] = np.nan
         return found
 
-    def _multipliers(self, force: Array) -> Array:
+    def _multipliers(self, force: Array, v2_dot: Array) -> Array:
         # A^T lambda + J2^T 0 = what is left of the balance, that is E^T [lambda; 0] = it.
-        return apply_transposed(self.E_inverse[self._parts.multiplied], self._unbalanced(force))
+        return apply_transposed(self.E_inverse[self._parts.multiplied], self._unbalanced(force, v2_dot))
 
-    def _unbalanced(self, force: Array) -> Array:
+    def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
         """``A^T lambda``: what the constraints have to take up."""
-        return force - self.bias - apply(self.M, self.v_dot(self._accelerated(force)))
+        return force - self.bias - apply(self.M, self.v_dot(v2_dot))
 
     def contact_forces(self, T: ArrayInput) -> Float[Array, "*batch k"]:
         """Multipliers of all constraint rows, dropped ones included: the smallest (in the sum of squares) that do it.
@@ -548,7 +536,8 @@ class Evaluation:
         Where rows depend on each other, as two wheels of one axle do, mechanics of rigid bodies does not say how they
         share the force; the least norm shares it evenly.
         """
-        unbalanced = self._unbalanced(self._force(vector(T, self._parts.p, "T"), None))
+        force = self._force(vector(T, self._parts.p, "T"), None)
+        unbalanced = self._unbalanced(force, self._accelerated(force))
         return apply(np.linalg.pinv(self.all_rows.mT, rcond=1e-10), unbalanced)
 
     @property

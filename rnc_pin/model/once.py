@@ -15,9 +15,6 @@ class once(Generic[_Value]):
         self._compute, self._name = compute, compute.__name__
         self.__doc__ = compute.__doc__
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
     @overload
     def __get__(self, owner: None, kind: type) -> once[_Value]: ...
 

@@ -78,6 +78,11 @@ class Parts:
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
         return self._with(self.kept, reducing, np.ones(self.r), free)
 
+    def in_entries(self, entries: Sequence[int], free: bool = False) -> Parts:
+        """The same system in some entries of v, r of them."""
+        names = [self.robot.velocity_names[k] for k in entries]
+        return self.in_velocities(np.eye(self.n)[list(entries)], names, free)
+
     def keeping(self, kept: Sequence[int]) -> Parts:
         """The same with other constraint rows in A."""
         return self._with(kept, self.reducing, self.lengths_of_outputs, self.free)

@@ -152,8 +152,7 @@ class ReducedModel(Printed):
         _ = state.R
         parts = self._parts.keeping(state.kept.tolist())
         if self._parts.free:
-            entries = np.argmax(state.J2, axis=1)
-            parts = parts.in_velocities(state.J2, [self.robot.velocity_names[k] for k in entries])
+            parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 
     # ------------------------------------------------------------------ dynamics

@@ -109,9 +109,7 @@ class Record:
 def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
     seen = Evaluation(reduced.parts, q, v=v)
     # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
-    entries = best_entries(seen.A[0], reduced.r)
-    names = [reduced.robot.velocity_names[k] for k in entries]
-    moved = seen.as_seen_by(reduced.parts.in_velocities(np.eye(reduced.n)[entries], names, free=True))
+    moved = seen.as_seen_by(reduced.parts.in_entries(best_entries(seen.A[0], reduced.r), free=True))
     regular = seen.regular
     F = np.full((len(q), reduced.r), np.nan)
     if regular.any():

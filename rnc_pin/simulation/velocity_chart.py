@@ -25,7 +25,7 @@ class VelocityChart:
 
     def __init__(self, parts: Parts, q: np.ndarray) -> None:
         m, n = parts.m, parts.n
-        A = Evaluation(parts.in_velocities(np.eye(n)[: parts.r], free=True), q).A
+        A = Evaluation(parts.in_entries(range(parts.r), free=True), q).A
         self._scale = parts.lengths[:m]
         self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
         self.parts = parts.in_velocities(self.W)
