@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.plain import Json
@@ -145,11 +146,7 @@ def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | 
 
 def _compared(summary: Summary) -> Compared:
     """What stays of the summary of another run beside the run's own."""
-    chosen: Compared = {}
-    for key in summary:
-        if key in Compared.__annotations__:
-            chosen[key] = summary[key]  # type: ignore[literal-required]
-    return chosen
+    return cast(Compared, {key: value for key, value in summary.items() if key in Compared.__annotations__})
 
 
 def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:

@@ -78,18 +78,17 @@ def free_motion(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
     moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
-    constant = np.zeros(reduced.p) if inputs is None else None if callable(inputs) else np.array(inputs, dtype=float)
-
-    constant = None if constant is None else moving.saturate(constant)
+    feedback = inputs if callable(inputs) else None
+    constant = moving.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
 
     def at(t: float, state: Evaluation) -> np.ndarray:
-        if constant is not None:
+        if feedback is None:
             return constant
-        return moving.saturate(np.asarray(inputs(t, state.q, state.v2), dtype=float))  # type: ignore[misc, operator]
+        return moving.saturate(np.asarray(feedback(t, state.q, state.v2), dtype=float))
 
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return moving.rate(constant if constant is not None else at(t, moving.seen(q, y)))(q, y)
+            return moving.rate(constant if feedback is None else at(t, moving.seen(q, y)))(q, y)
         except (SingularityError, DivergenceError):  # a step that leads out of the present chart is too long
             return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 

@@ -18,34 +18,28 @@ class Learning(TypedDict, total=False):
     late_rms_error: dict[str, float]
 
 
-class Compared(Learning, total=False):
-    """What a summary says of another run beside its own: errors [m or rad] by output."""
+class Compared(Learning):
+    """How a run ended and how far it was off, [m or rad, magnitudes] by output: what is told of a comparison, too."""
 
     outcome: str
-    message: str
+    message: NotRequired[str]
     final_output: dict[str, float]
     final_error: dict[str, float]
     max_error: dict[str, float]
     rms_error: dict[str, float]
-    off_tracking_max: float
+    off_tracking_max: NotRequired[float]
 
 
-class Summary(Learning):
-    """Errors [m or rad, magnitudes] by output and invariants of a run, ready for JSON.
+class Summary(Compared):
+    """That and the invariants of a run, ready for JSON.
 
     ``energy_drift`` is the largest change of energy that no work explains, relative to the largest kinetic exchange of
     the run.
     """
 
     scenario: str | None
-    outcome: str
-    message: NotRequired[str]
     duration: float
     samples: int
-    final_output: dict[str, float]
-    final_error: dict[str, float]
-    max_error: dict[str, float]
-    rms_error: dict[str, float]
     constraint_residual_max: float
     position_residual_max: float
     energy_drift: float
@@ -54,7 +48,6 @@ class Summary(Learning):
     wall_time: float | None
     realtime_factor: float | None
     versions: Mapping[str, str]
-    off_tracking_max: NotRequired[float]
     comparisons: NotRequired[dict[str, Compared]]
     files: NotRequired[list[str]]
 
