@@ -101,6 +101,15 @@ def inspect(**given: Given) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
 @click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Instead of a guess.")
 @click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
+@click.option(
+    "--package-dir",
+    "package_dirs",
+    metavar="FOLDER",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Where package:// paths are: a package, or a folder of packages.",
+)
+@click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Hold a joint, at zero or at a value [rad or m].")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @_debug
 def init(**given: Given) -> None:

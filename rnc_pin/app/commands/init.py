@@ -8,16 +8,25 @@ import click
 
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.draft import Wishes, draft
 from rnc_pin.scenario.files import parse_options
 
 
-def draft_scenario(robot: str, out: Path | None, base: str | None, arguments: tuple[str, ...], force: bool) -> None:
+def draft_scenario(
+    robot: str,
+    out: Path | None,
+    base: str | None,
+    arguments: tuple[str, ...],
+    package_dirs: tuple[Path, ...],
+    lock: tuple[str, ...],
+    force: bool,
+) -> None:
     """Write a first scenario for a robot."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = path.is_file() and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
-    text = draft(robot, path.parent, base, parse_options(arguments))
+    wishes = Wishes(base, parse_options(arguments), package_dirs, _held(lock))
+    text = draft(robot, path.parent, wishes)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
     try:
@@ -25,3 +34,15 @@ def draft_scenario(robot: str, out: Path | None, base: str | None, arguments: tu
     except OSError as error:
         raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {path}; rnc-pin run {path}")
+
+
+def _held(lock: tuple[str, ...]) -> dict[str, float]:
+    """Joints to hold, ``JOINT`` at zero or ``JOINT=VALUE``."""
+    held: dict[str, float] = {}
+    for each in lock:
+        joint, _, value = each.partition("=")
+        try:
+            held[joint] = float(value or 0.0)
+        except ValueError:
+            raise ConfigurationError(f"--lock {each}: expected JOINT or JOINT=NUMBER [rad or m]") from None
+    return held

@@ -9,7 +9,7 @@ from typing import NotRequired, TypedDict
 import yaml
 
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.base import Entry, Mobility
+from rnc_pin.scenario.draft.mobility import Entry, Mobility
 from rnc_pin.scenario.json_schema import schema_path
 
 _WIDTH = 118
@@ -23,9 +23,10 @@ class DraftedOutputs(TypedDict):
 
 
 class DraftedStart(TypedDict):
-    """Values of joints at the start."""
+    """Values of joints and rates of outputs at the start."""
 
-    q: dict[str, float]
+    q: dict[str, float | list[float]]
+    v2: NotRequired[dict[str, float]]
 
 
 class Drafted(TypedDict):
@@ -58,7 +59,7 @@ def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility:
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {_flow(f'First draft for {name}')}",
-        *_remark(f"base {mobility.base or 'as in the file'}: {mobility.why}"),
+        *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         f"robot: {_flow(scenario['robot'])}",
         *_entries("constraints", scenario["constraints"], "# A(q) v = 0"),
         *_entries("actuators", scenario["actuators"], "# what can push"),
@@ -72,7 +73,7 @@ def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility:
             *_entries("vertical", [(each, "") for each in outputs["vertical"]], "", "  "),
         ]
     lines.append(f"task: {_flow(scenario['task'])}")
-    if scenario["initial"]["q"]:
+    if scenario["initial"]["q"] or scenario["initial"].get("v2"):
         lines += [
             *_remark("joints whose range does not contain zero start in its middle"),
             f"initial: {_flow(scenario['initial'])}",

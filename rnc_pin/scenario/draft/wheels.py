@@ -1,7 +1,9 @@
-"""Which joints are wheels, and which of those are casters or are steered."""
+"""Which joints are wheels: by what is round about a level axle at the ground; names only help."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +12,40 @@ import pinocchio as pin
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.shapes import Shape, round_about, shapes
 
-_LEVEL = 0.1  # largest vertical part of an axle, and largest horizontal part of a swivel's axis
+_LEVEL = 0.1  # largest vertical part of an axle
+_UPRIGHT = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
 _NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
 _TURNS = 4 * np.pi  # a joint that turns farther than a wrist does is a wheel like a continuous one
-_OMNIDIRECTIONAL = ("mecanum", "omni", "swedish")
+_WIDEST = 8.0  # width of a wheel in radii
+_ROLLERS = 4  # so many joints on a rim are rollers
+_SIZES = (0.01, 1.5)  # radii that are believed where nothing was measured [m]
+_WHEEL = re.compile("wheel|tire|tyre|caster|castor")
+_NO_WHEEL = re.compile("reaction|flywheel|momentum|steering_?wheel|rotor|prop|pulley|gear")
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """A joint with an upright axis that carries wheels.
+
+    Attributes:
+        joint: its name.
+        index: in the model.
+        point: on its axis, in the world (3,) [m].
+        axis: in the world (3,), upward.
+        turns_round: whether nothing stops it.
+    """
+
+    joint: str
+    index: int
+    point: np.ndarray
+    axis: np.ndarray
+    turns_round: bool
+
+    def offset(self, point: np.ndarray) -> np.ndarray:
+        """From the axis to a point (3,), along the ground where the axis is upright."""
+        away = point - self.point
+        away = away - away[2] / self.axis[2] * self.axis
+        return np.asarray(away)
 
 
 @dataclass(frozen=True)
@@ -24,13 +56,13 @@ class Wheel:
         joint: its name.
         frame: at its centre, turning with it.
         radius: [m].
-        measured: where the radius is from: "collision" or "visual" geometry, or "height" of the axle.
+        measured: where the radius is from: "collision" or "visual" geometry, "height" of the axle or "inertia".
         center: in the world (3,) [m].
         axle: in the world (3,).
-        swivel: the joint with a vertical axis that carries it, or None.
-        trail: from the swivel's axis to the centre, across the axle [m].
+        pivots: upright axes between the wheel and the base, the nearest first.
         carriers: other joints between the wheel and the base, which move it.
-        omnidirectional: named so: its rollers are not in the file.
+        rollers: joints of the rollers on its rim.
+        is_ball: as round in every direction.
     """
 
     joint: str
@@ -39,92 +71,189 @@ class Wheel:
     measured: str
     center: np.ndarray
     axle: np.ndarray
-    swivel: str | None
-    trail: float
+    pivots: tuple[Pivot, ...]
     carriers: tuple[str, ...]
-    omnidirectional: bool
+    rollers: tuple[str, ...]
+    is_ball: bool
 
     @property
-    def is_caster(self) -> bool:
-        """Whether it turns after the base by itself."""
-        return self.swivel is not None and ("caster" in _words(self) or self.trail > 0.2 * self.radius)
+    def heading(self) -> np.ndarray:
+        """Where it rolls, along the ground (3,)."""
+        along = np.cross(self.axle, [0.0, 0.0, 1.0])
+        return np.asarray(along / np.linalg.norm(along))
 
     @property
-    def is_steered(self) -> bool:
-        """Whether somebody has to turn it."""
-        return self.swivel is not None and not self.is_caster
+    def words(self) -> str:
+        """Names that say what it is."""
+        return " ".join([self.joint, self.frame, *(each.joint for each in self.pivots[:1])]).lower()
 
 
-def find_wheels(robot: Robot, q: np.ndarray) -> list[Wheel]:
-    """The wheels of a robot that stands on the ground at ``q`` (nq,)."""
-    model = robot.model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, q)
-    pin.updateFramePlacements(model, data)
+@dataclass(frozen=True)
+class _Candidate:
+    index: int
+    frame: str
+    axle: np.ndarray
+    center: np.ndarray
+    named: bool
+    parts: dict[str, list[Shape]]
+
+
+def find_wheels(robot: Robot, q: np.ndarray, root: int) -> list[Wheel]:
+    """The wheels of a robot that stands on the ground at ``q`` (nq,), its base behind joint ``root``."""
+    data = robot.model.createData()
+    pin.computeJointJacobians(robot.model, data, q)
+    pin.updateFramePlacements(robot.model, data)
     geometry = {kind: shapes(robot, kind, q) for kind in ("collision", "visual")}
-    root = 1 if model.joints[1].nv > 1 else 0
-    lowest = [shape.bottom for shape in geometry["collision"] or geometry["visual"] if shape.joint == root]
-    found: list[tuple[Wheel, float]] = []
-    for index in range(1, model.njoints):
-        joint, name = model.joints[index], model.names[index]
-        if joint.nv != 1 or len(model.children[index]):
-            continue
-        axle = _axis(model, data, index)
-        frame = body_frame(robot, index)
-        named = any("wheel" in word.lower() for word in (name, frame))
-        span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
-        turns = joint.nq == 2 or not np.isfinite(span) or span > _TURNS + 1e-6
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named):
-            continue
-        center = data.oMi[index].translation.copy()
-        for kind, everything in geometry.items():
-            parts = [shape for shape in everything if shape.joint == index]
-            disk = round_about(parts, center, axle)
-            if disk is not None and disk.width < 2.5 * disk.radius:
-                radius, bottom, measured = disk.radius, disk.bottom, kind
-                break
-        else:
-            has_shape = any(shape.joint == index for each in geometry.values() for shape in each)
-            if has_shape or not named or not 0.01 < center[2] < 1.0:
-                continue
-            radius, bottom, measured = float(center[2]), 0.0, "height"
-        files = [shape.file for each in geometry.values() for shape in each if shape.joint == index]
-        found.append((_wheel(robot, data, index, frame, radius, measured, axle, files), bottom))
-    ground = min([*lowest, *(bottom for _, bottom in found)], default=0.0)
-    return [wheel for wheel, bottom in found if bottom - ground < _NEAR * wheel.radius]
+    floor = _floor(robot, data, root)
+    found: list[_Found] = []
+    for candidate in _candidates(robot, data, geometry, root):
+        size = _measured(robot, data, candidate, floor)
+        if size is not None:
+            wheel = _wheel(robot, data, candidate, size, root)
+            found.append(_Found(wheel, size.bottom, candidate.named))
+    return _on_the_ground(found, geometry["collision"] or geometry["visual"], root)
 
 
-def _wheel(
-    robot: Robot,
-    data: pin.Data,
-    index: int,
-    frame: str,
-    radius: float,
-    measured: str,
-    axle: np.ndarray,
-    files: list[str],
-) -> Wheel:
+@dataclass(frozen=True)
+class _Size:
+    radius: float
+    bottom: float
+    measured: str
+    is_ball: bool = False
+
+
+@dataclass(frozen=True)
+class _Found:
+    wheel: Wheel
+    bottom: float
+    named: bool
+
+    def touches(self, ground: float) -> bool:
+        slack = 1.0 if self.wheel.measured in ("height", "inertia") else _NEAR
+        return self.bottom - ground < slack * self.wheel.radius
+
+
+def _candidates(
+    robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], root: int
+) -> Iterator[_Candidate]:
+    """Joints that turn on and on about a level axis, with nothing behind them but rollers."""
     model = robot.model
-    center, swivel, trail = data.oMi[index].translation.copy(), None, 0.0
+    for index in range(root + 1, model.njoints):
+        joint, name = model.joints[index], model.names[index]
+        rollers = [int(each) for each in model.children[index]]
+        if joint.nv != 1 or not _are_rollers(model, rollers):
+            continue
+        axle, frame = turning_axis(model, data, index), body_frame(robot, index)
+        words = f"{name} {frame}".lower()
+        named = _WHEEL.search(words) is not None
+        span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
+        turns = joint.nq == 2 or not np.isfinite(span) or span <= 0 or span > _TURNS + 1e-6
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named) or _NO_WHEEL.search(words):
+            continue
+        behind = {index, *rollers}
+        parts = {kind: [each for each in every if each.joint in behind] for kind, every in geometry.items()}
+        yield _Candidate(index, frame, axle, data.oMi[index].translation.copy(), named, parts)
+
+
+def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
+    leaves = all(model.joints[each].nv == 1 and not len(model.children[each]) for each in joints)
+    return not joints or (len(joints) >= _ROLLERS and leaves)
+
+
+def _measured(robot: Robot, data: pin.Data, candidate: _Candidate, floor: float | None) -> _Size | None:
+    """How large a wheel is, by its shapes; where there are none, by its height over a floor that the file has,
+    its inertia, or its height over the base's origin. None where it is no wheel."""
+    for kind, parts in candidate.parts.items():
+        disk = round_about(parts, candidate.center, candidate.axle)
+        if disk is not None and disk.width < _WIDEST * disk.radius:
+            return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
+    spun = _spun_radius(robot, data, candidate)
+    if not candidate.named and (spun is None or any(candidate.parts.values())):
+        return None
+    height = float(candidate.center[2]) - (0.0 if floor is None else floor)
+    if floor is not None and _believed(height):
+        return _Size(height, floor, "height")
+    if spun is not None and not (_believed(height) and 0.7 < height / spun < 1.4):
+        return _Size(spun, float(candidate.center[2]) - spun, "inertia")
+    return _Size(height, 0.0, "height") if _believed(height) else None
+
+
+def _believed(radius: float) -> bool:
+    return _SIZES[0] < radius < _SIZES[1]
+
+
+def _spun_radius(robot: Robot, data: pin.Data, candidate: _Candidate) -> float | None:
+    """Radius [m] of the solid disk that has this inertia, or None where it is not that of something round."""
+    inertia = robot.model.inertias[candidate.index]
+    if inertia.mass <= 0:
+        return None
+    axle = data.oMi[candidate.index].rotation.T @ candidate.axle
+    tensor, lever = inertia.inertia, inertia.lever
+    about = float(axle @ tensor @ axle)
+    across = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
+    across = np.delete(across, int(np.argmin(np.abs(across))))
+    radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
+    beside = np.linalg.norm(lever - (lever @ axle) * axle)
+    is_round = across[0] > 0 and across[1] < 1.15 * across[0] and beside < 0.2 * radius
+    return radius if is_round and _believed(radius) else None
+
+
+def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> list[Wheel]:
+    named = [each for each in found if each.named]
+    sure = [each for each in named if each.wheel.measured in ("collision", "visual")] or named
+    if sure:
+        ground = min(each.bottom for each in sure)
+        lowest = min((shape.bottom for shape in everything), default=ground)
+        if lowest < ground - 2 * max(each.wheel.radius for each in sure):
+            return []  # called wheels, but in the air
+    else:
+        bottoms = [shape.bottom for shape in everything if shape.joint <= root]
+        ground = min([*bottoms, *(each.bottom for each in found)], default=0.0)
+    return [each.wheel for each in found if each.touches(ground)]
+
+
+def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, root: int) -> Wheel:
+    model = robot.model
+    pivots: list[Pivot] = []
     carriers: list[str] = []
-    parent = model.parents[index]
-    while parent > 0 and model.joints[parent].nv == 1:
-        axis = _axis(model, data, parent)
-        if swivel is None and not carriers and np.hypot(axis[0], axis[1]) < _LEVEL and np.linalg.norm(axis) > 0.5:
-            swivel = model.names[parent]
-            offset = center - data.oMi[parent].translation
-            trail = abs(float(np.cross(axle, [0.0, 0.0, 1.0]) @ offset))
+    springs = True  # only slides so far: a suspension
+    parent = model.parents[candidate.index]
+    while parent > root and model.joints[parent].nv == 1:
+        joint, axis = model.joints[parent], turning_axis(model, data, parent)
+        if springs and abs(axis[2]) > _UPRIGHT:
+            span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
+            free = joint.nq == 2 or not 0 < span < 2 * np.pi - 1e-3
+            point = data.oMi[parent].translation.copy()
+            pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
         else:
-            carriers.append(model.names[parent])
+            carriers.append(str(model.names[parent]))
+            springs = springs and not axis.any()
         parent = model.parents[parent]
-    words = " ".join([model.names[index], frame, *files]).lower()
-    omnidirectional = any(word in words for word in _OMNIDIRECTIONAL)
     return Wheel(
-        model.names[index], frame, radius, measured, center, axle, swivel, trail, tuple(carriers), omnidirectional
+        joint=str(model.names[candidate.index]),
+        frame=candidate.frame,
+        radius=size.radius,
+        measured=size.measured,
+        center=candidate.center,
+        axle=candidate.axle,
+        pivots=tuple(pivots),
+        carriers=tuple(carriers),
+        rollers=tuple(str(model.names[each]) for each in model.children[candidate.index]),
+        is_ball=size.is_ball,
     )
 
 
-def _axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+def _floor(robot: Robot, data: pin.Data, root: int) -> float | None:
+    """Height of a frame of the base that is called its footprint, or None."""
+    heights = [
+        float(data.oMf[index].translation[2])
+        for index, frame in enumerate(robot.model.frames)
+        if frame.parentJoint <= root and "footprint" in frame.name.lower()
+    ]
+    return min(heights, default=None)
+
+
+def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
     """Axis in the world (3,) of a joint with one degree of freedom; zero where it slides."""
     jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
     column: np.ndarray = jacobian.reshape(6, model.nv)[3:, model.joints[joint].idx_v]  # (6,) where nv is 1
@@ -138,77 +267,3 @@ def body_frame(robot: Robot, joint: int) -> str:
         if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
             return str(frame.name)
     return str(robot.model.names[joint])
-
-
-@dataclass(frozen=True)
-class DrawnAxle:
-    """Wheels that are only drawn, on a body that cannot slip along their axle.
-
-    Attributes:
-        frame: with its origin on the axle.
-        axis: the frame's own axis along the axle, "x" or "y" or "z".
-        joint: index of the joint that carries it.
-        radius: of the wheels [m].
-        axle: in the world (3,).
-    """
-
-    frame: str
-    axis: str
-    joint: int
-    radius: float
-    axle: np.ndarray
-
-
-def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
-    """Pairs of lying cylinders at the ground, fixed to one body: wheels that do not turn in the model."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    drawn = shapes(robot, "visual", q)
-    ground = min((shape.bottom for shape in drawn), default=0.0)
-    axles: list[DrawnAxle] = []
-    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < _LEVEL and _thin(s)]
-    for one in disks:
-        for other in disks:
-            if one.name >= other.name or one.joint != other.joint:
-                continue
-            axle, across = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
-            assert axle is not None
-            radii = [_radius(each) for each in (one, other)]
-            apart = np.linalg.norm(across)
-            level = one.bottom - ground < _NEAR * radii[0]
-            aligned = apart > radii[0] and abs(across @ axle) > 0.999 * apart
-            if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
-                continue
-            place = _frame_on(robot, data, one.joint, one.points.mean(axis=0), axle)
-            if place is not None and all(place[0] != each.frame for each in axles):
-                axles.append(DrawnAxle(*place, one.joint, radii[0], axle))
-    return axles
-
-
-def _thin(disk: Shape) -> bool:
-    assert disk.axis is not None
-    return bool(np.ptp(disk.points @ disk.axis) < 1.5 * _radius(disk))
-
-
-def _radius(cylinder: Shape) -> float:
-    assert cylinder.axis is not None
-    offsets = cylinder.points - cylinder.points.mean(axis=0)
-    return float(np.linalg.norm(offsets - np.outer(offsets @ cylinder.axis, cylinder.axis), axis=1).max())
-
-
-def _frame_on(robot: Robot, data: pin.Data, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
-    """A frame of the body with its origin above or on the axle, and its own axis along it."""
-    best = None
-    for index, frame in enumerate(robot.model.frames):
-        if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
-            continue
-        offset = data.oMf[index].translation - point
-        along = np.abs(data.oMf[index].rotation.T @ axle)
-        beside = offset - (offset @ axle) * axle
-        if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
-            best = (str(frame.name), "xyz"[int(along.argmax())])
-    return best
-
-
-def _words(wheel: Wheel) -> str:
-    return f"{wheel.joint} {wheel.frame} {wheel.swivel}".lower()

@@ -1,0 +1,168 @@
+"""Bases that fall over unless they are held: two wheels under a body, bicycles."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.plain import Json
+from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
+from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
+from rnc_pin.scenario.draft.shapes import shapes
+from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.wheels import Wheel
+
+_SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot|leg_rest")
+_BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
+_TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is built to balance
+_NEAR = 0.3  # how far above the ground something that carries may be, in radii
+_LEAN = 0.05  # at the start [rad]
+_DRIVEN = 0.5  # [m]
+_FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
+
+
+def balances(chassis: Chassis, site: Site) -> bool:
+    """Whether a base stands on two wheels of one axle alone."""
+    lonely = not (chassis.casters or chassis.balls or chassis.steered or chassis.trailers)
+    if not lonely or len(chassis.fixed) != 2 or len(chassis.axles) != 1:
+        return False
+    one, other = chassis.fixed
+    if np.linalg.norm(one.center - other.center) < one.radius:
+        return False
+    above, beside = _center_of_mass(chassis, site)
+    named = _BALANCES.search(site.words) is not None
+    tall = above > (0.0 if named else _TALL * one.radius) and beside < max(0.5 * above, 0.2 * one.radius)
+    return tall and (named or not _is_supported(chassis, site))
+
+
+def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
+    """A free base on an axle: forward speed, pitch and heading of it, two wheels to hold all three."""
+    wheels = chassis.fixed
+    result = Mobility("free", "2 wheels under a body that balances", site.frame)
+    _lie_down(result, wheels, site)
+    for wheel in wheels:
+        result.constraints.append((rolls(wheel), measured(wheel)))
+        result.actuators.append((wheel.joint, ""))
+    ahead = site.along(wheels[0].heading)
+    speed, tilt, yaw = _upright_outputs(result, ahead, ahead)
+    result.outputs.append(({"frame_yaw": site.frame}, 0.2))
+    result.feedback = {
+        "type": "state_feedback",
+        "coordinates": [tilt],
+        "rates": [speed, tilt, yaw],
+    }
+    result.alone = True
+    result.notes.append(
+        "two wheels and nothing else at the ground: it has to be balanced, about the equilibrium near the start; "
+        "where a caster is missing in the file, use --base planar"
+    )
+    return result
+
+
+def is_bicycle(chassis: Chassis) -> bool:
+    """Whether a steered wheel stands before a fixed one, in one plane."""
+    if len(chassis.fixed) != 1 or len(chassis.steered) != 1 or chassis.balls or chassis.casters:
+        return False
+    rear, (front,) = chassis.fixed[0], (chassis.steered[0].wheels or (None,))[:1]
+    if front is None or len(chassis.steered[0].wheels) != 1 or not are_parallel(rear, front):
+        return False
+    between = front.center - rear.center
+    along = abs(float(between @ rear.heading))
+    return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
+
+
+def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
+    """A free base that leans, rolling ahead, held upright by its steering."""
+    rear, fork = chassis.fixed[0], chassis.steered[0]
+    front = fork.wheels[0]
+    result = Mobility("free", "2 wheels in line: a bicycle, which leans", site.frame)
+    _lie_down(result, [rear, front], site)
+    result.constraints.append((rolls(rear), measured(rear)))
+    result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
+    result.actuators += [(rear.joint, "drives"), (fork.pivot.joint, "steering")]
+    result.passive.add(front.joint)
+    ahead = _ahead(fork, rear)
+    across = site.along(rear.axle)
+    speed, tilt, _ = _upright_outputs(result, site.along(rear.heading), across)
+    steering = fork.pivot.joint
+    result.outputs.append(({"joint": steering}, 0.0))
+    result.feedback = {
+        "type": "state_feedback",
+        "coordinates": [tilt, steering],
+        "rates": [speed, tilt, steering],
+    }
+    wheelbase = abs(float((front.center - rear.center) @ rear.heading))
+    forward = site.placement.rotation[:, "xyz".index(site.along(rear.heading))]
+    sense = 1.0 if forward @ ahead > 0 else -1.0
+    result.v2 = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
+    result.alone = True
+    result.notes.append(
+        "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
+    )
+    return result
+
+
+def _ahead(fork: Carriage, rear: Wheel) -> np.ndarray:
+    along = fork.wheels[0].center - rear.center
+    return np.asarray(along / np.linalg.norm(along))
+
+
+def _upright_outputs(result: Mobility, along: str, leaning: str) -> tuple[str, str, str]:
+    frame = result.frame
+    result.outputs += [
+        ({"frame_speed": {"frame": frame, "axis": along}}, _DRIVEN),
+        ({"frame_tilt": {"frame": frame, "axis": leaning}}, 0.0),
+    ]
+    result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
+    return f"{frame}_speed_{along}", f"{frame}_tilt_{leaning}", f"{frame}_yaw"
+
+
+def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
+    """Put the base at the height at which the wheels touch, and hold what moves them."""
+    height = float(np.median([wheel.radius - wheel.center[2] for wheel in wheels]))
+    result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
+    result.ground = 0.0
+    pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}
+    moving = {wheel.joint for wheel in wheels} | pivots
+    carriers = [joint for wheel in wheels for joint in wheel.carriers]
+    result.hold(carriers, site.start, "locked, because they would lift wheels off the ground")
+    others = [name for name in site.start if name not in moving and name not in result.lock]
+    result.hold(others, site.start, "held still, while the base is balanced")
+
+
+def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:
+    """Of everything but the wheels: height above the axle, and distance from the plane above it [m]."""
+    own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
+    model = site.robot.model
+    total, moment = 0.0, np.zeros(3)
+    for index, inertia in enumerate(model.inertias):
+        if index not in own and inertia.mass > 0:
+            total += inertia.mass
+            moment += inertia.mass * (site.data.oMi[index].act(inertia.lever))
+    if not total:
+        return 0.0, np.inf
+    offset = moment / total - chassis.fixed[0].center
+    return float(offset[2]), abs(float(offset @ chassis.fixed[0].heading))
+
+
+def _is_supported(chassis: Chassis, site: Site) -> bool:
+    """Whether something besides the wheels reaches the ground, or is called a support."""
+    if _SUPPORT.search(site.words):
+        return True
+    ground = chassis.fixed[0].center[2] - chassis.fixed[0].radius
+    own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
+    slack = _NEAR * chassis.fixed[0].radius
+    everything = [*shapes(site.robot, "collision", site.q), *shapes(site.robot, "visual", site.q)]
+    return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
+
+
+def start_leaning(result: Mobility, axis: np.ndarray) -> None:
+    """Lean the start about an axis (3,) of the world."""
+    turn = pin.Quaternion(pin.AngleAxis(_LEAN, axis / np.linalg.norm(axis)))
+    place = result.initial["root_joint"]
+    place[3:] = [round(float(each), 6) for each in turn.coeffs()]
+
+
+Entry = dict[str, Json]

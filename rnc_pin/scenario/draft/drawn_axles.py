@@ -1,0 +1,84 @@
+"""Wheels that are only drawn, on bodies that cannot slip along their axles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.shapes import Shape, shapes
+
+_LEVEL = 0.1  # largest vertical part of an axle
+_NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
+
+
+@dataclass(frozen=True)
+class DrawnAxle:
+    """Wheels that are only drawn, on a body that cannot slip along their axle.
+
+    Attributes:
+        frame: with its origin on the axle.
+        axis: the frame's own axis along the axle, "x" or "y" or "z".
+        joint: index of the joint that carries it.
+        radius: of the wheels [m].
+        axle: in the world (3,).
+    """
+
+    frame: str
+    axis: str
+    joint: int
+    radius: float
+    axle: np.ndarray
+
+
+def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
+    """Pairs of lying cylinders at the ground, fixed to one body: wheels that do not turn in the model."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    drawn = shapes(robot, "visual", q)
+    ground = min((shape.bottom for shape in drawn), default=0.0)
+    axles: list[DrawnAxle] = []
+    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < _LEVEL and _thin(s)]
+    for one in disks:
+        for other in disks:
+            if one.name >= other.name or one.joint != other.joint:
+                continue
+            axle, across = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
+            assert axle is not None
+            radii = [_radius(each) for each in (one, other)]
+            apart = np.linalg.norm(across)
+            level = one.bottom - ground < _NEAR * radii[0]
+            aligned = apart > radii[0] and abs(across @ axle) > 0.999 * apart
+            if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
+                continue
+            place = _frame_on(robot, data, one.joint, one.points.mean(axis=0), axle)
+            if place is not None and all(place[0] != each.frame for each in axles):
+                axles.append(DrawnAxle(*place, one.joint, radii[0], axle))
+    return axles
+
+
+def _thin(disk: Shape) -> bool:
+    assert disk.axis is not None
+    return bool(np.ptp(disk.points @ disk.axis) < 1.5 * _radius(disk))
+
+
+def _radius(cylinder: Shape) -> float:
+    assert cylinder.axis is not None
+    offsets = cylinder.points - cylinder.points.mean(axis=0)
+    return float(np.linalg.norm(offsets - np.outer(offsets @ cylinder.axis, cylinder.axis), axis=1).max())
+
+
+def _frame_on(robot: Robot, data: pin.Data, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
+    """A frame of the body with its origin above or on the axle, and its own axis along it."""
+    best = None
+    for index, frame in enumerate(robot.model.frames):
+        if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
+            continue
+        offset = data.oMf[index].translation - point
+        along = np.abs(data.oMf[index].rotation.T @ axle)
+        beside = offset - (offset @ axle) * axle
+        if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
+            best = (str(frame.name), "xyz"[int(along.argmax())])
+    return best

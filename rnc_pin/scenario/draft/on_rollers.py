@@ -1,0 +1,140 @@
+"""A base that moves in any direction: Mecanum and omni wheels, or wheels that are each steered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.plain import Json
+from rnc_pin.scenario.draft.chassis import Chassis, are_parallel
+from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility, measured, rolls
+from rnc_pin.scenario.draft.on_wheels import planar
+from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.wheels import Wheel, turning_axis
+
+_OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
+_APART = 0.05  # smallest singular value of the rows on the base's motion that counts as three
+_MECANUM = np.pi / 4
+
+
+def has_rollers(chassis: Chassis, site: Site) -> bool:
+    """Whether wheels have rollers: the file has them, says so, or its wheels could not roll otherwise."""
+    wheels = chassis.fixed
+    if len(wheels) < 3 or chassis.steered:
+        return False
+    if any(wheel.rollers for wheel in wheels):
+        return True
+    parallel = all(are_parallel(wheels[0], wheel) for wheel in wheels)
+    named = any(word in site.words for word in _OMNIDIRECTIONAL)
+    return not parallel or (named and len(wheels) >= 3)
+
+
+def on_rollers(chassis: Chassis, site: Site) -> Mobility:
+    """Three rollers or more, each the row of one direction."""
+    wheels = chassis.fixed
+    parallel = all(are_parallel(wheels[0], wheel) for wheel in wheels)
+    angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
+    if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
+        return in_any_direction(chassis, site, "the rollers of these wheels do not hold the base")
+    kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
+    result = planar(site, kind, wheels)
+    modelled = [roller for wheel in wheels for roller in wheel.rollers]
+    result.hold(modelled, site.start, "the roller that touches the ground is a row, those of the file are held")
+    for wheel, angle in zip(wheels, angles, strict=True):
+        doubt = "" if wheel.rollers else "MEASURE its angle; "
+        if parallel and not wheel.rollers:
+            doubt = "as Mecanum wheels are mounted to turn well: MEASURE its sign; "
+        entry = rolls(wheel, roller=round(angle, 6) + 0.0)
+        result.constraints.append((entry, f"{doubt}{measured(wheel)}"))
+        result.actuators.append((wheel.joint, ""))
+    if not parallel:
+        result.notes.append("wheels in different headings can only move the base if they are omni wheels")
+    _release(result, chassis, site)
+    return _outputs(result)
+
+
+def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
+    """Pushed by forces: what the wheels do together."""
+    result = planar(site, f"{len(chassis.wheels)} wheels, in any direction", chassis.wheels)
+    pivots = [pivot.joint for wheel in chassis.wheels for pivot in wheel.pivots]
+    rollers = [roller for wheel in chassis.wheels for roller in wheel.rollers]
+    result.hold(
+        [*(wheel.joint for wheel in chassis.wheels), *pivots, *rollers],
+        site.start,
+        f"{why}: the base is taken to move in any direction, by forces for what the wheels do together; "
+        "locked and only drawn",
+    )
+    _release(result, chassis, site)
+    push(result, site.frame)
+    return _outputs(result)
+
+
+def push(result: Mobility, frame: str) -> None:
+    """Forces on the base, along and across, and a torque that turns it."""
+    for axis in "xy":
+        force: dict[str, Json] = {"force": {"frame": frame, "axis": axis}}
+        result.actuators.append((force, "what the wheels do together"))
+    result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, ""))
+
+
+def _outputs(result: Mobility) -> Mobility:
+    frame = result.frame
+    result.outputs += [
+        ({"frame_position": {"frame": frame, "axes": "xy"}}, DRIVEN),
+        ({"frame_yaw": frame}, TURNED),
+    ]
+    return result
+
+
+def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
+    """Hold what lifts wheels, and wheels that only support."""
+    result.hold(
+        (joint for wheel in chassis.wheels for joint in wheel.carriers),
+        site.start,
+        "locked, because they would lift wheels off the ground",
+    )
+    supports = [
+        joint
+        for carriage in (*chassis.casters, *chassis.trailers)
+        for joint in (carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels))
+        if joint not in result.lock
+    ]
+    supports += [wheel.joint for wheel in chassis.balls if wheel.joint not in result.lock]
+    result.hold(supports, site.start, "wheels that only support are locked and only drawn")
+
+
+def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> float:
+    """From the wheel's heading to the axis of the roller at the ground [rad]."""
+    if wheel.rollers:
+        return _modelled_angle(wheel, site)
+    if not parallel:
+        return 0.0
+    # Rollers that point to the middle turn the base worst: those of a pair on one diagonal point across it.
+    middle = np.mean([each.center for each in wheels], axis=0)
+    heading, across = wheels[0].heading, np.cross([0.0, 0.0, 1.0], wheels[0].heading)
+    offset = wheel.center - middle
+    side = np.sign((offset @ heading) * (offset @ across))
+    return float(-_MECANUM * (side or 1.0))
+
+
+def _modelled_angle(wheel: Wheel, site: Site) -> float:
+    """The angle that the file's lowest roller has."""
+    robot, data = site.robot, site.data
+    lowest = min(wheel.rollers, key=lambda name: float(data.oMi[robot.joint_id(name)].translation[2]))
+    axis = turning_axis(robot.model, data, robot.joint_id(lowest))
+    heading, across = wheel.heading, np.cross([0.0, 0.0, 1.0], wheel.heading)
+    angle = float(np.arctan2(axis @ across, axis @ heading))
+    return (angle + np.pi / 2) % np.pi - np.pi / 2  # an axis has no sense
+
+
+def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
+    """Rows (k, 3) of the rollers on velocity and turn of a base in the middle of the wheels."""
+    middle = np.mean([wheel.center for wheel in wheels], axis=0)
+    rows = []
+    for wheel, angle in zip(wheels, angles, strict=True):
+        heading, across = wheel.heading, np.cross([0.0, 0.0, 1.0], wheel.heading)
+        x, y, _ = np.cos(angle) * heading + np.sin(angle) * across
+        at = wheel.center - middle
+        size = max(float(np.hypot(at[0], at[1])), 1e-9)
+        rows.append([x, y, (at[0] * y - at[1] * x) / size])
+    return np.array(rows)

@@ -1,0 +1,176 @@
+"""A base on wheels that do not slip: carts, skid-steered bases, cars, tricycles, trucks with trailers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.plain import Json
+from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
+from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
+from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, Mobility, measured, rolls
+from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.wheels import Wheel
+
+
+def on_wheels(chassis: Chassis, site: Site) -> Mobility:
+    """Wheels on one axle or several, some of them steered, with casters and trailers."""
+    result = planar(site, _kind(chassis), chassis.wheels)
+    result.hold(
+        (joint for wheel in chassis.wheels for joint in wheel.carriers),
+        site.start,
+        "locked, because they would lift wheels off the ground",
+    )
+    gliding = [wheel.joint for wheel in chassis.balls]
+    result.hold(gliding, site.start, "balls glide where they do not roll, so that they are locked and only drawn")
+    for dolly in chassis.dollies:
+        result.passive.add(dolly)
+    _roll(result, chassis, site)
+    along = site.along(chassis.fixed[0].heading)
+    result.outputs.append(({"frame_speed": {"frame": site.frame, "axis": along}}, DRIVEN))
+    if chassis.steered:
+        _steer(result, chassis, site)
+    else:
+        if len(chassis.fixed) == 1:
+            torque: dict[str, Json] = {"torque": {"frame": site.frame, "axis": "z"}}
+            result.actuators.append((torque, "turns the base: one wheel cannot"))
+        result.outputs.append(({"frame_yaw": site.frame}, TURNED))
+    for carriage in chassis.casters:
+        for wheel in carriage.wheels:
+            result.constraints.append((rolls(wheel), f"a caster, not driven; {measured(wheel)}"))
+        result.passive |= {carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels)}
+    for carriage in chassis.trailers:
+        _tow(result, carriage)
+    result.vertical.append({"frame_position": {"frame": site.frame, "axes": "xy"}})
+    if chassis.steered:
+        result.vertical.append({"frame_yaw": site.frame})
+    return result
+
+
+def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
+    """A base that moves over the ground, by the joints of the file where it has such."""
+    result = Mobility("planar", kind, site.frame)
+    if site.own_base:
+        result.base = "fixed"
+        result.passive |= set(site.own_base)
+        result.notes.append(
+            f"the file's own joints let the base move over the ground, its wheels drive it: {', '.join(site.own_base)}"
+        )
+    elif site.root:
+        result.base = "planar"
+    result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
+    return result
+
+
+def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
+    """A base whose wheels are part of bodies: each axle is a knife edge."""
+    count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
+    result = planar(site, f"wheels are drawn on {count}, and no joint turns them", [])
+    result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
+    for each in axles:
+        result.constraints.append(({"no_side_slip": {"frame": each.frame, "axis": each.axis}}, "knife edge"))
+    own = [each for each in axles if each.joint == site.root] or axles[:1]
+    along = site.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
+    frame = site.frame
+    result.actuators.append(({"force": {"frame": frame, "axis": along}}, "drives the base"))
+    if len(axles) == 1:
+        result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base"))
+    result.outputs += [({"frame_speed": {"frame": frame, "axis": along}}, DRIVEN), ({"frame_yaw": frame}, TURNED)]
+    result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
+    return result
+
+
+def _kind(chassis: Chassis) -> str:
+    count = f"{len(chassis.wheels)} wheel{'s' * (len(chassis.wheels) > 1)}"
+    if chassis.steered:
+        what = "steered like a car"
+    elif len(chassis.axles) > 1:
+        what = "skid-steered"
+    else:
+        what = "differential drive" if len(chassis.fixed) > 1 else "one wheel"
+    towing = f" with {len(chassis.trailers)} trailer{'s' * (len(chassis.trailers) > 1)}" if chassis.trailers else ""
+    return f"{count}, {what}{towing}"
+
+
+def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
+    """Fixed wheels: of several axles one guides, the others skid in a turn."""
+    axles = chassis.axles
+    middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
+    guide = axles[0]
+    if len(axles) > 1:
+        distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
+        guide = axles[int(np.argmin(np.round(distances, 6)))]
+        nearby = min(distances) < 0.1 * guide[0].radius
+        if not chassis.steered and not nearby:
+            guide = []
+            axis = site.along(chassis.fixed[0].axle)
+            edge: dict[str, Json] = {"frame": site.frame, "axis": axis}
+            height = float(site.placement.translation[2])
+            at = site.own_point(np.array([middle[0], middle[1], height]))
+            if any(at):
+                edge["at"] = at
+            result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
+        result.notes.append(
+            f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
+            + (f"the axle of {', '.join(wheel.joint for wheel in guide)}" if guide else "an equivalent axle midway")
+            + "; if these are Mecanum or omni wheels, give each its roller instead of lateral"
+        )
+    for axle in axles:
+        for wheel in axle:
+            if axle is guide:
+                result.constraints.append((rolls(wheel), measured(wheel)))
+            else:
+                result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+            result.actuators.append((wheel.joint, ""))
+
+
+def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
+    """Steered wheels: the two of an axle by Ackermann's law, a turntable with all its wheels, further ones straight."""
+    first, *others = chassis.steered
+    axle = chassis.fixed[0]
+    beside = [each for each in others if _side_by_side(first, each, axle)]
+    coupled = {frozenset((each.joint, each.of)) for each in site.robot.mimics}
+    for wheel in first.wheels:
+        result.constraints.append((rolls(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
+    result.actuators.append((first.pivot.joint, "steering"))
+    result.outputs.append(({"joint": first.pivot.joint}, BENT))
+    result.passive |= {wheel.joint for wheel in first.wheels}
+    for other in beside[:1]:
+        pair = [first.pivot.joint, other.pivot.joint]
+        together = frozenset(pair) in coupled
+        if together:
+            result.notes.append(f"{pair[0]} and {pair[1]} turn by one angle, so that the wheel of the second skids")
+        else:
+            ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
+            result.constraints.append(({"ackermann": ackermann}, "both front wheels turn about one point"))
+        for wheel in other.wheels:
+            entry = rolls(wheel, lateral=False) if together else rolls(wheel)
+            result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
+        result.passive |= {other.pivot.joint, *(wheel.joint for wheel in other.wheels)}
+    straight = [each for each in others if each not in beside[:1]]
+    for each in straight:
+        for wheel in each.wheels:
+            result.constraints.append((rolls(wheel, lateral=False), f"held straight, skids; {measured(wheel)}"))
+        result.passive |= {wheel.joint for wheel in each.wheels}
+    pivots = (each.pivot.joint for each in straight)
+    result.hold(pivots, site.start, "one pair of wheels steers; held straight are")
+
+
+def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
+    across = other.pivot.point - one.pivot.point
+    single = len(one.wheels) == len(other.wheels) == 1
+    return bool(single and abs(across @ axle.heading) < 0.1 * np.linalg.norm(across)) and are_parallel(
+        one.wheels[0], axle
+    )
+
+
+def _tow(result: Mobility, carriage: Carriage) -> None:
+    guide = carriage.wheels[0]
+    for wheel in carriage.wheels:
+        same_axle = abs(float((wheel.center - guide.center) @ guide.heading)) < 0.1 * wheel.radius
+        entry = rolls(wheel) if same_axle else rolls(wheel, lateral=False)
+        what = "" if same_axle else ", skids sideways"
+        result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
+    result.notes.append(
+        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, put it among the actuators"
+    )
+    result.passive |= {carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels)}

@@ -1,0 +1,100 @@
+"""A robot as it lies before a draft is made: where its base is, and how it stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.wheels import body_frame, turning_axis
+
+
+@dataclass(frozen=True)
+class Site:
+    """A robot with its joints at the start, its base wherever the file puts it.
+
+    Attributes:
+        robot: it.
+        start: values of joints with one degree of freedom.
+        source: what it was read from; names in it help.
+    """
+
+    robot: Robot
+    start: dict[str, float]
+    source: str
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """The configuration (nq,)."""
+        return self.robot.configuration(self.start)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Placements and joint Jacobians at the start."""
+        data = self.robot.model.createData()
+        pin.computeJointJacobians(self.robot.model, data, self.q)
+        pin.updateFramePlacements(self.robot.model, data)
+        return data
+
+    @cached_property
+    def own_base(self) -> tuple[str, ...]:
+        """Joints of the file that let the base move over the ground: two slides and a turn, with nothing between."""
+        model, joints, index = self.robot.model, [], 0
+        slides, turns = 0, 0
+        while len(model.children[index]) == 1 and len(joints) < 3:
+            index = int(model.children[index][0])
+            if model.joints[index].nv != 1:
+                return ()
+            column = pin.getJointJacobian(model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
+            axis = turning_axis(model, self.data, index)
+            direction = column.reshape(6, model.nv)[:3, model.joints[index].idx_v]
+            slides += not axis.any() and abs(direction[2]) < 1e-3
+            turns += abs(axis[2]) > 0.999
+            joints.append(str(model.names[index]))
+        return tuple(joints) if (slides, turns) == (2, 1) else ()
+
+    @cached_property
+    def root(self) -> int:
+        """Index of the joint that carries the base; 0 where it is fixed to the world."""
+        if self.own_base:
+            return self.robot.joint_id(self.own_base[-1])
+        return 1 if self.robot.model.joints[1].nv > 1 else 0
+
+    @cached_property
+    def frame(self) -> str:
+        """The frame of the base: ``base_link`` where there is one, else the first link."""
+        frames = [
+            str(frame.name)
+            for frame in self.robot.model.frames
+            if frame.parentJoint == self.root and frame.type == pin.FrameType.BODY and frame.name != "universe"
+        ]
+        if "base_link" in frames:
+            return "base_link"
+        return frames[0] if frames else body_frame(self.robot, max(self.root, 1))
+
+    @cached_property
+    def placement(self) -> pin.SE3:
+        """Of the base's frame in the world."""
+        return self.data.oMf[self.robot.frame_id(self.frame)]
+
+    def along(self, direction: np.ndarray) -> str:
+        """Which of the base's own axes lies nearest to a direction (3,), "x" where that is a tie."""
+        return "xyz"[int(np.argmax(np.round(np.abs(self.placement.rotation.T @ direction), 6)))]
+
+    def own_point(self, point: np.ndarray) -> list[float]:
+        """A point of the world (3,) in the base's own axes [m]."""
+        return [round(float(each), 6) + 0.0 for each in self.placement.actInv(point)]
+
+    @cached_property
+    def words(self) -> str:
+        """Everything in the file that has a name."""
+        model = self.robot.model
+        return " ".join([self.source, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()
+
+    @cached_property
+    def masses(self) -> dict[int, float]:
+        """Mass [kg] of the links behind each joint, and of the base under its joint's index."""
+        return {index: float(inertia.mass) for index, inertia in enumerate(self.robot.model.inertias)}
