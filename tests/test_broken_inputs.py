@@ -251,58 +251,6 @@ FILES = {
         {"robot.urdf": urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>'))},
         ["robot.urdf", "multiplier of joint 'wheel_right_joint'", "'twice'"],
     ),
-    # meshes and packages
-    "missing mesh": (
-        scenario(),
-        {
-            "robot.urdf": urdf(
-                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
-            )
-        },
-        ["robot.urdf", "a.stl"],
-    ),
-    "missing package": (
-        scenario(),
-        {
-            "robot.urdf": urdf(
-                LEFT,
-                RIGHT,
-                base=BASE[:-7]
-                + '<visual><geometry><mesh filename="package://nopkg/a.stl"/></geometry></visual></link>',
-            )
-        },
-        ["robot.urdf", "nopkg/a.stl"],
-    ),
-    "mesh that is a folder": (
-        scenario(),
-        {
-            "robot.urdf": urdf(
-                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
-            ),
-            "a.stl/x": "",
-        },
-        ["robot.urdf", "a.stl"],
-    ),
-    "mesh that is empty": (
-        scenario(),
-        {
-            "robot.urdf": urdf(
-                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.stl"/></geometry></visual></link>'
-            ),
-            "a.stl": "",
-        },
-        ["robot.urdf", "a.stl"],
-    ),
-    "mesh of an unknown kind": (
-        scenario(),
-        {
-            "robot.urdf": urdf(
-                LEFT, RIGHT, base=BASE[:-7] + '<visual><geometry><mesh filename="a.blend"/></geometry></visual></link>'
-            ),
-            "a.blend": "BLENDER",
-        },
-        ["robot.urdf", "a.blend"],
-    ),
     "package_dirs without a URDF": (
         scenario({"robot": {"example": "panda", "package_dirs": ["."]}}),
         {},

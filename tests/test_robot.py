@@ -364,25 +364,6 @@ def test_a_model_with_an_inertia_that_is_not_finite_is_refused(bad, capfd):
     assert "'hinge' is not finite" in refusal(lambda: rnc.Robot(model), capfd)
 
 
-@pytest.mark.parametrize("file", ["hand.stl", "package://nowhere/hand.stl"])
-def test_a_missing_mesh_stops_only_who_wants_to_draw(file, tmp_path, capfd):
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdf(BODY + f'<visual><geometry><mesh filename="{file}"/></geometry></visual>'))
-    robot = rnc.Robot.from_urdf(path)
-    message = refusal(lambda: robot.visual_model, capfd)
-    assert "arm.urdf" in message
-    assert "hand.stl" in message
-
-
-def test_a_mesh_that_is_rubbish_is_refused_by_its_name(tmp_path, capfd):
-    (tmp_path / "hand.stl").write_text("rubbish")
-    path = tmp_path / "arm.urdf"
-    visual = f'<visual><geometry><mesh filename="{tmp_path}/hand.stl"/></geometry></visual>'
-    path.write_text(urdf(BODY + visual))
-    robot = rnc.Robot.from_urdf(path)
-    assert "hand.stl" in refusal(lambda: robot.visual_model, capfd)
-
-
 def test_a_link_called_as_its_joint_is_the_link():
     robot = rnc.Robot.from_example("z1", lock={"jointGripper": 0.0})
     frame = robot.model.frames[robot.frame_id("gripperStator")]

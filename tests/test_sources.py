@@ -184,7 +184,7 @@ TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 
 
 
 def names(robot):
-    return len(robot.visual_model.geometryObjects)
+    return len(robot.visual_model.geometryObjects) - len(robot.stand_ins)
 
 
 @pytest.mark.parametrize(

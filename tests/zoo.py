@@ -12,9 +12,7 @@ from scipy.linalg import null_space, qr
 
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
-from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Kinematics, Motion, Position, Rates
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.robots.urdf_files import example_urdfs
 
 STATES = 3
@@ -118,43 +116,13 @@ def knife_edge(name: str) -> rnc.ReducedModel:
     return system.reduce([rnc.FrameSpeed(frame), rnc.FrameYaw(frame), *map(rnc.JointPosition, joints)])
 
 
-@dataclass(frozen=True)
-class MecanumWheel:
-    """The roller at the contact turns freely about its axis, 45 degrees from the heading: no slip along that axis."""
-
-    wheel: rnc.RollingWheel
-    side: int
-
-    def bind(self, robot: rnc.Robot) -> Rows:
-        return _RollerRow(self.wheel.bind(robot), self)
-
-
-class _RollerRow(Rows):
-    """A combination of a wheel's rolling and lateral rows."""
-
-    def __init__(self, contact: Rows, kind: MecanumWheel) -> None:
-        self.names, self.units = (f"roller({kind.wheel.frame})",), ("m/s",)
-        self._contact = contact
-        self._axis = np.array([[1.0, kind.side]]) / np.sqrt(2)
-
-    def jacobian(self, at: Position) -> np.ndarray:
-        return self._axis @ self._contact.jacobian(at)[..., :2, :]
-
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
-        return self._axis @ self._contact.jacobian_dot(at)[..., :2, :]
-
-    def drift(self, at: Motion) -> np.ndarray:
-        return apply(self._axis, self._contact.drift(at)[..., :2])
-
-
 def rolling_wheels(name: str) -> rnc.ReducedModel:
     """The robot on its own wheels, in those of its velocities that parametrise the motion best."""
     frames, radius, base = WHEELS[name]
     robot = load(name, base)
     joints = list(robot.joint_names[1:])
-    wheels: list = [rnc.RollingWheel(frame, radius) for frame in frames]
-    if name in MECANUM:
-        wheels = [MecanumWheel(wheel, side) for wheel, side in zip(wheels, MECANUM[name], strict=True)]
+    rollers = [side * np.pi / 4 for side in MECANUM[name]] if name in MECANUM else [None] * len(frames)
+    wheels = [rnc.RollingWheel(frame, radius, roller=roller) for frame, roller in zip(frames, rollers, strict=True)]
     system = rnc.NonholonomicSystem(robot, wheels, joints)
     return system.reduce([best_velocities(system)])
 

@@ -11,8 +11,10 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import OWN_AXES, Motion, Placement, Position, Rates, over_states
+from rnc_pin.model.kinematics import Motion, Placement, Position, Rates, over_states
+from rnc_pin.model.offset_frame import OffsetFrame, triple
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.values import Vector
 from rnc_pin.robots.robot import Robot
 
 _KINDS = ("frame", "point")
@@ -23,7 +25,10 @@ _PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 class LoopClosure:
     """Two frames coincide ("frame", six rows), or their origins do ("point", three rows). All rows are holonomic.
 
-    Rows are the motion of frame b relative to frame a in the axes of a: of its origin, then of its axes. Where a loop
+    Instead of the origin of each frame a point beside it may be said, and how the frames are turned where they fit:
+    what a description has no frame for is joined all the same.
+
+    Rows are the motion of frame b relative to frame a in the axes of a: of its point, then of its axes. Where a loop
     makes rows dependent (a planar loop leaves two of three, or three of six) the others drop out; each of those has
     to be satisfied all the same, so a loop that cannot close is refused.
 
@@ -34,10 +39,15 @@ class LoopClosure:
         frame_a: name of a frame, or ``"universe"`` for the world.
         frame_b: name of the frame that stays on it.
         kind: "frame" or "point".
+        offset_a: the point of frame a, in its own axes [m].
+        offset_b: the point of frame b, in its own axes [m].
+        rpy: orientation of frame b seen from frame a where they fit: roll, pitch and yaw as in a URDF [rad]. For kind
+            "frame".
 
     Raises:
         ModelError: no such frame.
-        ConfigurationError: unknown kind.
+        ConfigurationError: unknown kind, an offset or orientation that is not three finite numbers, or an orientation
+            for kind "point".
         ConstraintError: both frames are on one body.
 
     Example:
@@ -51,36 +61,44 @@ class LoopClosure:
     frame_a: str
     frame_b: str
     kind: Literal["frame", "point"] = "frame"
+    offset_a: Vector = (0.0, 0.0, 0.0)
+    offset_b: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
 
     def bind(self, robot: Robot) -> Rows:
         if self.kind not in _KINDS:
             raise ConfigurationError(
                 f"kind of loop closure '{self.kind}' is not known{nearest(str(self.kind), _KINDS)}"
             )
-        frames = robot.model.frames
-        a, b = robot.frame_id(self.frame_a), robot.frame_id(self.frame_b)
-        if frames[a].parentJoint == frames[b].parentJoint:
-            raise ConstraintError(f"frames '{self.frame_a}' and '{self.frame_b}' are on one body: there is no loop")
-        return _ClosureRows(robot, a, b, self.kind == "point", f"{self.frame_a}, {self.frame_b}")
+        between = f"'{self.frame_a}' and '{self.frame_b}'"
+        turned = triple(self.rpy, f"rpy of the loop of {between}")
+        if self.kind == "point" and turned.any():
+            raise ConfigurationError(f"the loop of {between} joins points, which are not turned: leave out rpy")
+        a = OffsetFrame(robot, self.frame_a, self.offset_a)
+        b = OffsetFrame(robot, self.frame_b, self.offset_b, pin.rpy.rpyToMatrix(turned).T)
+        if a.joint == b.joint:
+            raise ConstraintError(f"frames {between} are on one body: there is no loop")
+        return _ClosureRows(a, b, self.kind == "point")
 
 
 class _ClosureRows(Rows):
     """With X the action of frame b seen from a, the twist of b relative to a in the axes of a is ``W = X J_b - J_a``.
 
-    The origin of b, at p seen from a, moves there at ``W_linear + W_angular x p``.
+    The origin of b, at p seen from a, moves there at ``W_linear + W_angular x p``. Frames a and b are where they are to
+    coincide: at the offsets, and b turned back.
     """
 
-    def __init__(self, robot: Robot, a: int, b: int, point: bool, between: str) -> None:
+    def __init__(self, a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
         self._a, self._b, self._point = a, b, point
         size = 3 if point else 6
-        self.names = tuple(f"closure_{part}({between})" for part in _PARTS[:size])
+        self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in _PARTS[:size])
         self.units = ("m/s",) * 3 + ("rad/s",) * (size - 3)
         self.holonomic = (True,) * size
-        self.joints = tuple(robot.model.frames[frame].parentJoint for frame in (a, b))
+        self.joints = a.joint, b.joint
 
     def _relative(self, at: Position) -> Placement:
         """Placement of frame b in frame a."""
-        a, b = at.placement(self._a), at.placement(self._b)
+        a, b = self._a.placement(at), self._b.placement(at)
         back = a.rotation.mT
         return Placement(back @ b.rotation, apply(back, b.translation - a.translation))
 
@@ -89,7 +107,7 @@ class _ClosureRows(Rows):
         return self._selected(relative.translation, self._twists(at, relative))
 
     def _twists(self, at: Position, relative: Placement) -> np.ndarray:
-        return _action(relative) @ at.jacobian(self._b, OWN_AXES) - at.jacobian(self._a, OWN_AXES)
+        return _action(relative) @ self._b.jacobian(at) - self._a.jacobian(at)
 
     def _selected(self, p: np.ndarray, W: np.ndarray) -> np.ndarray:
         return W[..., :3, :] - _skew(p) @ W[..., 3:, :] if self._point else W
@@ -98,9 +116,9 @@ class _ClosureRows(Rows):
         relative = self._relative(at)
         W = self._twists(at, relative)
         twist = apply(W, at.v)
-        X_J = _action(relative) @ at.jacobian(self._b, OWN_AXES)
-        X_J_dot = _action(relative) @ at.jacobian_dot(self._b, OWN_AXES)
-        W_dot = _motion_cross(twist) @ X_J + X_J_dot - at.jacobian_dot(self._a, OWN_AXES)
+        X_J = _action(relative) @ self._b.jacobian(at)
+        X_J_dot = _action(relative) @ self._b.jacobian_dot(at)
+        W_dot = _motion_cross(twist) @ X_J + X_J_dot - self._a.jacobian_dot(at)
         if not self._point:
             return W_dot
         p = relative.translation
@@ -112,10 +130,10 @@ class _ClosureRows(Rows):
     def drift(self, at: Motion) -> np.ndarray:
         relative = self._relative(at)
         X, p = _action(relative), relative.translation
-        X_v = apply(X @ at.jacobian(self._b, OWN_AXES), at.v)
-        twist = X_v - apply(at.jacobian(self._a, OWN_AXES), at.v)
-        W_dot = apply(_motion_cross(twist), X_v) + apply(X, at.acceleration(self._b, OWN_AXES))
-        W_dot = W_dot - at.acceleration(self._a, OWN_AXES)
+        X_v = apply(X @ self._b.jacobian(at), at.v)
+        twist = X_v - apply(self._a.jacobian(at), at.v)
+        W_dot = apply(_motion_cross(twist), X_v) + apply(X, self._b.acceleration(at))
+        W_dot = W_dot - self._a.acceleration(at)
         if not self._point:
             return W_dot
         moved = apply(_skew(twist[..., 3:]), self._point_rate(twist, p))

@@ -7,43 +7,68 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Position
+from rnc_pin.model.kinematics import OWN_AXES, Gradients, Motion, Position, Rates
+from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import Axis
+from rnc_pin.model.values import Axis, Vector
 from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)
 class NoSideSlip:
-    """The origin of a frame does not move along the frame's own axis: a skate, an axle without slip.
+    """A point of a frame does not move along the frame's own axis: a skate, an axle without slip.
 
-    Nonholonomic on a body that can turn.
+    Nonholonomic on a body that can turn. The point is the frame's origin, or one beside it: the middle of an axle of
+    which the robot has no frame, such as the one about which a base turns whose wheels skid.
 
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
+        at: the point, in the frame's own axes [m].
+
+    Raises:
+        ModelError: no such frame.
+        ConfigurationError: no such axis, or a point that is not three finite numbers.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh", at=(0.5, 0, 0))])
         >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
         >>> reduced.at(robot.configuration()).A.round(3)
-        array([[0., 1., 0.]])
+        array([[0. , 1. , 0.5]])
     """
 
     frame: str
     axis: Axis = "y"
+    at: Vector = (0.0, 0.0, 0.0)
 
     def bind(self, robot: Robot) -> Rows:
-        return _NoSideSlipRow(self, robot)
+        point = OffsetFrame(robot, self.frame, self.at)
+        return _NoSideSlipRow(self, robot, point) if point.name == self.frame else _OffsetRow(self, robot, point)
 
 
 class _NoSideSlipRow(FrameVelocityRows):
-    def __init__(self, kind: NoSideSlip, robot: Robot) -> None:
-        self._axis = axis_index(kind.axis)
+    def __init__(self, kind: NoSideSlip, robot: Robot, point: OffsetFrame) -> None:
+        self._axis, self._point = axis_index(kind.axis), point
         super().__init__(robot, kind.frame, (self._axis,), OWN_AXES)
-        self.names = (f"no_side_slip({kind.frame}.{kind.axis})",)
+        self.names = (f"no_side_slip({point.name}.{kind.axis})",)
 
     def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
-        placement = at.placement(self._frame)
+        placement = self._point.placement(at)
         return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
+
+
+class _OffsetRow(_NoSideSlipRow):
+    """The same beside the frame's origin: all six components of the frame's motion may be in it."""
+
+    def jacobian(self, at: Position) -> np.ndarray:
+        return self._point.jacobian(at)[..., self._rows, :]
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        return self._point.jacobian_dot(at)[..., self._rows, :]
+
+    def drift(self, at: Motion) -> np.ndarray:
+        return self._point.acceleration(at)[..., self._rows]
+
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        return self._point.acceleration_gradient(at)[self._rows]

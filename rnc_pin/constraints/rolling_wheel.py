@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConstraintError
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
@@ -31,15 +31,25 @@ class RollingWheel:
     velocity of the material point there: along the heading of the wheel, along the ground across it,
     and up. The last is holonomic, the lowest point stays at height zero; for a planar base it is zero and drops out.
 
+    A Mecanum or omni wheel touches the ground with a roller, which turns freely: of the first two rows one is left,
+    the velocity along the axis of that roller, named ``roller(frame)``. A wheel that skids has no lateral row.
+
     Args:
         frame: a frame at the centre of the wheel that turns with it.
         radius: of the wheel [m].
         axis: the axle as the frame's own axis "x", "y" or "z"; by default the axis of the joint that
             carries the frame.
+        roller: where the axis of the roller on the ground points, as an angle from the heading of the wheel [rad],
+            within a quarter turn: 0 for an omni wheel, plus or minus pi/4 for a Mecanum wheel. Where the axle points
+            to the left (the joint's axis is +y and the wheel heads along +x) it counts to the left, seen from above;
+            turning the axle round does not change it. None for a wheel without rollers.
+        lateral: whether the wheel resists sideways motion; False for one that skids.
 
     Raises:
         ModelError: no such frame.
-        ConstraintError: the radius is not positive, or no axis is given and the joint has none.
+        ConstraintError: the radius is not positive, no axis is given and the joint has none, or the axis of the
+            roller lies across the wheel.
+        ConfigurationError: a roller for a wheel that skids.
         SingularityError: while evaluated, the wheel lies flat.
 
     Example:
@@ -54,10 +64,21 @@ class RollingWheel:
     frame: str
     radius: Positive
     axis: Axis | None = None
+    roller: float | None = None
+    lateral: bool = True
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of wheel '{self.frame}' has to be positive, found {self.radius}")
+        if self.roller is not None and not abs(self.roller) < np.pi / 2:
+            raise ConstraintError(
+                f"roller of wheel '{self.frame}' has to point less than pi/2 = 1.5708 rad away from the wheel's "
+                f"heading, found {self.roller} rad (0 for an omni wheel, 0.7854 or -0.7854 for a Mecanum wheel)"
+            )
+        if self.roller is not None and not self.lateral:
+            raise ConfigurationError(
+                f"wheel '{self.frame}' has a roller, which says how it slips: leave out lateral=False, or the roller"
+            )
         return RollingRows(self, robot)
 
 
@@ -72,19 +93,21 @@ class RollingRows(Rows):
         lateral   c . v + radius s h . w
         vertical  u . v + radius z h . w.
 
-    The directions h and c turn about the vertical at ``turn = w_z - z (x w_x + y w_y) / s^2``.
+    The directions h and c turn about the vertical at ``turn = w_z - z (x w_x + y w_y) / s^2``. The rows of a roller
+    and of a wheel that skids are constant combinations of these.
 
     Attributes:
         wheel: name of the frame; ``frame``: its index.
         radius: [m]. The rows are affine in it, so an estimator sets it on a copy of its own.
     """
 
-    holonomic = (False, False, True)
     on_ground = True
 
     def __init__(self, kind: RollingWheel, robot: Robot) -> None:
-        self.names = tuple(f"{part}({kind.frame})" for part in ("rolling", "lateral", "vertical"))
-        self.units = ("m/s",) * 3
+        parts, self._combination = _parts(kind)
+        self.names = tuple(f"{part}({kind.frame})" for part in parts)
+        self.units = ("m/s",) * len(parts)
+        self.holonomic = (*(False for _ in parts[:-1]), True)
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
         self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
@@ -101,17 +124,23 @@ class RollingRows(Rows):
             self._seen = at.q, (x, y, z, s)  # rows and their drift ask for the same
         return self._seen[1]
 
+    def _combined(self, rows: np.ndarray) -> np.ndarray:
+        """What the wheel has of its rolling, lateral and vertical rows (..., 3, l)."""
+        return rows if self._combination is None else self._combination @ rows
+
     def contact_matrix(self, at: Position) -> np.ndarray:
-        """The rows (..., 3, 6) on velocity of the centre and spin, in world axes."""
+        """The rows (..., k, 6) on velocity of the centre and spin, in world axes."""
         x, y, z, s = self._axis(at)
         r, hx, hy = self.radius, y / s, -x / s
-        return packed(
-            [
-                [hx, hy, 0.0, -r * x, -r * y, -r * z],
-                [-hy, hx, 0.0, r * y, -r * x, 0.0],
-                [0.0, 0.0, 1.0, r * z * hx, r * z * hy, 0.0],
-            ],
-            x,
+        return self._combined(
+            packed(
+                [
+                    [hx, hy, 0.0, -r * x, -r * y, -r * z],
+                    [-hy, hx, 0.0, r * y, -r * x, 0.0],
+                    [0.0, 0.0, 1.0, r * z * hx, r * z * hy, 0.0],
+                ],
+                x,
+            )
         )
 
     def jacobian(self, at: Position) -> np.ndarray:
@@ -130,17 +159,18 @@ class RollingRows(Rows):
             ],
             x,
         )
-        return rate @ at.jacobian(self.frame) + self.contact_matrix(at) @ at.jacobian_dot(self.frame)
+        return self._combined(rate) @ at.jacobian(self.frame) + self.contact_matrix(at) @ at.jacobian_dot(self.frame)
 
     def drift(self, at: Motion) -> np.ndarray:
         x, y, z, _ = self._axis(at)
         velocity, acceleration = components(at.velocity(self.frame)), components(at.acceleration(self.frame))
-        return packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration), x)
+        drift = packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration), x)
+        return drift if self._combination is None else apply(self._combination, drift)
 
     def residual(self, at: Position) -> np.ndarray:
         _, _, _, s = self._axis(at)
         height = at.placement(self.frame).translation[..., 2] - self.radius * s
-        return np.asarray(height)[..., None] * [0.0, 0.0, 1.0]
+        return np.asarray(height)[..., None] * self.holonomic
 
     def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
         x, y, z, s = self._axis(at)
@@ -156,12 +186,23 @@ class RollingRows(Rows):
             at.velocity(self.frame),
             at.acceleration(self.frame),
         )
-        return complex_step(
+        gradient = complex_step(
             lambda *parts: np.array(_drift(self.radius, *parts)),
             (axle, -pin.skew(axle) @ at.jacobian(self.frame)[3:]),
             (velocity, np.vstack([motion.velocity, motion.spin])),
             (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
+        return self._combined(gradient)
+
+
+def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
+    """Names of the rows, and what they are of the rolling, lateral and vertical one (k, 3); None for just these."""
+    if kind.roller is not None:
+        along = [float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]
+        return ("roller", "vertical"), np.array([along, [0.0, 0.0, 1.0]])
+    if not kind.lateral:
+        return ("rolling", "vertical"), np.eye(3)[[0, 2]]
+    return ("rolling", "lateral", "vertical"), None
 
 
 def _drift(

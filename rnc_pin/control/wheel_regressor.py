@@ -49,7 +49,7 @@ class _Wheel(NamedTuple):
     rows: RollingRows
     """A copy; of radius 1 where the radius is unknown."""
     kept: list[int]
-    """Which of the rolling, lateral and vertical rows count."""
+    """Which of its rows count: rolling, lateral and vertical, or what the wheel has instead."""
     radius: int | None
     """Column of the radius, if it is unknown."""
     track: int | None
@@ -97,7 +97,7 @@ class WheelRegressor:
         self.units = ("m",) * len(self.names)
         robot = reduced.robot
         found = {
-            place.block.wheel: (place.block, place.of(np.arange(3)).tolist())
+            place.block.wheel: (place.block, place.of(np.arange(len(place.block.names))).tolist())
             for place in reduced.constraints.places
             if isinstance(place.block, RollingRows)
         }

@@ -15,6 +15,7 @@ from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
+from rnc_pin.robots.sources.meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
@@ -314,12 +315,22 @@ class Robot(Printed):
 
     @property
     def visual_model(self) -> pin.GeometryModel | None:
-        """Geometry to draw; meshes are read when first asked for."""
+        """Geometry to draw; meshes are read when first asked for.
+
+        Of a URDF whose meshes cannot be had, boxes stand in, and a ``ModelWarning`` says what is missing.
+        """
         return self._geometry_model("visual")
 
     @property
+    def stand_ins(self) -> frozenset[str]:
+        """Names of shapes to draw that stand in for meshes that cannot be had: nothing to be measured on."""
+        visual = self.visual_model
+        names = [] if visual is None else [shape.name for shape in visual.geometryObjects]
+        return frozenset(name for name in names if name.endswith(STAND_IN))
+
+    @property
     def collision_model(self) -> pin.GeometryModel | None:
-        """Collision geometry; meshes are read when first asked for."""
+        """Collision geometry, without meshes that cannot be had; meshes are read when first asked for."""
         return self._geometry_model("collision")
 
     def _geometry_model(self, kind: str) -> pin.GeometryModel | None:

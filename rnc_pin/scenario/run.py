@@ -83,7 +83,6 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         if slugs.setdefault(slug(label), label) != label:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' name one file")
         comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
-    _ = experiment.reduced.robot.visual_model  # a mesh that is missing is found before the run, not after it
     return Plan(path.stem, raw, path.parent, experiment, comparisons, is_built_in(path))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
+from rnc_pin.visualization.meshes import drawn_scale
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import State
 
@@ -228,7 +229,7 @@ class Ghost(Element):
         pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
         for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
             matrix = placement.homogeneous.copy()
-            matrix[:3, :3] *= shape.meshScale
+            matrix[:3, :3] *= drawn_scale(shape)
             matrix[:3, 3] += self._offset
             stage.place(f"{self._node}/{shape.name}", matrix)
 

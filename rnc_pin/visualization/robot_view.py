@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from pinocchio.visualize import BaseVisualizer, MeshcatVisualizer
+from pinocchio.visualize import BaseVisualizer
 
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot import Robot
+from rnc_pin.visualization.meshes import MeshVisualizer
 from rnc_pin.visualization.stage import Stage
 
 
@@ -14,7 +15,7 @@ def check_drawable(robot: Robot) -> None:
     """Refuse a robot that has nothing to draw.
 
     Raises:
-        ModelError: it has no visual geometry, or a mesh cannot be read.
+        ModelError: it has no visual geometry.
     """
     visual = robot.visual_model
     if visual is None or not len(visual.geometryObjects):
@@ -34,8 +35,7 @@ class RobotView:
 
     def __init__(self, robot: Robot, stage: Stage) -> None:
         check_drawable(robot)
-        # Without collision geometry: nobody sees it, and meshes would be in the page twice.
-        self.visualizer: BaseVisualizer = MeshcatVisualizer(robot.model, None, robot.visual_model)
+        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model)
         self.visualizer.initViewer(viewer=stage.root)
         self.visualizer.loadViewerModel(rootNodeName="robot")
         self.visualizer.viewer = _Placer(stage)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
+from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.state import State
@@ -19,6 +21,26 @@ from rnc_pin.visualization.view import View
 
 _PIECE = 15  # pictures to a piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
+
+
+class _Visualizer(ViserVisualizer):  # type: ignore[misc]
+    """Pinocchio's visualizer for viser, which also draws meshes of formats that only Pinocchio reads."""
+
+    def loadViewerGeometryObject(
+        self, geometry_object: pin.GeometryObject, prefix: str = "", color: Sequence[float] | None = None
+    ) -> None:
+        """Draw a shape."""
+        try:
+            super().loadViewerGeometryObject(geometry_object, prefix, color)
+        except Exception:  # no reader of its format is installed, or a texture is not there
+            if not hasattr(geometry_object.geometry, "num_tris"):
+                raise
+            corners = (drawn_triangles(geometry_object) * drawn_scale(geometry_object)).reshape(-1, 3)
+            faces, shade = np.arange(len(corners)).reshape(-1, 3), color or geometry_object.meshColor
+            name = f"{prefix}/{geometry_object.name}" if prefix else geometry_object.name
+            self.frames[name] = self.viewer.scene.add_mesh_simple(
+                name, corners, faces, color=tuple(shade[:3]), opacity=float(shade[3])
+            )
 
 
 class ViserScreen:
@@ -39,7 +61,7 @@ class ViserScreen:
         check_drawable(robot)
         self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
-        self._visualizer: BaseVisualizer = ViserVisualizer(robot.model, pin.GeometryModel(), robot.visual_model)
+        self._visualizer: BaseVisualizer = _Visualizer(robot.model, pin.GeometryModel(), robot.visual_model)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
         self._poses, self._view, self._plan = Poses(robot), view, info.provenance.path

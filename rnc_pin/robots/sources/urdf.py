@@ -11,15 +11,14 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.robots.sources.description import (
-    GEOMETRY,
     ROOT_JOINTS,
     Description,
     Mimic,
     captured_stderr,
-    geometry_errors,
     parse_xml,
     read_numbers,
 )
+from rnc_pin.robots.sources.meshes import Meshes
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro_files import expand, is_xacro
 
@@ -43,20 +42,10 @@ def read_urdf(
         raise ModelError(f"{path}: not a URDF: the outermost element is <{root.tag}>, expected <robot>")
     _check_links(root, path)
     mimics = _mimics(root, path)
-    for element in root.iter():
-        if element.tag in ("mesh", "texture") and "filename" in element.attrib:
-            found = packages.file(element.attrib["filename"])
-            if found is not None:  # else Pinocchio says what it misses, when somebody wants to draw
-                element.set("filename", str(found))
+    meshes = Meshes(root, path, packages, [str(path.parent), *map(str, package_dirs)])
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
-    folders = [str(path.parent), *map(str, package_dirs)]
-
-    def geometry(kind: str) -> pin.GeometryModel:
-        with geometry_errors(path):
-            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, folders)
-
-    return Description(model, geometry, mimics)
+    return Description(model, lambda kind: meshes.geometry(model, kind), mimics)
 
 
 def _build(text: str, path: Path, base: str) -> pin.Model:

@@ -50,10 +50,11 @@ def shapes(robot: Robot, kind: str, q: np.ndarray) -> list[Shape]:
         return []
     data, placed = robot.model.createData(), geometry.createData()
     pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
+    stand_ins = robot.stand_ins if kind == "visual" else frozenset()
     found = []
     for item, placement in zip(geometry.geometryObjects, placed.oMg, strict=True):
         local = _points(item.geometry)
-        if local is None:
+        if local is None or item.name in stand_ins:  # a box as large as a wheel's inertia is no wheel
             continue
         points, margin = local
         axis = placement.rotation[:, 2].copy() if type(item.geometry).__name__ == "Cylinder" else None

@@ -1,0 +1,67 @@
+"""A caster, ball transfer unit or skid that is no joint of the model: it carries, and resists nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.rows import Rows
+from rnc_pin.model.values import NotNegative
+from rnc_pin.robots.robot import Robot
+
+_UP = 2
+
+
+@dataclass(frozen=True)
+class Caster:
+    """A ball that glides on the ground z = 0: what carries a robot and lets it go anywhere on the plane.
+
+    It stands for a caster whose swivel and wheel are no joints of the model, for a ball transfer unit, or for a skid.
+    The one row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base it is zero
+    and drops out.
+
+    Args:
+        frame: a frame at the centre of the ball.
+        radius: of the ball [m]; 0 for a point that touches the ground.
+
+    Raises:
+        ModelError: no such frame.
+        ConstraintError: the radius is negative.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", radius=0.1)])
+        >>> system.r, system.assembled(robot.configuration())[2].round(3)  # it stands, and drives as on a plane
+        (2, 0.1)
+    """
+
+    frame: str
+    radius: NotNegative
+
+    def bind(self, robot: Robot) -> Rows:
+        if not (np.isfinite(self.radius) and self.radius >= 0):
+            raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
+        return _CasterRow(self, robot)
+
+
+class _CasterRow(FrameVelocityRows):
+    holonomic = (True,)
+    on_ground = True
+
+    def __init__(self, kind: Caster, robot: Robot) -> None:
+        super().__init__(robot, kind.frame, (_UP,))
+        self.names = (f"vertical({kind.frame})",)
+        self._radius = kind.radius
+
+    def residual(self, at: Position) -> np.ndarray:
+        return at.placement(self._frame).translation[..., _UP:] - self._radius
+
+    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+        up = np.array([[0.0, 0.0, 1.0]])
+        contact = at.placement(self._frame).translation[..., None, :] - self._radius * up
+        return contact, np.broadcast_to(up, contact.shape)

@@ -1,0 +1,80 @@
+"""A frame at a constant placement on another: its own motion, from that of the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import OWN_AXES, Gradients, Motion, Placement, Position, Rates
+from rnc_pin.model.values import Vector
+from rnc_pin.robots.robot import Robot
+
+_UNIT = np.eye(3)
+
+
+class OffsetFrame:
+    """What the rows of constraints ask of a frame, at a point beside its origin and in axes turned from its own.
+
+    Everything is along the axes of this frame itself: constant matrices times what the other has along its own.
+
+    Args:
+        robot: whose frame it is.
+        frame: name of the frame on which this one sits.
+        at: where, in that frame's own axes (3,) [m].
+        rotation: of this frame's axes in that frame's (3, 3); by default they are the same.
+
+    Attributes:
+        name: of the frame, with the point where that is not its origin.
+        index: of the frame in the model.
+        joint: that carries it.
+
+    Raises:
+        ModelError: no such frame.
+        ConfigurationError: a point that is not three finite numbers.
+    """
+
+    def __init__(self, robot: Robot, frame: str, at: Vector, rotation: np.ndarray = _UNIT) -> None:
+        point = triple(at, f"point on frame '{frame}'")
+        self.index = robot.frame_id(frame)
+        self.joint = robot.model.frames[self.index].parentJoint
+        self.name = f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
+        self._point, self._rotation = point, rotation
+        self._action = pin.SE3(rotation, point).toActionMatrixInverse()  # from that frame's axes to these
+        self._moved = not np.array_equal(self._action, np.eye(6))
+
+    def placement(self, at: Position) -> Placement:
+        """Where it is in the world."""
+        place = at.placement(self.index)
+        if not self._moved:
+            return place
+        return Placement(place.rotation @ self._rotation, place.translation + apply(place.rotation, self._point))
+
+    def jacobian(self, at: Position) -> np.ndarray:
+        """Its Jacobian (..., 6, nv)."""
+        return self._of(at.jacobian(self.index, OWN_AXES))
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        """Time derivative of the Jacobian, (..., 6, nv)."""
+        return self._of(at.jacobian_dot(self.index, OWN_AXES))
+
+    def acceleration(self, at: Motion) -> np.ndarray:
+        """Rate (..., 6) of the components of its velocity at zero ``vdot``."""
+        found = at.acceleration(self.index, OWN_AXES)
+        return apply(self._action, found) if self._moved else found
+
+    def acceleration_gradient(self, at: Gradients) -> np.ndarray:
+        """Derivative of ``acceleration`` with respect to q, (6, nv)."""
+        return self._of(at.own_acceleration_gradient(self.index))
+
+    def _of(self, motions: np.ndarray) -> np.ndarray:
+        return self._action @ motions if self._moved else motions
+
+
+def triple(values: Vector, what: str) -> np.ndarray:
+    """Three finite numbers (3,), refused by what they are where they are not."""
+    found = np.asarray(values, dtype=float)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ConfigurationError(f"{what}: expected three finite numbers, found {values}")
+    return found

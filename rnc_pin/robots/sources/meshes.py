@@ -1,0 +1,200 @@
+"""Meshes that a URDF names: where they are, which cannot be had, and what stands in for a link that loses all of its.
+
+A robot whose meshes stayed elsewhere still moves, so a mesh that is missing costs one warning and never the run.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from copy import deepcopy
+from pathlib import Path
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelWarning, few
+from rnc_pin.robots.sources.description import GEOMETRY, captured_stderr, geometry_errors, read_numbers
+from rnc_pin.robots.sources.packages import Packages
+
+STAND_IN = "_stand_in"
+"""How the name of a box ends that stands in for meshes; Pinocchio's own names of shapes end in a number."""
+
+_LFS = b"version https://git-lfs"
+_LIGHTEST = 30.0  # [kg/m^3] of a stand-in: many files give small links the inertia of a house
+_THINNEST = 0.05  # of the longest side
+_COLOR = np.array([0.55, 0.6, 0.66, 0.75])
+
+
+class Meshes:
+    """The geometry of a URDF, without the meshes that cannot be had.
+
+    Args:
+        root: the outermost element; names of files in it become absolute where they are found.
+        path: of the file, for messages.
+        packages: where packages are.
+        folders: where Pinocchio looks.
+    """
+
+    def __init__(self, root: ElementTree.Element, path: Path, packages: Packages, folders: list[str]) -> None:
+        self._root, self._path, self._folders = root, path, folders
+        self._missing: dict[str, str] = {}  # name to the package or folder that it should be in
+        self._warned = False
+        for element in root.iter():
+            if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
+                continue
+            name = element.attrib["filename"]
+            found = packages.file(name)
+            if found is not None:
+                element.set("filename", str(found))
+            elif element.tag == "mesh":
+                self._missing[name] = self._home(name)
+
+    def geometry(self, model: pin.Model, kind: str) -> pin.GeometryModel:
+        """The geometry of a kind, "visual" or "collision"; among what is seen, boxes stand in for links left bare.
+
+        Raises:
+            ModelError: a shape that is no mesh cannot be made.
+        """
+        root = deepcopy(self._root)
+        names = list(_names(root, kind))
+        missing = {name: self._missing[name] for name in names if name in self._missing}
+        faults = {name: "a git-lfs pointer: git lfs pull" for name in names if _is_pointer(name)}
+        bare = _without(root, kind, {*missing, *faults})
+        try:
+            found = self._build(model, root, kind)
+        except Exception:  # Boost.Python raises whatever the C++ side threw
+            broken = {name: why for name in _names(root, kind) if (why := _fault(name))}
+            faults |= broken
+            bare |= _without(root, kind, set(broken))
+            with geometry_errors(self._path):
+                found = self._build(model, root, kind)
+        if kind == "visual":
+            for name, link in bare.items():
+                _stand_in(found, model, name, link)
+        if (missing or faults) and not self._warned:
+            self._warned = True
+            self._warn(missing, faults)
+        return found
+
+    def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
+        text = ElementTree.tostring(root, encoding="unicode")
+        with captured_stderr():
+            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, self._folders)
+
+    def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
+        parts = []
+        if missing:
+            homes = [f"{home} ({count})" for home, count in Counter(missing.values()).most_common()]
+            remedy = (
+                "give the folder of packages with package_dirs (--package-dir, ROS_PACKAGE_PATH)"
+                if any(home.startswith("package") for home in missing.values())
+                else "put them there"
+            )
+            parts.append(f"{_meshes(len(missing))} not found: {few(homes, 6)}; {remedy}")
+        if faults:
+            why = [f"{Path(name).name} ({fault})" for name, fault in faults.items()]
+            parts.append(f"{_meshes(len(faults))} not readable: {few(why)}")
+        text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
+        warnings.warn(text, ModelWarning, stacklevel=6)
+
+    def _home(self, name: str) -> str:
+        """The package or folder that a file should be in, as people look for it."""
+        scheme, separator, rest = name.partition("://")
+        if separator and scheme in ("package", "model"):
+            return f"package '{rest.partition('/')[0]}'"
+        return f"folder '{(self._path.parent / (rest if separator else name)).parent}'"
+
+
+def _meshes(count: int) -> str:
+    return "1 mesh was" if count == 1 else f"{count} meshes were"
+
+
+def _mesh_of(shape: ElementTree.Element) -> str | None:
+    mesh = shape.find("geometry/mesh")
+    return None if mesh is None else mesh.get("filename", "")
+
+
+def _names(root: ElementTree.Element, kind: str) -> Iterator[str]:
+    """The mesh files of a kind, each once."""
+    found = (_mesh_of(shape) for shape in root.findall(f"link/{kind}"))
+    yield from dict.fromkeys(name for name in found if name is not None)
+
+
+def _without(root: ElementTree.Element, kind: str, lost: Collection[str]) -> dict[str, ElementTree.Element]:
+    """Take lost meshes out, and return the links that have no shape of the kind left, by name."""
+    bare = {}
+    for link in root.findall("link"):
+        shapes = link.findall(kind)
+        gone = [shape for shape in shapes if _mesh_of(shape) in lost]
+        for shape in gone:
+            link.remove(shape)
+        if gone and len(gone) == len(shapes):
+            bare[str(link.get("name"))] = link
+    return bare
+
+
+def _is_pointer(name: str) -> bool:
+    try:
+        with open(name, "rb") as file:
+            return file.read(len(_LFS)) == _LFS
+    except OSError:
+        return False
+
+
+def _fault(name: str) -> str | None:
+    """Why Pinocchio's loader cannot read a file, or None where it can."""
+    try:
+        with captured_stderr():
+            coal.MeshLoader().load(name, np.ones(3))
+    except Exception:  # Boost.Python raises whatever the C++ side threw
+        ending = Path(name).suffix.lower()
+        return "broken" if ending in (".stl", ".dae", ".obj", ".ply") else f"format '{ending}'"
+    return None
+
+
+# ---------------------------------------------------------------------- stand-ins
+
+
+def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: ElementTree.Element) -> None:
+    box = equivalent_box(link)
+    if box is None or not model.existFrame(name, pin.FrameType.BODY):
+        return
+    sides, placement = box
+    index = model.getFrameId(name, pin.FrameType.BODY)
+    frame = model.frames[index]
+    shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, frame.placement * placement, coal.Box(*sides))
+    shape.meshColor = _COLOR
+    geometry.addGeometryObject(shape)
+
+
+def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | None:
+    """The solid box that has the inertia of a ``<link>``: its sides (3,) [m], and where it is in the link.
+
+    None where the link has no mass. What is lighter than foam is shrunk, and what is flat gets some thickness.
+    """
+    mass = _attribute(link.find("inertial/mass"), "value", 1)
+    if mass is None or mass[0] <= 0:
+        return None
+    element = link.find("inertial/inertia")
+    entries = {key: _attribute(element, key, 1) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
+    xx, yy, zz, xy, xz, yz = (0.0 if entry is None else float(entry[0]) for entry in entries.values())
+    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass[0]
+    longest = float(np.sqrt(max(squares.max(), 1e-6)))
+    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _THINNEST * longest)
+    sides *= min(1.0, float(np.cbrt(mass[0] / _LIGHTEST / sides.prod())))
+    origin = link.find("inertial/origin")
+    xyz, rpy = (_attribute(origin, key, 3) for key in ("xyz", "rpy"))
+    turn = np.eye(3) if rpy is None else pin.rpy.rpyToMatrix(*rpy)
+    return sides, pin.SE3(turn @ axes, np.zeros(3) if xyz is None else xyz)
+
+
+def _attribute(element: ElementTree.Element | None, key: str, count: int) -> np.ndarray | None:
+    numbers = None if element is None else read_numbers(element.get(key, ""))
+    return numbers if numbers is not None and numbers.size == count else None

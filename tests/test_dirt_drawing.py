@@ -1,0 +1,243 @@
+"""Published descriptions as they come: meshes that are missing, broken or mirrored, and what fails in drawing."""
+
+import warnings
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from browsing import PATIENCE, opened, place, visit
+from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.view import View
+from rnc_pin.visualization.viser_screen import ViserScreen
+
+DIRT = Path(__file__).parent / "data" / "dirt"
+SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
+
+INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
+    <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
+BOX = '<geometry><box size="1 1 1"/></geometry>'
+
+
+def mesh(name, kind="visual"):
+    return f'<{kind}><geometry><mesh filename="{name}"/></geometry></{kind}>'
+
+
+def chain(**links):
+    """A URDF of links, each on a hinge after the one before it."""
+    names = list(links)
+    parts = [f'<link name="{name}">{content}</link>' for name, content in links.items()]
+    parts += [
+        f'<joint name="{child}_joint" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        '<origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint>'
+        for parent, child in pairwise(names)
+    ]
+    return f'<robot name="gaps">{"".join(parts)}</robot>'
+
+
+@pytest.fixture
+def gaps(tmp_path):
+    """A file whose meshes are missing and broken in every way."""
+    path = tmp_path / "gaps.urdf"
+    (tmp_path / "broken.stl").write_text("rubbish")
+    (tmp_path / "odd.step").write_text("rubbish")
+    (tmp_path / "pointer.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 3\n")
+    path.write_text(
+        chain(
+            base=INERTIAL + mesh("package://nowhere/base.stl") + mesh("package://nowhere/base.stl", "collision"),
+            arm=INERTIAL + mesh("absent.dae") + f"<visual>{BOX}</visual><collision>{BOX}</collision>",
+            broken=INERTIAL + mesh("broken.stl"),
+            pointer=INERTIAL + mesh("pointer.stl"),
+            odd=INERTIAL + mesh("odd.step"),
+            whole=INERTIAL + mesh(f"{DIRT}/wedge.stl"),
+            massless=mesh("package://nowhere/small.stl"),
+            far=INERTIAL,
+        )
+    )
+    return path
+
+
+def warned(call):
+    """What a call returns, and the messages of its ModelWarnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        value = call()
+    return value, [str(each.message) for each in caught if issubclass(each.category, rnc.ModelWarning)]
+
+
+def recorded(robot, view=None):
+    """A page of a robot that turns a little."""
+    run = rnc.free_motion(
+        rnc.NonholonomicSystem(robot).reduce(), robot.configuration(), np.full(robot.nv, 0.5), duration=0.2
+    )
+    return Recording(robot, run, view)
+
+
+# ---------------------------------------------------------------------- missing meshes
+
+
+def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
+    robot, told = warned(lambda: rnc.Robot.from_urdf(gaps))
+    assert told == []  # who does not draw is told nothing
+    (visual, told) = warned(lambda: robot.visual_model)
+    (line,) = told
+    assert line.startswith(f"{gaps}: 3 meshes were not found: package 'nowhere' (2), folder '{gaps.parent}' (1)")
+    assert "package_dirs (--package-dir, ROS_PACKAGE_PATH)" in line
+    assert "3 meshes were not readable: pointer.stl (a git-lfs pointer: git lfs pull), broken.stl (broken)" in line
+    assert "odd.step (format '.step')" in line
+    assert line.endswith("boxes of the inertia's size stand in")
+    names = {shape.name for shape in visual.geometryObjects}
+    stand_ins = {f"{link}_stand_in" for link in ("base", "broken", "pointer", "odd")}
+    assert names == {"arm_0", "whole_0", *stand_ins}  # nothing for what has no mass
+    assert robot.stand_ins == stand_ins
+    collision, told = warned(lambda: robot.collision_model)
+    assert told == []
+    assert [shape.name for shape in collision.geometryObjects] == ["arm_0"]
+
+
+def test_a_stand_in_has_the_inertia_of_its_link(gaps):
+    robot = rnc.Robot.from_urdf(gaps)
+    warned(lambda: robot.visual_model)
+    shape = robot.visual_model.geometryObjects[robot.visual_model.getGeometryId("broken_stand_in")]
+    sides = 2 * np.asarray(shape.geometry.halfSide)
+    moments = 12.0 / 12 * ((sides**2).sum() - sides**2)
+    turned = shape.placement.rotation @ np.diag(moments) @ shape.placement.rotation.T
+    expected = pin.rpy.rpyToMatrix(0, 0, 0.3) @ np.diag([0.13, 0.1, 0.05]) @ pin.rpy.rpyToMatrix(0, 0, 0.3).T
+    np.testing.assert_allclose(turned, expected, atol=1e-12)
+    np.testing.assert_allclose(shape.placement.translation, [0, 0, 0.1], atol=1e-12)
+    assert robot.model.names[shape.parentJoint] == "broken_joint"
+
+
+def test_a_stand_in_of_an_absurd_inertia_stays_small(tmp_path):
+    path = tmp_path / "absurd.urdf"
+    absurd = '<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    path.write_text(chain(base=INERTIAL, arm=absurd + mesh("package://nowhere/arm.stl")))
+    visual, _ = warned(lambda: rnc.Robot.from_urdf(path).visual_model)
+    sides = 2 * np.asarray(visual.geometryObjects[0].geometry.halfSide)
+    assert (sides > 0).all()
+    assert sides.prod() <= 0.1 / 30.0 * (1 + 1e-9)
+
+
+def test_stand_ins_survive_locked_joints_and_mounting(gaps):
+    locked, _ = warned(lambda: rnc.Robot.from_urdf(gaps, lock={"arm_joint": 0.2}))
+    carrier = rnc.Robot.from_urdf("space_robot.urdf")
+    assert carrier.stand_ins == frozenset()
+    with warnings.catch_warnings(action="ignore", category=rnc.ModelWarning):
+        assert len(locked.stand_ins) == 4
+        assert len(carrier.attach(locked, "tip").stand_ins) == 4
+
+
+def test_a_robot_without_its_meshes_is_drawn(gaps):
+    robot, told = warned(lambda: rnc.Robot.from_urdf(gaps))
+    page, told = warned(lambda: recorded(robot).html())
+    assert len(told) == 1
+    assert "</html>" in page
+
+
+# ---------------------------------------------------------------------- mirrored meshes
+
+
+def volume(triangles):
+    """Of the body within a closed surface whose triangles are counterclockwise from outside [m^3]."""
+    first, second, third = np.moveaxis(triangles, 1, 0)
+    return float(np.einsum("ij,ij->", first, np.cross(second, third)) / 6)
+
+
+@pytest.fixture(scope="module")
+def mirrored():
+    return rnc.Robot.from_urdf(DIRT / "mirrored.urdf", gravity=(0, 0, 0))
+
+
+PAIRS = [("left_0", "right_0", 1.0), ("upper_left_0", "upper_right_0", 1.0), ("top_left_0", "top_right_0", 2.0)]
+
+
+@pytest.mark.parametrize(("name", "other", "factor"), PAIRS)
+def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, factor, mirrored):
+    visual = mirrored.visual_model
+    left, right = (visual.geometryObjects[visual.getGeometryId(each)] for each in (name, other))
+    assert (drawn_scale(right) > 0).all()
+    straight, turned = (drawn_triangles(each) * drawn_scale(each) for each in (left, right))
+    assert volume(straight) > 0
+    assert volume(turned) == pytest.approx(factor**3 * volume(straight), rel=1e-5)
+    mirror = factor * np.array([1.0, -1.0, 1.0])
+    corners, expected = turned.reshape(-1, 3), straight.reshape(-1, 3) * mirror
+    np.testing.assert_allclose(corners.min(axis=0), expected.min(axis=0), atol=SINGLE_PRECISION)
+    np.testing.assert_allclose(corners.max(axis=0), expected.max(axis=0), atol=SINGLE_PRECISION)
+
+
+# Volume and bounding box of a part in the world, as WebGL gets them: faces whose world is mirrored are turned by it.
+MEASURE = """name => {
+  const root = viewer.scene_tree.find(['meshcat', 'robot', 'visuals', name]).object;
+  root.updateMatrixWorld(true);
+  let volume = 0, low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+  root.traverse(part => {
+    if (!part.isMesh) return;
+    const position = part.geometry.attributes.position, index = part.geometry.index;
+    const count = index ? index.count : position.count, e = part.matrixWorld.elements;
+    const corner = k => {
+      const i = index ? index.getX(k) : k, [x, y, z] = [position.getX(i), position.getY(i), position.getZ(i)];
+      const w = [0, 1, 2].map(r => e[r] * x + e[4 + r] * y + e[8 + r] * z + e[12 + r]);
+      low = low.map((value, r) => Math.min(value, w[r])); high = high.map((value, r) => Math.max(value, w[r]));
+      return w;
+    };
+    const facing = part.matrixWorld.determinant() < 0 ? -1 : 1;
+    for (let k = 0; k < count; k += 3) {
+      const [a, b, c] = [corner(k), corner(k + 1), corner(k + 2)];
+      volume += facing * (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])) / 6;
+    }
+  });
+  return { volume, size: high.map((value, r) => value - low[r]), determinant: root.matrix.determinant() };
+}"""
+
+
+def test_the_page_shows_mirrored_meshes_from_outside(mirrored, tmp_path):
+    path = recorded(mirrored).save(tmp_path / "page.html")
+    visual, data = mirrored.visual_model, mirrored.model.createData()
+    shapes = visual.createData()
+    pin.updateGeometryPlacements(mirrored.model, data, visual, shapes, mirrored.configuration())
+    with opened() as browser:
+        page, problems = visit(browser, path.as_uri(), offline=True)
+        page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+        page.evaluate("viewer.animator.pause(); viewer.animator.seek(0)")
+        for shape, placement in zip(visual.geometryObjects, shapes.oMg, strict=True):
+            if not hasattr(shape.geometry, "num_tris"):
+                continue
+            triangles = drawn_triangles(shape) * drawn_scale(shape)
+            seen = page.evaluate(MEASURE, shape.name)
+            assert seen["determinant"] > 0
+            assert seen["volume"] == pytest.approx(volume(triangles), rel=1e-4)
+            assert seen["volume"] > 0
+            corners = triangles.reshape(-1, 3) @ placement.rotation.T
+            x, y, z = np.ptp(corners, axis=0)
+            np.testing.assert_allclose(seen["size"], [x, z, y], rtol=1e-4)  # the viewer has y up
+            assert place(page, "robot", "visuals", shape.name) == pytest.approx(placement.translation, abs=1e-5)
+        assert not problems
+
+
+def test_viser_shows_mirrored_meshes_from_outside(mirrored):
+    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
+    subject, visual = Subject.of(mirrored), mirrored.visual_model
+    screen = ViserScreen(subject, View(), RunInfo(subject.outputs), "127.0.0.1", "mirrored")
+    try:
+        for name in ("right_0", "upper_right_0", "top_right_0"):
+            handle = screen._visualizer.frames[f"robot/visual/{name}"]
+            shape = visual.geometryObjects[visual.getGeometryId(name)]
+            triangles = np.asarray(handle.vertices)[np.asarray(handle.faces)]
+            assert volume(triangles) == pytest.approx(volume(drawn_triangles(shape) * drawn_scale(shape)), rel=1e-5)
+    finally:
+        screen.close()
+
+
+@pytest.mark.parametrize("name", ["centauro", "talos_reduced"])
+def test_robots_with_mirrored_meshes_have_a_page(name):
+    robot, _ = warned(lambda: rnc.Robot.from_example(name, gravity=(0, 0, 0)))
+    assert any((np.asarray(shape.meshScale) < 0).any() for shape in robot.visual_model.geometryObjects)
+    page, _ = warned(lambda: recorded(robot).html())
+    assert "</html>" in page
