@@ -42,7 +42,7 @@ EXCUSES = """
 def remarks(name: str, kind: str) -> str:
     locked, coupled = len(zoo.massless_joints(name)), zoo.mimic_joints(name)
     words = [f"{locked} joints that move no mass are locked"] if locked else []
-    words += [f"{coupled} `<mimic>` joint{'s'[: coupled != 1]} move freely"] if coupled else []
+    words += [f"{coupled} `<mimic>` joint{'s follow' if coupled != 1 else ' follows'}"] if coupled else []
     words += ["Mecanum wheels"] if name in zoo.MECANUM and kind == "rolling wheels" else []
     return "; ".join(words)
 

@@ -1,5 +1,6 @@
 """Published descriptions as they come: meshes that are missing, broken or mirrored, and what fails in drawing."""
 
+import sys
 import warnings
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +11,9 @@ import pytest
 
 import rnc_pin as rnc
 from browsing import PATIENCE, opened, place, visit
+from rnc_pin.app.cli import main
+from rnc_pin.scenario import pictures
+from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.recording import Recording
@@ -241,3 +245,63 @@ def test_robots_with_mirrored_meshes_have_a_page(name):
     assert any((np.asarray(shape.meshScale) < 0).any() for shape in robot.visual_model.geometryObjects)
     page, _ = warned(lambda: recorded(robot).html())
     assert "</html>" in page
+
+
+# ---------------------------------------------------------------------- what fails in drawing
+
+SHORT = ["--set", "simulation.duration=0.2"]
+RUN = ["run", "space-robot", *SHORT, "--set", "comparisons={}", "--out"]
+
+
+def called(monkeypatch, capfd, *arguments):
+    """Exit status, output and errors of the command in this process."""
+    monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code, *capfd.readouterr()
+
+
+def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, capfd):
+    printed = []
+
+    def fail(*arguments):
+        saved = sorted(path.name for path in (tmp_path / "out").iterdir())
+        printed.append((saved, capfd.readouterr().out))
+        raise ValueError("found a\nleft-handed frame")
+
+    monkeypatch.setattr(pictures, "plot_overview", fail)
+    monkeypatch.setattr(pictures, "Recording", fail)
+    status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
+    assert status == 0
+    saved, table = printed[0]
+    assert {"trajectory.npz", "summary.json", "scenario.yaml"} <= set(saved)
+    assert "final error" in table  # the table was there before anything was drawn
+    (line,) = [line for line in err.splitlines() if line.startswith("rnc-pin: ")]
+    cause = "ValueError: found a left-handed frame"
+    assert line == f"rnc-pin: warning: overview.png, animation.html could not be drawn: {cause}"
+    written = out.split(": ")[-1].split()
+    assert not {"overview.png", "animation.html"} & {path.name for path in (tmp_path / "out").iterdir()}
+    names = {path.name for path in (tmp_path / "out").iterdir()} - {".rnc_pin"}
+    assert {name.rstrip(",") for name in written} == names
+    assert any(name.endswith(".png") for name in names)  # the other pictures are there
+
+
+def test_a_run_without_drawing_reads_no_meshes(tmp_path, monkeypatch):
+    def fail(robot, kind):
+        raise AssertionError(f"{kind} was asked for")
+
+    monkeypatch.setattr(rnc.Robot, "_geometry_model", fail)
+    execute(plan("space-robot", {"simulation.duration": 0.02, "comparisons": {}}))
+
+
+def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
+    path = tmp_path / "arm.urdf"
+    far = mesh("package://nowhere/meshes/arm.stl")
+    path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh(f"{DIRT}/wedge.stl")))
+    scenario = tmp_path / "arm.yaml"
+    called(monkeypatch, capfd, "init", path, "--out", scenario)
+    status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
+    assert status == 0
+    (line,) = [line for line in err.splitlines() if "warning" in line]
+    assert "1 mesh was not found: package 'nowhere' (1)" in line
+    assert (tmp_path / "out" / "animation.html").is_file()

@@ -131,17 +131,17 @@ def test_a_joint_that_should_mimic_is_named_until_it_is_coupled(tmp_path):
     robot = rnc.Robot.from_urdf(path)
     assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
     with pytest.warns(rnc.ModelWarning, match=r"should mimic others move independently: elbow \(of shoulder\)"):
-        rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"])
+        rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"], mimic=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        rnc.NonholonomicSystem(robot, [coupled(robot)], ["shoulder"])
+        rnc.NonholonomicSystem(robot, [coupled(robot)], ["shoulder"], mimic=False)
 
 
 @pytest.mark.parametrize("lock", ["shoulder", "elbow"])
 def test_half_a_pair_locked_is_named_too(lock, tmp_path):
     robot = rnc.Robot.from_urdf(write(tmp_path / "arm.urdf", urdf(MIMIC)), lock={lock: 0.0})
     with pytest.warns(rnc.ModelWarning, match="elbow"):
-        rnc.NonholonomicSystem(robot, [], robot.joint_names)
+        rnc.NonholonomicSystem(robot, [], robot.joint_names, mimic=False)
 
 
 @pytest.mark.parametrize(

@@ -99,10 +99,16 @@ def massless_joints(name: str) -> tuple[str, ...]:
     return tuple(joint for joint, mass in zip(model.names, data.mass, strict=True) if mass == 0)
 
 
+def leading(robot: rnc.Robot) -> list[str]:
+    """Joints beside the base that follow no other."""
+    following = {mimic.joint for mimic in robot.mimics}
+    return [name for name in robot.joint_names if name not in following and name != "root_joint"]
+
+
 def momentum(name: str) -> rnc.ReducedModel:
     """A free base in space, whose joints are the reducing outputs."""
     robot = load(name, "free", gravity=(0, 0, 0))
-    joints = list(robot.joint_names[1:])
+    joints = leading(robot)
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], joints)
     return system.reduce([rnc.JointPosition(joint) for joint in joints])
 
@@ -110,7 +116,7 @@ def momentum(name: str) -> rnc.ReducedModel:
 def knife_edge(name: str) -> rnc.ReducedModel:
     """A planar base on a skate: forward speed, heading and the joints."""
     robot = load(name, "planar")
-    frame, joints = root_frame(robot), list(robot.joint_names[1:])
+    frame, joints = root_frame(robot), leading(robot)
     drive = [rnc.FrameForce(frame, "x"), rnc.FrameTorque(frame, "z")]
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(frame)], [*drive, *joints])
     return system.reduce([rnc.FrameSpeed(frame), rnc.FrameYaw(frame), *map(rnc.JointPosition, joints)])
@@ -157,8 +163,9 @@ def wheel_links(name: str) -> list[str]:
 
 
 def mimic_joints(name: str) -> int:
-    """Joints that a description couples to others, which the model leaves free."""
-    return len(ElementTree.parse(example_urdfs()[name]).getroot().findall("joint/mimic"))
+    """Joints that follow others."""
+    robot = load(name, "planar")
+    return len(robot.joint_names) - 1 - len(leading(robot))
 
 
 def root() -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -11,7 +12,7 @@ from rnc_pin.scenario.sweep_table import Spread
 from rnc_pin.simulation import Summary
 
 
-def print_summary(summary: Summary, folder: Path) -> None:
+def print_summary(summary: Summary) -> None:
     """Errors and invariants of a run."""
     console = Console()
     errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
@@ -41,8 +42,11 @@ def print_summary(summary: Summary, folder: Path) -> None:
     for name, figure in summary["max_input"].items():
         invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
     console.print(invariants)
-    if "files" in summary:
-        console.print(f"in {folder}: {', '.join(summary['files'])}", highlight=False, soft_wrap=True)
+
+
+def print_files(folder: Path, names: Sequence[str]) -> None:
+    """What was written, and where."""
+    Console().print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True, markup=False)
 
 
 def print_spread(scenario: str, summary: Spread, folder: Path) -> None:

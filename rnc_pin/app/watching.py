@@ -27,3 +27,10 @@ def live_view(
         live.close()
         raise
     return live
+
+
+def close(live: LiveView) -> None:
+    """Close a live view, and say why where it stopped before the run did."""
+    live.close()
+    if live.problem is not None:
+        warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")

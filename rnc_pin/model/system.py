@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import product
 
 import numpy as np
 import scipy.linalg
@@ -12,6 +13,7 @@ import scipy.linalg
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
@@ -35,6 +37,9 @@ class NonholonomicSystem(Printed):
         robot: the robot.
         constraints: kinds from ``rnc_pin.constraints``, or anything with ``bind(robot) -> Rows``.
         actuators: joint names, ``FrameForce``, ``FrameTorque``; or a matrix (nv, p); or ``B(q)``.
+        mimic: whether joints that the robot's file couples to others (``robot.mimics``) follow them, by rows like those
+            of ``JointCoupling`` where the constraints do not couple them already. Where one of two is locked, the other
+            is held where that puts it.
 
     Attributes:
         n: degrees of freedom before the constraints (nv).
@@ -65,10 +70,13 @@ class NonholonomicSystem(Printed):
         robot: Robot,
         constraints: Sequence[ConstraintKind] = (),
         actuators: Actuators = (),
+        mimic: bool = True,
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
         blocks = [kind.bind(robot) for kind in constraints]
+        if mimic and robot.mimics:
+            blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
         _check_unique(self.rows.names, "constraint row")
         self.assembly = Assembly(robot, blocks)
@@ -78,8 +86,10 @@ class NonholonomicSystem(Printed):
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
+            coupled = [name for block in blocks[len(constraints) :] for name in block.names]
+            hint = f"; of these {few(coupled)} are the file's own, which mimic=False leaves out" if coupled else ""
             raise ConstraintError(
-                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom"
+                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )
         self._check_conserved(blocks)
         _warn_of_mimics(robot, samples[:, self.kept])
@@ -181,6 +191,12 @@ class NonholonomicSystem(Printed):
 
     def _check_conserved(self, blocks: Sequence[Rows]) -> None:
         conserved = [block for block in blocks if block.conserved is not None]
+        for block, row in product(conserved, (each for each in blocks if isinstance(each, CouplingRow))):
+            if row.matrix[:, block.conserved].any():
+                raise ConstraintError(
+                    f"{row.names[0]} drives {block.names[0]}, which is said to be conserved: leave one of them out "
+                    "(mimic=False, where the file couples the joints)"
+                )
         if not conserved or not self.p:
             return
         kinematics = Kinematics(self.robot)
@@ -228,24 +244,34 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
     return np.stack(samples), np.stack(rates)
 
 
+def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
+    """Of the rows that a file asks for those that the given ones do not say already."""
+    if not blocks or not couplings:
+        return list(couplings)
+    samples, _ = _sample_rows(RowStack(blocks), robot, _sampled_configurations(Assembly(robot, blocks)))
+    return [each for each in couplings if _is_loose(each.matrix[0], samples)]
+
+
+def _is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
+    """Whether rows (samples, m, nv) do not say, at some configuration, what this one says."""
+    for matrix in samples:
+        rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
+        if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
+            return True
+    return False
+
+
 def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
     """Warn of joints that the file couples and no constraint does, (samples, m, nv)."""
     loose = []
-    for joint, of, multiplier, _ in robot.mimics:
-        row = np.zeros(robot.nv)
-        # Of two joints one may be locked: the other is then held too, or it is loose.
-        for name, factor in ((joint, 1.0), (of, -multiplier)):
-            if name in robot.joint_names:
-                row[robot.velocity_indices(name)] += factor
-        for matrix in samples if row.any() else ():
-            rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
-            if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
-                loose.append(f"{joint} (of {of})")
-                break
+    for mimic in robot.mimics:
+        row = mimic_row(robot, mimic)
+        if row is not None and _is_loose(row.matrix[0], samples):
+            loose.append(f"{mimic.joint} (of {mimic.of})")
     if loose:
         warnings.warn(
             f"robot '{robot.name}': joints that should mimic others move independently: {few(loose)}; "
-            "couple them with JointCoupling, or lock them with those that they follow",
+            "couple them (mimic=True, JointCoupling), or lock them with those that they follow",
             ModelWarning,
             stacklevel=3,
         )

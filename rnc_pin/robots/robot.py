@@ -33,8 +33,9 @@ class Robot(Printed):
         collision_model: collision geometry, if there is any.
 
     Attributes:
-        mimics: joints that the file says to follow others, which they do not in the model: couple them with a
-            constraint.
+        mimics: joints that the file says to follow others, which they do not in the model: a ``NonholonomicSystem``
+            couples them by constraints.
+        locked: values of joints that were frozen [rad or m].
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -65,6 +66,7 @@ class Robot(Printed):
         }
         self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
         self.mimics: tuple[Mimic, ...] = ()
+        self.locked: dict[str, float] = {}
         self._check_inertia()
 
     # ------------------------------------------------------------------ construction
@@ -164,6 +166,9 @@ class Robot(Printed):
             robot = admitted(pin.buildReducedModel(model, joints, reference))
             robot._load_geometry = lambda kind: pin.buildReducedModel(model, read.geometry(kind), joints, reference)[1]
         robot.mimics = read.mimics
+        for name, value in (lock or {}).items():
+            if np.size(value) == 1:  # ball joints couple nothing
+                robot.locked[name] = float(np.ravel(value)[0])
         return robot
 
     @classmethod
@@ -223,6 +228,8 @@ class Robot(Printed):
             return pin.appendModel(mine, others, *parts, index, where)[1]
 
         robot._load_geometry = load
+        robot.mimics = (*self.mimics, *other.mimics)
+        robot.locked = {**self.locked, **other.locked}
         return robot
 
     # ------------------------------------------------------------------ names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
 def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
     """Robot, constraints and actuators; paths are relative to ``folder``."""
     robot = scenario.robot.build(folder)
-    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators)
+    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic)
 
 
 def build_reduced(scenario: Scenario, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
@@ -133,8 +134,13 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
     q0 = reduced.robot.configuration(scenario.initial.q)
     if not reduced.assembly.size or np.abs(reduced.position_residual(q0)).max() < _ROUNDED:
         return q0  # a simulation takes the rounding away
+    named = list(scenario.initial.q)
+    following = {mimic.joint for mimic in reduced.robot.mimics} - set(named)
+    if scenario.mimic and following:  # where it is enough that these follow, nothing else gives way
+        with suppress(ConstraintError):
+            return reduced.assembled(q0, [name for name in reduced.robot.joint_names if name not in following])
     try:
-        return reduced.assembled(q0, list(scenario.initial.q))
+        return reduced.assembled(q0, named)
     except ConstraintError as error:
         raise ConfigurationError(f"initial.q: {error}") from None
 

@@ -2,38 +2,89 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
+from rnc_pin.errors import RncError, few
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result
+from rnc_pin.scenario.schema.scenario import PlotSettings
 from rnc_pin.visualization.plot_style import save
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview
 from rnc_pin.visualization.recording import Recording
 
 
-def draw(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
-    """Write the pictures of a result; none of one that has fewer than two samples."""
-    trajectory, scenario = result.trajectory, plan.experiment.scenario
-    if len(trajectory.time) < 2:
-        return []
-    written = []
-    for name, settings in scenario.plots.items():
-        labels = result.comparisons if settings.comparisons is None else settings.comparisons
-        shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
-        path = folder.file(f"{name}.png")
-        if settings.quantity == "outputs":
-            figure = plot_outputs(trajectory, settings.outputs, settings.title, shown)
-        else:
-            figure = plot_learning(trajectory, settings.quantity, settings.title, shown)
-        written.append(save(figure, path))
-    written.append(save(plot_overview(trajectory, scenario.title), folder.file("overview.png")))
-    visual = plan.experiment.reduced.robot.visual_model
-    if visual is not None and len(visual.geometryObjects):
-        view = view_of(scenario)
-        view = replace(view, hide=[*view.hide, "compared"])  # there for who asks
-        title = scenario.title or plan.name
-        recording = Recording(plan.experiment.reduced, trajectory, view, title, result.comparisons)
-        written.append(recording.save(folder.file("animation.html")))
-    return written
+@dataclass(frozen=True)
+class Drawn:
+    """What came of drawing.
+
+    Attributes:
+        written: the pictures.
+        failures: pictures that failed, by name, and what went wrong.
+    """
+
+    written: list[Path] = field(default_factory=list)
+    failures: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """What failed, in one line."""
+        causes: dict[str, list[str]] = {}
+        for name, why in self.failures.items():
+            causes.setdefault(why, []).append(name)
+        return "; ".join(f"{few(names)} could not be drawn: {why}" for why, names in causes.items())
+
+
+def draw(plan: Plan, result: Result, folder: OutputFolder) -> Drawn:
+    """Write the pictures of a result; none of one that has fewer than two samples.
+
+    The numbers are worth more than their pictures: whatever fails in one costs that one alone.
+    """
+    drawn = Drawn()
+    for name, make in _pictures(plan, result) if len(result.trajectory.time) > 1 else ():
+        path = folder.file(name)
+        try:
+            if make(path):
+                drawn.written.append(path)
+        except Exception as error:
+            path.unlink(missing_ok=True)
+            kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
+            drawn.failures[name] = kind + (" ".join(str(error).split()) or "no reason given")
+    return drawn
+
+
+def _pictures(plan: Plan, result: Result) -> Iterator[tuple[str, Callable[[Path], bool]]]:
+    """Names of pictures, and what writes each and says whether there was anything to draw."""
+    for name, settings in plan.experiment.scenario.plots.items():
+        yield f"{name}.png", partial(_plot, result, settings)
+    yield "overview.png", partial(_overview, plan, result)
+    yield "animation.html", partial(_animation, plan, result)
+
+
+def _plot(result: Result, settings: PlotSettings, path: Path) -> bool:
+    labels = result.comparisons if settings.comparisons is None else settings.comparisons
+    shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
+    if settings.quantity == "outputs":
+        figure = plot_outputs(result.trajectory, settings.outputs, settings.title, shown)
+    else:
+        figure = plot_learning(result.trajectory, settings.quantity, settings.title, shown)
+    save(figure, path)
+    return True
+
+
+def _overview(plan: Plan, result: Result, path: Path) -> bool:
+    save(plot_overview(result.trajectory, plan.experiment.scenario.title), path)
+    return True
+
+
+def _animation(plan: Plan, result: Result, path: Path) -> bool:
+    scenario, reduced = plan.experiment.scenario, plan.experiment.reduced
+    visual = reduced.robot.visual_model
+    if visual is None or not len(visual.geometryObjects):
+        return False
+    view = view_of(scenario)
+    view = replace(view, hide=[*view.hide, "compared"])  # there for who asks
+    Recording(reduced, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
+    return True

@@ -168,7 +168,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
         name, residual = reduced.assembly.worst(q0)
         raise InputError(
             f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
-            "reduced.assembled(q0) gives the nearest one that does not"
+            "reduced.assembled(q0), or system.assembled(q0), gives the nearest one that does not"
         )
     return reduced.assembled(q0)
 

@@ -8,7 +8,7 @@ import click
 
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.app.tables import print_summary
-from rnc_pin.app.watching import live_view
+from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.replay import Run, compared, load_run, record, view_of
 from rnc_pin.simulation import summarize
@@ -59,7 +59,7 @@ def replay_runs(
         _show(first, speed, browser, host)
     if not show and frames is None and not any(files.values()):
         for run in runs:
-            print_summary(summarize(run.trajectory), run.source)
+            print_summary(summarize(run.trajectory))
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
@@ -70,4 +70,4 @@ def _show(run: Run, speed: float, browser: bool, host: str) -> None:
     except KeyboardInterrupt:
         pass
     finally:
-        live.close()
+        close(live)

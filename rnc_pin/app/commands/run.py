@@ -9,8 +9,8 @@ from rich.console import Console
 from rnc_pin.app.messages import complain, print_json, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
-from rnc_pin.app.tables import print_summary
-from rnc_pin.app.watching import live_view
+from rnc_pin.app.tables import print_files, print_summary
+from rnc_pin.app.watching import close, live_view
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw
@@ -46,13 +46,18 @@ def run_scenario(
             result = execute(prepared, live, advance)
     finally:
         if live is not None:
-            live.close()
-    written = write(prepared, result, folder) + draw(prepared, result, folder)
-    result.summary["files"] = [path.name for path in written]
+            close(live)
+    written = write(prepared, result, folder)
+    if not as_json:
+        print_summary(result.summary)
+    drawn = draw(prepared, result, folder)  # last: numbers are saved and said, whatever becomes of their pictures
+    if drawn.failures:
+        warn(str(drawn))
+    files = result.summary["files"] = [path.name for path in (*written, *drawn.written)]
     if as_json:
         print_json(result.summary)
     else:
-        print_summary(result.summary, folder.path)
+        print_files(folder.path, files)
     if result.summary["outcome"] == "completed":
         return DONE
     complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")

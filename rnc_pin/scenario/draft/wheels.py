@@ -144,15 +144,24 @@ def _candidates(
         if joint.nv != 1 or not _are_rollers(model, rollers):
             continue
         axle, frame = turning_axis(model, data, index), body_frame(robot, index)
-        words = f"{name} {frame}".lower()
-        named = _WHEEL.search(words) is not None
+        named, other = _called(name, frame)
         span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
         turns = joint.nq == 2 or not np.isfinite(span) or span <= 0 or span > _TURNS + 1e-6
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named) or _NO_WHEEL.search(words):
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named) or other:
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in geometry.items()}
         yield _Candidate(index, frame, axle, data.oMi[index].translation.copy(), named, parts)
+
+
+def _called(joint: str, link: str) -> tuple[bool, bool]:
+    """Whether names say wheel, and whether they say something else; the joint's name counts for more."""
+    for name in (joint.lower(), link.lower()):
+        if _NO_WHEEL.search(name):
+            return False, True
+        if _WHEEL.search(name):
+            return True, False
+    return False, False
 
 
 def _are_rollers(model: pin.Model, joints: list[int]) -> bool:

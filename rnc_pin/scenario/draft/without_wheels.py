@@ -10,7 +10,9 @@ from rnc_pin.scenario.draft.site import Site
 
 _LIMBS = 3  # a body with so many is more likely to float than to be bolted down
 _HEAVY = 0.5  # share of the mass in the first link above which arms move it rather than it them
-_AFLOAT = re.compile("satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|rov")
+_AFLOAT = re.compile(
+    "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
+)
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 

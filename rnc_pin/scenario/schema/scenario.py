@@ -53,6 +53,8 @@ class Scenario(Strict):
     """What ``rnc-pin list`` and the plots call it."""
     robot: RobotSource
     constraints: list[ConstraintItem] = []
+    mimic: bool = True
+    """Whether joints that the robot's file couples to others follow them."""
     actuators: list[ActuatorItem] = []
     outputs: Outputs
     task: TaskNames = TaskNames()

@@ -1,0 +1,118 @@
+"""Rows of joints that turn together, and those that a robot's own file asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.rows import ConstantRows, Rows
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.description import Mimic
+
+_LARGEST_DENOMINATOR = 1000
+
+
+class CouplingRow(ConstantRows):
+    """``v_joint - ratio * v_driver = 0``, with ``q_joint = ratio * q_driver + offset`` where that has a meaning.
+
+    Args:
+        robot: whose joints they are.
+        joint: the joint that follows.
+        driver: the joint that it follows; None for one that does not move: the joint is then held at the offset.
+        ratio: motion of the joint for unit motion of the driver.
+        offset: position of the joint where the driver's is zero [rad or m].
+        name: of the row; by default after the joints.
+
+    Raises:
+        ModelError: no such joint, or it has several degrees of freedom.
+    """
+
+    def __init__(
+        self, robot: Robot, joint: str, driver: str | None, ratio: float, offset: float, name: str | None = None
+    ) -> None:
+        self.pair = frozenset({joint, driver})
+        """The joints that it couples."""
+        self.joint = joint
+        self._joint = _single(joint, robot)
+        self._driver = None if driver is None else _single(driver, robot)
+        self._ratio, self._offset = ratio, offset
+        self.names = (name or f"coupling({joint}, {driver})",)
+        self.units = ("rad/s" if self._joint.shortname().startswith("JointModelR") else "m/s",)
+        self.matrix = np.zeros((1, robot.nv))
+        self.matrix[0, self._joint.idx_v] = 1.0
+        if self._driver is not None:
+            self.matrix[0, self._driver.idx_v] = -ratio
+        period = _period(self._joint.nq == 2, self._driver is not None and self._driver.nq == 2, ratio)
+        self.holonomic = (period is not None,)
+        self._period = period or 0.0
+
+    def residual(self, at: Position) -> np.ndarray:
+        if not self.holonomic[0]:
+            return super().residual(at)
+        gap = _position(self._joint, at.q) - self._offset
+        if self._driver is not None:
+            gap = gap - self._ratio * _position(self._driver, at.q)
+        if self._period:
+            gap = gap - self._period * np.round(gap / self._period)
+        return gap[..., None]
+
+
+def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
+    """A row for each joint that the robot's file couples to another, less those that are coupled in ``blocks``.
+
+    Where one of the two is locked, the other is held where the locked one puts it.
+
+    Args:
+        robot: with its ``mimics``.
+        blocks: bound rows of the constraints that were given.
+    """
+    given = [block for block in blocks if isinstance(block, CouplingRow)]
+    rows: dict[str, CouplingRow] = {}
+    for mimic in robot.mimics:
+        row = mimic_row(robot, mimic)
+        if row and not any(row.joint == other.joint or row.pair == other.pair for other in given):
+            rows.setdefault(row.names[0], row)
+    return list(rows.values())
+
+
+def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
+    """The row of one coupling; None where it has nothing to say, as of a joint that the file itself fixes."""
+    joint, of, multiplier, offset = mimic
+    moving = {name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1}
+    name = f"coupling({joint}, {of})"
+    if joint in moving and (of not in robot.joint_names or multiplier == 0):
+        return CouplingRow(robot, joint, None, 1.0, multiplier * robot.locked.get(of, 0.0) + offset, name)
+    if joint in moving and of in moving:
+        return CouplingRow(robot, joint, of, multiplier, offset, name)
+    if of in moving and joint in robot.locked and multiplier != 0:
+        return CouplingRow(robot, of, None, 1.0, (robot.locked[joint] - offset) / multiplier, name)
+    return None
+
+
+def _single(name: str, robot: Robot) -> pin.JointModel:
+    joint = robot.model.joints[robot.joint_id(name)]
+    if joint.nv != 1:
+        raise ModelError(f"joint '{name}' has {joint.nv} degrees of freedom: only joints with one can be coupled")
+    return joint
+
+
+def _position(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
+    i = joint.idx_q
+    return np.asarray(np.arctan2(q[..., i + 1], q[..., i]) if joint.nq == 2 else q[..., i])
+
+
+def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:
+    """What full turns that were forgotten add to the gap: multiples of this. Zero if nothing, None if anything."""
+    if not driver_turns:
+        return 2 * np.pi if joint_turns else 0.0
+    if not joint_turns:
+        return 2 * np.pi * abs(ratio)
+    fraction = Fraction(ratio).limit_denominator(_LARGEST_DENOMINATOR)
+    if abs(float(fraction) - ratio) > 1e-12 * abs(ratio):
+        return None
+    return 2 * np.pi / fraction.denominator

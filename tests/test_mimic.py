@@ -1,0 +1,187 @@
+"""Joints that a robot's file couples: ``<mimic>`` in a URDF, ``<equality>`` in MJCF."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.robots.sources.description import Mimic
+from rnc_pin.scenario.builder import build_experiment
+from rnc_pin.scenario.loading import validate
+
+LINK = (
+    '<link name="{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>'
+    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{0}" type="{3}"><parent link="{1}"/><child link="{2}"/><origin xyz="0.4 0 0"/>'
+    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="9" velocity="9"/>{4}</joint>'
+)
+
+
+def arm(tmp_path, a="", b="", c="", kind="revolute", **settings):
+    """Three hinges in a row, a to c, each with what is given inside its element."""
+    joints = [
+        JOINT.format(name, *links, kind, inside)
+        for name, links, inside in (("a", ("base", "one"), a), ("b", ("one", "two"), b), ("c", ("two", "three"), c))
+    ]
+    links = ['<link name="base"/>', *(LINK.format(name) for name in ("one", "two", "three"))]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{"".join(links)}{"".join(joints)}</robot>')
+    return rnc.Robot.from_urdf(path, **settings)
+
+
+def mimic(of, multiplier=1, offset=0):
+    return f'<mimic joint="{of}" multiplier="{multiplier}" offset="{offset}"/>'
+
+
+def positions(system, **joints):
+    q = system.assembled(system.robot.configuration(joints), hold=list(joints))
+    return system.robot.joint_values(q)
+
+
+def test_a_mimic_joint_follows(tmp_path):
+    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        system = rnc.NonholonomicSystem(robot, [], ["a", "b", "c"])  # an actuator on it is no mistake
+    assert system.constraints.names == ("coupling(b, a)",)
+    np.testing.assert_allclose(system.constraints.places[0].block.matrix, [[2, 1, 0]])
+    assert positions(system, a=0.3)["b"] == pytest.approx(-0.5, abs=1e-9)
+    coupling = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("b", "a", -2, 0.1)], mimic=False)
+    q, v2, T = robot.configuration({"a": 0.2, "c": 0.4}), [0.3, -0.2], [0.5, -0.1, 0.2]
+    other = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("b", "a", -2, 0.1)], ["a", "b", "c"], mimic=False)
+    assert coupling.constraints.names == system.constraints.names
+    outputs = [rnc.JointPosition("a"), rnc.JointPosition("c")]
+    np.testing.assert_array_equal(
+        system.reduce(outputs).forward_dynamics(q, v2, T), other.reduce(outputs).forward_dynamics(q, v2, T)
+    )
+
+
+def test_it_can_be_turned_off(tmp_path):
+    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
+    with pytest.warns(rnc.ModelWarning, match=r"move independently: b \(of a\); couple them \(mimic=True"):
+        assert rnc.NonholonomicSystem(robot, mimic=False).m == 0
+
+
+def test_chains_couple_all(tmp_path):
+    system = rnc.NonholonomicSystem(arm(tmp_path, a=mimic("b", 2), b=mimic("c", -0.5, 0.1)))
+    assert system.r == 1
+    found = positions(system, c=0.4)
+    assert (found["a"], found["b"]) == pytest.approx((-0.2, -0.1), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lock", "multiplier", "held"),
+    [
+        ({"a": 0.3}, -2, {"b": -0.5}),  # the driver
+        ({"b": 0.5}, -2, {"a": -0.2}),  # the joint itself
+        ({}, 0, {"b": 0.1}),
+        ({"a": 0.3}, 0, {"b": 0.1}),
+        ({"b": 0.5}, 0, {}),
+        ({"a": 0.3, "b": -0.5}, -2, {}),
+    ],
+)
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_what_is_locked_holds_the_other(tmp_path, lock, multiplier, held, kind):
+    robot = arm(tmp_path, b=mimic("a", multiplier, 0.1), kind=kind, lock=lock)
+    system = rnc.NonholonomicSystem(robot)
+    assert system.m == len(held)
+    for joint, value in held.items():
+        assert system.constraints.names == ("coupling(b, a)",)
+        assert positions(system)[joint] == pytest.approx(value, abs=1e-9)
+        assert not system.reduce().at(robot.configuration()).R[robot.velocity_indices(joint)].any()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        rnc.JointCoupling("b", "a", -2.0, 0.1),
+        rnc.JointCoupling("b", "a", 3.0),  # the user knows better
+        rnc.JointCoupling("a", "b", -0.5, 0.05),
+        rnc.Pfaffian(lambda q: np.array([[4.0, 2.0, 0.0]]), lambda q, v: np.zeros((1, 3)), ["gear"]),
+    ],
+)
+def test_what_is_coupled_already_is_left_alone(tmp_path, given):
+    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # another ratio is said to move independently
+        system = rnc.NonholonomicSystem(robot, [given])
+    assert system.rows.names == given.bind(robot).names
+
+
+def test_equalities_of_mjcf_couple_too(tmp_path):
+    body = '<body name="{0}" pos="0.4 0 0"><joint name="{1}" axis="0 0 1"/><geom size="0.1" mass="1"/>{2}</body>'
+    bodies = body.format("one", "a", body.format("two", "b", ""))
+    equality = '<equality><joint joint1="b" joint2="a" polycoef="0.1 -2 0 0 0"/></equality>'
+    path = tmp_path / "arm.xml"
+    path.write_text(f'<mujoco model="arm"><worldbody>{bodies}</worldbody>{equality}</mujoco>')
+    system = rnc.NonholonomicSystem(rnc.Robot.from_mjcf(path))
+    assert system.constraints.names == ("coupling(b, a)",)
+    assert system.r == 1
+
+
+def test_a_robot_that_is_mounted_keeps_its_couplings(tmp_path):
+    satellite = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    both = satellite.attach(arm(tmp_path, b=mimic("a", -2, 0.1), lock={"a": 0.3}), "sleigh")
+    system = rnc.NonholonomicSystem(both)
+    assert positions(system)["b"] == pytest.approx(-0.5, abs=1e-9)
+
+
+def test_a_conserved_momentum_and_a_coupling_of_its_joint_exclude_each_other():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    robot.mimics = (Mimic("joint_1", "platform", 1.0, 0.0),)
+    momentum = rnc.MomentumConservation("platform")
+    with pytest.raises(rnc.ConstraintError, match=r"coupling\(joint_1, platform\) drives momentum.*mimic=False"):
+        rnc.NonholonomicSystem(robot, [momentum], ["joint_1"])
+    with pytest.warns(rnc.ModelWarning, match="move independently"):
+        rnc.NonholonomicSystem(robot, [momentum], ["joint_1"], mimic=False)
+
+
+def test_no_motion_left_names_the_way_out(tmp_path):
+    robot = arm(tmp_path, a=mimic("b"), b=mimic("c"), lock={"c": 0.0})
+    with pytest.raises(rnc.ConstraintError, match=r"coupling\(a, b\), coupling\(b, c\).*mimic=False"):
+        rnc.NonholonomicSystem(robot)
+
+
+def test_a_start_that_violates_them_names_the_remedy(tmp_path):
+    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
+    system = rnc.NonholonomicSystem(robot, [], ["a", "c"])
+    reduced = system.reduce([rnc.JointPosition("a"), rnc.JointPosition("c")])
+    hold = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(2)))
+    controller = rnc.control.ComputedTorque(reduced, hold)
+    with pytest.raises(rnc.InputError, match=r"violates coupling\(b, a\) by -0.1 .*system.assembled\(q0\)"):
+        rnc.simulate(reduced, controller, robot.configuration(), 0.1, 0.01)
+    run = rnc.simulate(reduced, controller, system.assembled(robot.configuration(), hold=["a"]), 0.1, 0.01)
+    np.testing.assert_allclose(run.q[:, 1], -2 * run.q[:, 0] + 0.1, atol=1e-11)
+
+
+def test_scenarios_couple_and_assemble(tmp_path):
+    arm(tmp_path, b=mimic("a", -2, 0.1))
+    raw = yaml.safe_load("""
+        robot: {urdf: arm.urdf}
+        actuators: [a, c]
+        outputs: {reducing: [{joint: a}, {joint: c}]}
+        initial: {q: {a: 0.3}}
+        controller: {type: reducing_outputs}
+        simulation: {duration: 0.1, dt: 0.01}
+    """)
+    experiment = build_experiment(validate(raw, "test"), tmp_path)
+    np.testing.assert_allclose(experiment.q0, [0.3, -0.5, 0.0], atol=1e-9)
+    loose = replace(experiment, scenario=validate({**raw, "mimic": False}, "test")).scenario
+    with pytest.warns(rnc.ModelWarning, match="move independently"), pytest.raises(rnc.ConstraintError, match="expect"):
+        build_experiment(loose, tmp_path)
+
+
+def test_a_joint_that_the_file_fixes_holds_nobody(tmp_path):
+    robot = arm(tmp_path, b=mimic("a", -2, 0.1))
+    path = tmp_path / "arm.urdf"
+    path.write_text(path.read_text().replace('name="b" type="revolute"', 'name="b" type="fixed"'))
+    robot = rnc.Robot.from_urdf(path)
+    assert robot.joint_names == ("a", "c")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert rnc.NonholonomicSystem(robot).m == 0
