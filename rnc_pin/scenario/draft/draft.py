@@ -95,9 +95,23 @@ class _Draft:
                 os.path.relpath(each.resolve(), folder.resolve()) for each in wishes.package_dirs
             ]
         self.held = dict(wishes.lock or {})
-        lying = None if "mjcf" in self.entry else "fixed"
-        robot = self.load(lying, self.held)
-        self.site = Site(robot, start_values(robot), Path(source).name)
+        robot, is_rigid = self.lying()
+        self.site = Site(robot, start_values(robot), Path(source).name, is_rigid)
+
+    def lying(self) -> tuple[Robot, bool]:
+        """The robot as its file has it; afloat where it is one rigid body, and whether it is."""
+        if "mjcf" in self.entry:
+            return self.load(None, self.held), False
+        try:
+            return self.load("fixed", self.held), False
+        except ModelError as error:
+            try:
+                robot = self.load("free", self.held)
+            except ModelError:
+                raise error from None
+            if robot.nv > 6:
+                raise
+            return robot, True
 
     def load(self, base: str | None, lock: Mapping[str, float]) -> Robot:
         raw = {**self.entry, **({} if base is None else {"base": base}), "lock": dict(lock)}
@@ -124,7 +138,7 @@ class _Draft:
                 yield from self.on_wheels(wheels)
                 return
             axles = find_drawn_axles(site.robot, site.q)
-            if axles:
+            if axles and not site.own_base:
                 yield lambda: on_drawn_axles(axles, site)
         yield lambda: without_wheels(site, asked, self.mass_of_base())
         if asked is None:

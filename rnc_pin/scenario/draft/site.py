@@ -20,11 +20,13 @@ class Site:
         robot: it.
         start: values of joints with one degree of freedom.
         source: what it was read from; names in it help.
+        is_rigid: whether the file has no joint that moves, so that it was given a free base.
     """
 
     robot: Robot
     start: dict[str, float]
     source: str
+    is_rigid: bool = False
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -93,8 +95,3 @@ class Site:
         """Everything in the file that has a name."""
         model = self.robot.model
         return " ".join([self.source, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()
-
-    @cached_property
-    def masses(self) -> dict[int, float]:
-        """Mass [kg] of the links behind each joint, and of the base under its joint's index."""
-        return {index: float(inertia.mass) for index, inertia in enumerate(self.robot.model.inertias)}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 
+import pinocchio as pin
+
+from rnc_pin.errors import few
 from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility
 from rnc_pin.scenario.draft.on_rollers import push
 from rnc_pin.scenario.draft.site import Site
@@ -13,6 +16,7 @@ _HEAVY = 0.5  # share of the mass in the first link above which arms move it rat
 _AFLOAT = re.compile(
     "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
 )
+_WHEEL = re.compile("wheel|tire|tyre")
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
@@ -25,20 +29,35 @@ def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobili
         mass_of_base: of its first link [kg].
     """
     if asked == "planar":
-        return _on_ice(site)
-    own = site.root == 1 and site.robot.model.joints[1].nv == 6
+        return _doubting_wheels(_on_ice(site), site)
+    own = bool(site.root) and site.robot.model.joints[site.root].nv == 6 and not site.is_rigid
     why = "asked for" if asked else "a free joint in the file" if own else _floats(site, mass_of_base)
     if asked == "fixed" or not why:
         kind = why or "no wheels were found, and the first link is taken to be bolted down"
         result = Mobility("fixed", kind, site.frame)
-        if asked is None:
-            result.notes.append("if it floats, as in space: --base free")
-        return result
+        if site.own_base:
+            joints = ", ".join(site.own_base)
+            result.kind = f"joints of the file let it move over the ground: {joints}"
+            result.notes.append(f"{joints} are driven, and the base moves in any direction")
+        elif asked is None:
+            result.notes.append("if it floats, as in space: --base free; if it drives: --base planar")
+        return _doubting_wheels(result, site)
     return _afloat(site, None if own and asked is None else "free", why)
+
+
+def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
+    """Say where links are called wheels and do not turn."""
+    frames = site.robot.model.frames
+    named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
+    if named:
+        result.notes.append(f"links that are called wheels do not turn on level axles at the ground: {few(named)}")
+    return result
 
 
 def _floats(site: Site, mass_of_base: float) -> str:
     """Why it is taken to float, or nothing."""
+    if site.is_rigid:
+        return "one rigid body"
     if site.root or mass_of_base <= 0:
         return ""
     limbs = len(site.robot.model.children[0])
