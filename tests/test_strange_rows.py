@@ -26,6 +26,7 @@ from systems import (
     rolling_base,
 )
 from test_loops import Idle
+from test_regular_everywhere import ACKERMANN
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 DIRT = Path(__file__).parent / "data" / "dirt"
@@ -440,6 +441,20 @@ def test_all_axles_of_a_car_meet_in_its_turning_centre():
             axle = data.oMf[frame].rotation[:, 1]
             assert np.cross(axle, centre - data.oMf[frame].translation)[2] == pytest.approx(0.0, abs=1e-9 * abs(radius))
     assert SCRUB > 0
+
+
+def test_the_row_of_a_car_is_that_of_its_oracle():
+    """As written by hand in test_regular_everywhere, but for the wheelbase and the sign."""
+    robot, wheelbase = ACKERMANN.robot(), ACKERMANN.wheels["fl"][0]
+    pairs = rnc.AckermannSteering("fl_steer", "fr_steer", "br"), ACKERMANN.agreement()
+    ours, theirs = (kind.bind(robot) for kind in pairs)
+    kinematics, generator = Kinematics(robot), np.random.default_rng(6)
+    for _ in range(4):
+        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
+        rates = kinematics.position(q).moving(v).rates()
+        for method in ("jacobian", "jacobian_dot", "drift", "residual"):
+            expected = getattr(theirs, method)(rates) / -wheelbase
+            np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 
 
 def test_a_car_on_a_free_base_stands_and_steers():
