@@ -3,6 +3,8 @@
 from . import analysis, constraints, control, errors, outputs, planning, robots, simulation
 from .analysis import Linearization, Report, analyze, linearize
 from .constraints import (
+    AckermannSteering,
+    Caster,
     JointCoupling,
     LoopClosure,
     MomentumConservation,
@@ -56,6 +58,8 @@ from .simulation import (
 from .version import __version__
 
 __all__ = [
+    "AckermannSteering",
+    "Caster",
     "ConfigurationError",
     "ConstraintError",
     "Distance",

@@ -217,6 +217,79 @@ def bicycle() -> rnc.ReducedModel:
     )
 
 
+def rolling_base(wheels: dict[str, tuple[float, float]], radius: float, base: str = "planar") -> pin.Model:
+    """A body with wheels about its y axis at places (x, y): frames "base" and of the wheels' names."""
+    model = pin.Model()
+    model.name = "rolling base"
+    joint = {"planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}[base]()
+    carrier = model.addJoint(0, joint, pin.SE3.Identity(), "root_joint")
+    body = pin.Inertia(20.0, np.array([0.05, 0.02, 0.1]), np.diag([0.5, 0.7, 0.9]))
+    model.appendBodyToJoint(carrier, body, pin.SE3.Identity())
+    model.addFrame(pin.Frame("base", carrier, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    for name, (x, y) in wheels.items():
+        add_wheel(model, carrier, name, pin.SE3(np.eye(3), np.array([x, y, 0.0])), radius)
+    return model
+
+
+def add_wheel(model: pin.Model, carrier: int, name: str, place: pin.SE3, radius: float) -> None:
+    """A wheel that turns about the y axis of its place on joint "<name>_spin", with a frame of its name."""
+    wheel = model.addJoint(carrier, pin.JointModelRUBY(), place, f"{name}_spin")
+    inertia = pin.Inertia(1.5, np.zeros(3), 1.5 * radius**2 * np.diag([0.3, 0.5, 0.3]))
+    model.appendBodyToJoint(wheel, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame(name, wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+
+
+CORNERS = {"fl": (0.3, 0.25), "fr": (0.3, -0.25), "bl": (-0.3, 0.25), "br": (-0.3, -0.25)}
+ROLLERS = {"fl": -np.pi / 4, "fr": np.pi / 4, "bl": np.pi / 4, "br": -np.pi / 4}
+WHEEL = 0.08
+
+
+@cache
+def mecanum() -> rnc.ReducedModel:
+    """A base on four Mecanum wheels, which goes in any direction."""
+    wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    robot = rnc.Robot(rolling_base(CORNERS, WHEEL))
+    system = rnc.NonholonomicSystem(robot, wheels, [f"{name}_spin" for name in CORNERS])
+    return system.reduce(
+        [rnc.FrameSpeed("base", "x"), rnc.FrameSpeed("base", "y"), rnc.FrameYaw("base")],
+        [rnc.FramePosition("base", "xy")],
+    )
+
+
+WHEELBASE, TRACK, SCRUB = 1.1, 0.6, 0.07
+
+
+def ackermann_robot(first: str = "left", base: str = "planar") -> rnc.Robot:
+    """A car whose rear axle carries its origin; left steers about an axis up, right about one down, continuously.
+
+    Front wheels stand beside their pivots, along their own axles.
+    """
+    model = rolling_base({"bl": (0.0, TRACK / 2), "br": (0.0, -TRACK / 2)}, WHEEL, base)
+    carrier = model.getJointId("root_joint")
+    kinds = {
+        "left": (1, pin.JointModelRZ(), np.eye(3)),
+        "right": (-1, pin.JointModelRUBZ(), np.diag([1.0, -1.0, -1.0])),
+    }
+    for side in ("left", "right") if first == "left" else ("right", "left"):
+        sign, kind, axes = kinds[side]
+        pivot = pin.SE3(axes, np.array([WHEELBASE, sign * TRACK / 2, 0.0]))
+        knuckle = model.addJoint(carrier, kind, pivot, f"{side}_steer")
+        model.appendBodyToJoint(knuckle, pin.Inertia(0.8, np.array([0, 0.03, 0]), 0.01 * np.eye(3)), pin.SE3.Identity())
+        add_wheel(model, knuckle, f"f{side[0]}", pin.SE3(np.eye(3), np.array([0.0, SCRUB, 0.0])), WHEEL)
+    return rnc.Robot(model)
+
+
+@cache
+def ackermann_car() -> rnc.ReducedModel:
+    """Four rolling wheels and a steering linkage: speed and one steering freedom."""
+    wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
+    steering = rnc.AckermannSteering("left_steer", "right_steer", "bl")
+    system = rnc.NonholonomicSystem(ackermann_robot(), [*wheels, steering], ["left_steer", "bl_spin", "br_spin"])
+    return system.reduce(
+        [rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")], [rnc.FrameYaw("base"), rnc.FramePosition("fl", "xy")]
+    )
+
+
 ALL = {
     function.__name__: function
     for function in (
@@ -232,6 +305,8 @@ ALL = {
         tumbling_panda,
         four_bar,
         bicycle,
+        mecanum,
+        ackermann_car,
     )
 }
 

@@ -1,5 +1,7 @@
 """Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file a kind."""
 
+from rnc_pin.constraints.ackermann_steering import AckermannSteering
+from rnc_pin.constraints.caster import Caster
 from rnc_pin.constraints.joint_coupling import JointCoupling
 from rnc_pin.constraints.loop_closure import LoopClosure
 from rnc_pin.constraints.momentum import MomentumConservation
@@ -9,6 +11,8 @@ from rnc_pin.constraints.rolling_ball import RollingBall
 from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
 
 __all__ = [
+    "AckermannSteering",
+    "Caster",
     "JointCoupling",
     "LoopClosure",
     "MomentumConservation",

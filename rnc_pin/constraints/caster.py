@@ -36,8 +36,8 @@ class Caster:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
         >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
         >>> system = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("nose", radius=0.1)])
-        >>> system.r, system.assembled(robot.configuration())[2].round(3)  # it stands, and drives as on a plane
-        (2, 0.1)
+        >>> print(system.r, system.assembled(robot.configuration())[2].round(3))  # it stands, and drives as on a plane
+        2 0.1
     """
 
     frame: str

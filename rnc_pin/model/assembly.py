@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.model.independence import TOLERANCE
 from rnc_pin.model.kinematics import Kinematics, Position
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
@@ -57,6 +58,12 @@ class Assembly:
 
     def _residual(self, at: Position) -> np.ndarray:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
+
+    def rank(self, q: np.ndarray) -> int:
+        """How many of the rows are independent at a configuration (nq,)."""
+        if not self._places:
+            return 0
+        return int(np.linalg.matrix_rank(self._jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
     def worst(self, q: np.ndarray) -> tuple[str, float]:
         """The row that is violated most, and by how much."""
@@ -124,7 +131,7 @@ class Assembly:
         raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations: {failure}")
 
     def _step(self, at: Position, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        rows = np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])[:, free]
+        rows = self._jacobian(at)[:, free]
         factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
         # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
         scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
@@ -132,6 +139,9 @@ class Assembly:
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(factor.T, reduced)
         return step
+
+    def _jacobian(self, at: Position) -> np.ndarray:
+        return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
 
     def _moving(self, block: Rows, rows: list[int]) -> list[int]:
         """Rows that are not zero everywhere."""

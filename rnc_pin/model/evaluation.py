@@ -155,13 +155,11 @@ class Evaluation:
         rows = self.all_rows[i]
         if not np.isfinite(rows).all():
             return
-        natural = np.fmax(np.linalg.norm(rows, axis=-1), parts.lengths_of_rows)[:, None]
-        _, triangle, order = scipy.linalg.qr(
-            (rows / np.where(natural > 0, natural, 1.0)).T, mode="economic", pivoting=True
-        )
+        natural = np.fmax(np.linalg.norm(rows, axis=-1), parts.lengths_of_rows)
+        natural = np.where(parts.lengths_of_rows > 0, natural, np.inf)[:, None]  # what is zero elsewhere is rounding
+        _, triangle, order = scipy.linalg.qr((rows / natural).T, mode="economic", pivoting=True)
         if parts.m and not abs(triangle[parts.m - 1, parts.m - 1]) > _DEPENDENT:
             return  # the constraints themselves lose rank
-        natural = np.where(natural > 0, natural, 1.0)
         kept = np.array(parts.kept, dtype=int)
         if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < _WELL:
             kept = np.sort(order[: parts.m])

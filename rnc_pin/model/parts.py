@@ -129,7 +129,10 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
 
 
 def natural_lengths(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
-    """A typical length of each row: the median over configurations (count, nq), or the largest where most are zero."""
+    """A typical length of each row: the median over configurations (count, nq), or the largest where most are zero.
+
+    It is zero for a row that is zero but for rounding, as that of a planar loop across its plane is.
+    """
     stack = RowStack.joined(rows, reducing)
     kinematics = Kinematics(robot, stack.joints)
     found = []
@@ -137,5 +140,6 @@ def natural_lengths(robot: Robot, rows: RowStack, reducing: OutputStack, configu
         with suppress(SingularityError):  # some row is undefined there
             found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
     lengths = np.array(found) if found else np.zeros((1, stack.size))
+    lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)
     typical = np.median(lengths, axis=0)
     return np.where(typical > 0, typical, lengths.max(axis=0))

@@ -213,12 +213,15 @@ class NonholonomicSystem(Printed):
 def _sampled_configurations(assembly: Assembly) -> np.ndarray:
     """Seeded random configurations and the neutral one, (count, nq), which satisfy the holonomic rows.
 
-    Elsewhere the rank of the rows can be another. A neutral configuration that cannot be assembled is left out.
+    Elsewhere the rank of the rows can be another. Left out is a neutral configuration that cannot be assembled, or at
+    which loops lose rank by themselves, as a linkage does that is folded flat: there it can go on in several ways.
     """
     generator = np.random.default_rng(0)
     configurations = [assembly.random_configuration(generator) for _ in range(_SAMPLES)]
     with suppress(ConstraintError, SingularityError):
-        configurations.append(assembly.project(assembly.robot.configuration()))
+        neutral = assembly.project(assembly.robot.configuration())
+        if assembly.rank(neutral) >= max(map(assembly.rank, configurations)):
+            configurations.append(neutral)
     return np.stack(configurations)
 
 

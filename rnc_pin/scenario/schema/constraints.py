@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from rnc_pin.constraints import (
+    AckermannSteering,
+    Caster,
     JointCoupling,
     LoopClosure,
     MomentumConservation,
@@ -22,6 +24,8 @@ ConstraintItem = Annotated[
         no_side_slip=NoSideSlip,
         rolling_wheel=RollingWheel,
         rolling_ball=RollingBall,
+        caster=Caster,
+        ackermann=AckermannSteering,
         joint_coupling=JointCoupling,
         loop_closure=LoopClosure,
     ),

@@ -1,0 +1,173 @@
+"""The steering of a car: both front wheels turn about one centre."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.math.components import Component, components, packed, packed_vector
+from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
+
+_UPRIGHT = 1e-3  # horizontal part of a unit axis above which it is not vertical
+_APART = 1e-6  # wheelbase or track [m] below which there is none
+
+
+@dataclass(frozen=True)
+class AckermannSteering:
+    """Two steering joints turn so that the axles of their wheels and the fixed axle meet in one centre of rotation.
+
+    It is the linkage of a car, which no URDF has: without it the wheels slip or the car goes nowhere but straight
+    ahead. With angles l and r to the left, wheelbase L and distance w of the pivots, the row is the rate of
+    ``sin(l - r) - w / L sin(l) sin(r)``, which is zero where ``cot(r) - cot(l) = w / L``. It is holonomic, and regular
+    everywhere, straight ahead too.
+
+    L and w are measured at the robot's neutral configuration, where the wheels look straight ahead: the heading is
+    square to the line between the pivots. Wheels may stand beside their pivots along their own axles.
+
+    Args:
+        left, right: the steering joints, whose axes are vertical, up or down; in either order.
+        axle: a frame on the fixed axle, such as a rear wheel.
+
+    Raises:
+        ModelError: no such joint or frame.
+        ConstraintError: joints that do not turn about vertical axes, or whose pivots make no axle ahead of or behind
+            the fixed one.
+
+    Example:
+        >>> import pinocchio as pin
+        >>> model, mass = pin.Model(), pin.Inertia(1.0, np.zeros(3), np.eye(3))
+        >>> for name, pivot in {"left": (1.5, 0.5, 0.0), "right": (1.5, -0.5, 0.0)}.items():
+        ...     joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array(pivot)), name)
+        ...     model.appendBodyToJoint(joint, mass, pin.SE3.Identity())
+        >>> linkage = rnc.AckermannSteering("left", "right", axle="universe")
+        >>> system = rnc.NonholonomicSystem(rnc.Robot(model), [linkage])
+        >>> q = system.assembled(np.array([0.5, 0.0]), hold=["left"])
+        >>> np.diff(1.5 / np.tan(q)).round(6)  # the centre is nearer to the left wheel by the distance of the pivots
+        array([1.])
+    """
+
+    left: str
+    right: str
+    axle: str
+
+    def bind(self, robot: Robot) -> Rows:
+        pivots = [_pivot(self.left, robot), _pivot(self.right, robot)]
+        return _AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
+
+
+class _Pivot(NamedTuple):
+    joint: pin.JointModel
+    where: np.ndarray
+    """In the horizontal plane (2,) [m], at the neutral configuration."""
+    sign: float
+    """1 for an axis that points up, -1 for one that points down."""
+
+
+class _Shape(NamedTuple):
+    """The function f of the angles, and its derivatives; ``f_ll = f_rr = -f``."""
+
+    f: Component
+    f_l: Component
+    f_r: Component
+    f_lr: Component
+
+
+class _AckermannRow(Rows):
+    """``f(l, r) = sin(l - r) - k sin(l) sin(r)`` with k the track over the wheelbase, negative where left is right."""
+
+    holonomic = (True,)
+    units = ("rad/s",)
+
+    def __init__(self, kind: AckermannSteering, pivots: list[_Pivot], ratio: float) -> None:
+        self.names = (f"ackermann({kind.left}, {kind.right})",)
+        self._pivots, self._ratio = pivots, ratio
+
+    def _shape(self, at: Position) -> _Shape:
+        q = components(at.q)
+        (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
+        k = self._ratio
+        cosine, sine = cl * cr + sl * sr, sl * cr - cl * sr  # of l - r
+        return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
+
+    def _row(self, at: Position, l_entry: Component, r_entry: Component) -> np.ndarray:
+        """A row (..., 1, nv) from its entries for unit rates to the left."""
+        size = at.M.shape[-1]
+        row: list[Component] = [0.0] * size
+        for pivot, entry in zip(self._pivots, (l_entry, r_entry), strict=True):
+            row[pivot.joint.idx_v] = pivot.sign * entry
+        return packed([row], l_entry)
+
+    def _rates(self, at: Motion) -> tuple[Component, Component]:
+        """To the left."""
+        v = components(at.v)
+        left, right = (pivot.sign * v[pivot.joint.idx_v] for pivot in self._pivots)
+        return left, right
+
+    def jacobian(self, at: Position) -> np.ndarray:
+        shape = self._shape(at)
+        return self._row(at, shape.f_l, shape.f_r)
+
+    def jacobian_dot(self, at: Rates) -> np.ndarray:
+        f, _, _, f_lr = self._shape(at)
+        left, right = self._rates(at)
+        return self._row(at, f_lr * right - f * left, f_lr * left - f * right)
+
+    def drift(self, at: Motion) -> np.ndarray:
+        f, _, _, f_lr = self._shape(at)
+        left, right = self._rates(at)
+        return packed_vector([2 * f_lr * left * right - f * (left * left + right * right)], f)
+
+    def drift_gradient(self, at: Gradients) -> np.ndarray:
+        _, f_l, f_r, _ = self._shape(at)
+        left, right = self._rates(at)
+        squares, both = left * left + right * right, 2 * left * right
+        return self._row(at, -f_l * squares - f_r * both, -f_r * squares - f_l * both)
+
+    def residual(self, at: Position) -> np.ndarray:
+        f = self._shape(at).f
+        return packed_vector([f], f)
+
+
+def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:
+    """Cosine and sine of a steering angle to the left."""
+    entry = q[pivot.joint.idx_q]
+    if pivot.joint.nq == 2:  # continuous
+        return entry, pivot.sign * q[pivot.joint.idx_q + 1]
+    return np.cos(entry), pivot.sign * np.sin(entry)
+
+
+def _pivot(name: str, robot: Robot) -> _Pivot:
+    index = robot.joint_id(name)
+    joint, data = robot.model.joints[index], robot.model.createData()
+    if joint.nv != 1:
+        raise ConstraintError(f"steering joint '{name}' has {joint.nv} degrees of freedom, expected one")
+    columns = pin.computeJointJacobians(robot.model, data, robot.configuration()).reshape(6, robot.nv)
+    x, y, z = columns[3:, joint.idx_v]
+    if not (abs(z) > 0.5 and np.hypot(x, y) < _UPRIGHT):
+        found = "slides" if not columns[3:, joint.idx_v].any() else f"turns about ({x:.4g}, {y:.4g}, {z:.4g})"
+        raise ConstraintError(f"steering joint '{name}' {found}, expected a vertical axis, (0, 0, 1) or (0, 0, -1)")
+    return _Pivot(joint, data.oMi[index].translation[:2].copy(), float(np.sign(z)))
+
+
+def _track_over_wheelbase(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> float:
+    frame, data = robot.frame_id(kind.axle), robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.configuration())
+    left, right = (pivot.where for pivot in pivots)
+    apart = left - right
+    track = float(np.linalg.norm(apart))
+    ahead = left - data.oMf[frame].translation[:2]
+    # Of the line between the pivots before the axle, where the first is to the left; negative where it is to the right.
+    wheelbase = float(ahead[0] * apart[1] - ahead[1] * apart[0]) / track if track > _APART else 0.0
+    if abs(wheelbase) < _APART:
+        raise ConstraintError(
+            f"steering joints '{kind.left}' and '{kind.right}' make no axle beside that of frame '{kind.axle}': their "
+            f"pivots are {track:.3g} m apart, on a line that is {abs(wheelbase):.3g} m from it"
+        )
+    return track / wheelbase

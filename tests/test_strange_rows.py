@@ -1,0 +1,517 @@
+"""Rows that published robots need: rollers, skidding wheels, casters, points beside frames, the steering of a car."""
+
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
+from rnc_pin.model.kinematics import Kinematics
+from systems import (
+    CORNERS,
+    ROLLERS,
+    SCRUB,
+    TRACK,
+    WHEEL,
+    WHEELBASE,
+    ackermann_car,
+    ackermann_robot,
+    add_wheel,
+    bicycle,
+    mecanum,
+    random_states,
+    rolling_base,
+)
+from test_loops import Idle
+from test_regular_everywhere import ACKERMANN
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+DIRT = Path(__file__).parent / "data" / "dirt"
+STEERING = rnc.AckermannSteering("left_steer", "right_steer", "bl")
+
+# ---------------------------------------------------------------------- rows against differences
+
+BESIDE = (0.1, -0.2, 0.3)
+KINDS = {
+    "mecanum": (bicycle, rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)),
+    "omni": (bicycle, rnc.RollingWheel("rear", 0.3, roller=0.0)),
+    "skid": (bicycle, rnc.RollingWheel("front", 0.3, lateral=False)),
+    "side slip x": (bicycle, rnc.NoSideSlip("front", "x", at=BESIDE)),
+    "side slip y": (bicycle, rnc.NoSideSlip("front", "y", at=BESIDE)),
+    "side slip z": (bicycle, rnc.NoSideSlip("frame", "z", at=BESIDE)),
+    "caster": (bicycle, rnc.Caster("front", 0.05)),
+    "points": (bicycle, rnc.LoopClosure("rear", "front", "point", BESIDE, (0.0, 0.1, -0.4))),
+    "frames": (bicycle, rnc.LoopClosure("rear", "front", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))),
+    "point of the world": (bicycle, rnc.LoopClosure("universe", "front", "point", BESIDE)),
+    "ackermann": (ackermann_car, STEERING),
+    "ackermann the other way": (ackermann_car, rnc.AckermannSteering("right_steer", "left_steer", "br")),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_rates_of_rows_are_exact(name):
+    """jacobian_dot, drift, drift_gradient and residual by central differences, whether the rows hold or not."""
+    make, kind = KINDS[name]
+    robot = make().robot
+    rows, kinematics, h = kind.bind(robot), Kinematics(robot), 1e-6
+    assert len(rows.names) == len(rows.units) == len(rows.holonomic or rows.names)
+    generator = np.random.default_rng(3)
+    for _ in range(4):
+        q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
+
+        def difference(what, along, q=q):
+            ahead, behind = (
+                what(kinematics.position(pin.integrate(robot.model, q, sign * h * along))) for sign in (1, -1)
+            )
+            return (ahead - behind) / (2 * h)
+
+        def drift(position, v=v):
+            return rows.drift(position.moving(v))
+
+        rates = kinematics.position(q).moving(v).rates()
+        J, J_dot = rows.jacobian(rates), rows.jacobian_dot(rates)
+        assert J.shape == J_dot.shape == (len(rows.names), robot.nv)
+        np.testing.assert_allclose(J_dot, difference(rows.jacobian, v), atol=1e-7 * (1 + np.abs(J_dot).max()))
+        np.testing.assert_allclose(rows.drift(rates), J_dot @ v, atol=1e-11 * (1 + np.abs(J_dot).max()))
+        gradient = rows.drift_gradient(kinematics.gradients(q, v))
+        if gradient is not None:
+            expected = np.stack([difference(drift, e) for e in np.eye(robot.nv)], axis=-1)
+            np.testing.assert_allclose(gradient, expected, atol=1e-6 * (1 + np.abs(expected).max()))
+        if name != "frames":  # whose residual is a logarithm, a rate only where it is zero
+            held = np.array(rows.holonomic or (False,) * len(J))
+            rate = difference(rows.residual, v)
+            np.testing.assert_allclose((J @ v) * held, rate, atol=FINITE_DIFFERENCE)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_many_states_are_as_each(name):
+    make, kind = KINDS[name]
+    robot = make().robot
+    rows, kinematics = kind.bind(robot), Kinematics(robot)
+    generator = np.random.default_rng(4)
+    q = np.stack([robot.random_configuration(generator, 1.0) for _ in range(3)])
+    v = generator.normal(size=(3, robot.nv))
+    many = kinematics.position(q).moving(v).rates()
+    for method in (rows.jacobian, rows.jacobian_dot, rows.drift, rows.residual, rows.lines_of_action):
+        together = method(many)
+        for i in range(3):
+            alone = method(kinematics.position(q[i]).moving(v[i]).rates())
+            pairs = zip(together, alone, strict=True) if isinstance(alone, tuple) else [(together, alone)]
+            for one, other in () if alone is None else pairs:
+                np.testing.assert_allclose(one[i], other, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", ["mecanum", "omni", "skid", "side slip x", "caster"])
+def test_rows_are_drawn_where_they_act(name):
+    """The velocity of the material point at the line of action, along it, is what the row forbids."""
+    make, kind = KINDS[name]
+    robot = make().robot
+    rows, kinematics = kind.bind(robot), Kinematics(robot)
+    frame = robot.frame_id(kind.frame)
+    generator = np.random.default_rng(5)
+    for _ in range(3):
+        q = robot.random_configuration(generator, 1.0)
+        motion = kinematics.position(q).moving(generator.normal(size=robot.nv))
+        points, directions = rows.lines_of_action(motion)
+        velocity, centre = motion.velocity(frame), motion.placement(frame).translation
+        moved = velocity[:3] + np.cross(velocity[3:], points - centre)
+        found = rows.jacobian(motion) @ motion.v
+        expected = np.sum(directions * moved, axis=1)
+        if name == "caster":  # a ball that glides: only the velocity of its centre counts
+            expected = velocity[2:3]
+        np.testing.assert_allclose(found, expected, atol=ROUNDING)
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=ROUNDING)
+
+
+# ---------------------------------------------------------------------- wheels with rollers, and wheels that skid
+
+
+def test_mecanum_wheels_turn_as_the_textbook_says():
+    """radius * rate = v_x + tan(roller) v_y of the wheel's centre, so that three velocities are left."""
+    reduced = mecanum()
+    assert (reduced.m, reduced.r) == (4, 3)
+    assert reduced.constraints.names == tuple(f"roller({name})" for name in ROLLERS)
+    assert [row.name for row in reduced.dropped_rows] == [f"vertical({name})" for name in ROLLERS]
+    for q, v2 in random_states(reduced, 4):
+        speed_x, speed_y, yaw_rate = v2
+        velocity = dict(zip(reduced.robot.velocity_names, reduced.velocity(q, v2), strict=True))
+        for name, (x, y) in CORNERS.items():
+            along, across = speed_x - yaw_rate * y, speed_y + yaw_rate * x
+            expected = (along + np.tan(ROLLERS[name]) * across) / WHEEL
+            assert velocity[f"{name}_spin"] == pytest.approx(expected, abs=ROUNDING)
+    # The usual arrangement, an X of rollers seen from above: to the left where front left and back right turn back.
+    q = reduced.robot.configuration()
+    left = reduced.velocity(q, [0.0, 1.0, 0.0])[3:] * WHEEL
+    np.testing.assert_allclose(left, [-1.0, 1.0, 1.0, -1.0], atol=ROUNDING)
+
+
+def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
+    """The textbook's matrix of a kiwi drive: radius * rate = heading . v + distance * yaw rate."""
+    model, distance = rolling_base({}, WHEEL), 0.2
+    angles = np.array([0.0, 2.0, -2.2])
+    for k, angle in enumerate(angles):
+        # The axle points outwards, so a wheel at angle a heads along (sin a, -cos a).
+        out = pin.SE3(pin.utils.rotate("z", angle - np.pi / 2), distance * np.array([np.cos(angle), np.sin(angle), 0]))
+        add_wheel(model, 1, f"wheel_{k}", out, WHEEL)
+    wheels = [rnc.RollingWheel(f"wheel_{k}", WHEEL, roller=0) for k in range(3)]
+    spins = [f"wheel_{k}_spin" for k in range(3)]
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), wheels, spins).reduce([*map(rnc.JointPosition, spins)])
+    q = reduced.robot.configuration({"root_joint": [0.4, -0.1, 0.6]})
+    rates = np.array([1.0, -2.0, 0.5])
+    base = reduced.velocity(q, rates)[:3]
+    headings = np.stack([np.sin(angles), -np.cos(angles), np.full(3, -distance)], axis=1)
+    np.testing.assert_allclose(headings @ base, WHEEL * rates, atol=ROUNDING)
+
+
+def wheels_about(folder, base, **axes):
+    """A body with wheels on continuous joints about any axes: frames and joints of their names."""
+    inertia = '<mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    parts = [
+        f'<link name="{name}"><inertial>{inertia}</inertial></link><joint name="{name}_spin" type="continuous">'
+        f'<parent link="base"/><child link="{name}"/><origin xyz="0.3 0.2 0" rpy="0.2 0 0"/>'
+        f'<axis xyz="{" ".join(map(str, axis))}"/></joint>'
+        for name, axis in axes.items()
+    ]
+    path = folder / "wheels.urdf"
+    body = f'<link name="base"><inertial>{inertia}</inertial></link>'
+    path.write_text(f'<robot name="wheels">{body}{"".join(parts)}</robot>')
+    return rnc.Robot.from_urdf(path, base=base)
+
+
+def test_turning_the_axle_round_does_not_turn_the_roller(tmp_path):
+    robot = wheels_about(tmp_path, "planar", up=(0, 1, 0), down=(0, -1, 0))
+    wheels = [rnc.RollingWheel(name, WHEEL, roller=0.6) for name in ("up", "down")]
+    q = robot.configuration({"root_joint": [0.2, 0.1, 0.7], "up_spin": 0.4, "down_spin": 1.4})
+    rows = {wheel.frame: wheel.bind(robot).jacobian(Kinematics(robot).position(q))[0] for wheel in wheels}
+    np.testing.assert_allclose(rows["up"][:3], -rows["down"][:3], atol=ROUNDING)  # a row for the other heading
+    rates = [rows[name][robot.velocity_indices(f"{name}_spin")] for name in ("up", "down")]
+    np.testing.assert_allclose(*rates, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("axis", [(0.0, -1.0, 0.0), (0.6, 0.8, 0.0), (-0.48, 0.6, 0.64)])
+def test_a_wheel_rolls_about_an_axis_in_any_direction(axis, tmp_path):
+    """A continuous joint about a skew axis: the contact is where the lowest point of such a disk is, and rests."""
+    robot = wheels_about(tmp_path, "free", wheel=axis)
+    rows, kinematics = rnc.RollingWheel("wheel", WHEEL).bind(robot), Kinematics(robot)
+    generator, frame = np.random.default_rng(1), robot.frame_id("wheel")
+    for _ in range(3):
+        q = robot.random_configuration(generator, 1.0)
+        motion = kinematics.position(q).moving(generator.normal(size=robot.nv))
+        axle = motion.placement(frame).rotation @ np.array(axis)
+        down = np.array([0.0, 0.0, -1.0]) + axle[2] * axle
+        arm = WHEEL * down / np.linalg.norm(down)
+        velocity = motion.velocity(frame)
+        contact = velocity[:3] + np.cross(velocity[3:], arm)
+        ahead = np.cross(axle, [0.0, 0.0, 1.0])
+        ahead /= np.linalg.norm(ahead)
+        expected = [ahead @ contact, np.cross([0.0, 0.0, 1.0], ahead) @ contact, contact[2]]
+        np.testing.assert_allclose(rows.jacobian(motion) @ motion.v, expected, atol=ROUNDING)
+
+
+def test_a_skid_steer_turns_about_the_axle_it_is_given():
+    """Wheels that skid have a rolling and a vertical row; one equivalent axle, off the middle, takes the side slip."""
+    robot = rnc.Robot(rolling_base(CORNERS, WHEEL))
+    behind = -0.12
+    pair = [rnc.RollingWheel(name, WHEEL, lateral=False) for name in ("fl", "fr")]
+    system = rnc.NonholonomicSystem(robot, [*pair, rnc.NoSideSlip("base", at=(behind, 0, 0))], ["fl_spin", "fr_spin"])
+    assert system.rows.names[:2] == ("rolling(fl)", "vertical(fl)")
+    assert system.rows.names[-1] == "no_side_slip(base[-0.12 0 0].y)"
+    reduced = system.reduce(
+        [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *(rnc.JointPosition(f"b{s}_spin") for s in "lr")]
+    )
+    for q, v2 in random_states(reduced, 3):
+        v = reduced.velocity(q, v2)
+        assert v[1] == pytest.approx(-behind * v2[1], abs=ROUNDING)
+        np.testing.assert_allclose(v[3:5] * WHEEL, v2[0] + v2[1] * np.array([-0.25, 0.25]), atol=ROUNDING)
+
+
+def test_radii_of_mecanum_wheels_can_be_estimated():
+    reduced = mecanum()
+    regressor = WheelRegressor(reduced, [UnknownRadius(list(CORNERS))])
+    assert regressor.predicted == tuple(f"roller({name})" for name in CORNERS)
+    model = regressor.estimated(reduced)
+    for q, v2 in random_states(reduced, 3):
+        y, Y = regressor.regress(q, reduced.velocity(q, v2))
+        np.testing.assert_allclose(WHEEL * Y[:, 0], y, atol=ROUNDING)
+        believed = model.at(np.array([WHEEL])).measure(q, v2)
+        np.testing.assert_allclose(believed.v, reduced.velocity(q, v2), atol=ROUNDING)
+
+
+# ---------------------------------------------------------------------- casters
+
+
+def test_a_caster_carries_its_share():
+    """Two wheels and a caster on a free base: it stands at its height, and the moments about the axle balance."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(
+        robot, [*wheels, rnc.Caster("nose", 0.06)], ["left_wheel_joint", "right_wheel_joint"]
+    )
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameSpin("base", "z")])
+    assert "vertical(nose)" in reduced.constraints.names
+    q = reduced.assembled(robot.configuration())
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    assert data.oMf[robot.frame_id("nose")].translation[2] == pytest.approx(0.06, abs=1e-12)
+    com = pin.centerOfMass(robot.model, data, q)
+    axle = data.oMf[robot.frame_id("left_wheel")].translation
+    nose = data.oMf[robot.frame_id("nose")].translation
+    forces = dict(zip(system.rows.names, reduced.contact_forces(q, np.zeros(2), np.zeros(2)), strict=True))
+    weight = 9.81 * pin.computeTotalMass(robot.model)
+    borne = weight * (com[0] - axle[0]) / (nose[0] - axle[0])
+    assert abs(forces["vertical(nose)"]) == pytest.approx(borne, rel=1e-9)
+    planar = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    flat = rnc.NonholonomicSystem(planar, [*wheels, rnc.Caster("nose", 0.1)])
+    assert ("vertical(nose)", "zero at every configuration") in {(row.name, row.reason) for row in flat.dropped_rows}
+
+
+# ---------------------------------------------------------------------- points beside frames
+
+
+def with_frames(robot, frames):
+    """The robot with more frames: name to the frame on which it sits and where."""
+    model = robot.model.copy()
+    for name, (on, placement) in frames.items():
+        carrier = model.frames[model.getFrameId(on)]
+        model.addFrame(pin.Frame(name, carrier.parentJoint, carrier.placement * placement, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def test_a_point_beside_a_frame_is_as_a_frame_there():
+    turned = (0.3, -0.5, 1.1)
+    back = pin.rpy.rpyToMatrix(np.array(turned)).T
+    robot = with_frames(
+        bicycle().robot,
+        {
+            "a": ("rear", pin.SE3(np.eye(3), np.array(BESIDE))),
+            "b": ("front", pin.SE3(np.eye(3), np.array([0.0, 0.1, -0.4]))),
+            "b_turned": ("front", pin.SE3(back, np.array([0.0, 0.1, -0.4]))),
+        },
+    )
+    offsets = {"offset_a": BESIDE, "offset_b": (0.0, 0.1, -0.4)}
+    pairs = [
+        (rnc.NoSideSlip("rear", "z", at=BESIDE), rnc.NoSideSlip("a", "z")),
+        (rnc.LoopClosure("rear", "front", "point", **offsets), rnc.LoopClosure("a", "b", "point")),
+        (rnc.LoopClosure("rear", "front", "frame", **offsets, rpy=turned), rnc.LoopClosure("a", "b_turned")),
+    ]
+    generator, kinematics = np.random.default_rng(2), Kinematics(robot)
+    for _ in range(3):
+        q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
+        rates = kinematics.position(q).moving(v).rates()
+        for pair in pairs:
+            ours, theirs = (each.bind(robot) for each in pair)
+            for method in ("jacobian", "jacobian_dot", "drift", "residual"):
+                expected = getattr(theirs, method)(rates)
+                np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
+
+
+def test_two_points_of_two_frames_make_a_hinge():
+    """Rows at other points have names of their own, so both can be there: two points held leave one freedom."""
+    robot = rnc.Robot(rolling_base({}, WHEEL, "free"))
+    points = [(0.0, 0.2, 0.0), (0.0, -0.2, 0.0)]
+    loops = [rnc.LoopClosure("universe", "base", "point", point, point) for point in points]
+    system = rnc.NonholonomicSystem(robot, loops)
+    assert (len(set(system.rows.names)), system.m, system.r) == (6, 5, 1)
+
+
+def five_bar(exact=True, apart=True):
+    text = (DIRT / "five_bar.urdf").read_text()
+    if exact:
+        text = text.replace("1.57075", repr(np.pi / 2)).replace("3.141592", repr(np.pi))
+    return text if apart else text.replace('xyz="0.02 ', 'xyz="0 ').replace('xyz="-0.02 ', 'xyz="0 ')
+
+
+FOOT = rnc.LoopClosure("right_shin", "left_shin", "point", (0, 0.005, 0.2), (0, 0.01, 0.2))
+MOTORS = ["right_motor_joint", "left_motor_joint"]
+
+
+def foot_of(text, folder):
+    path = folder / "leg.urdf"
+    path.write_text(text)
+    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [FOOT], MOTORS)
+
+
+def test_a_leg_of_two_halves_is_assembled_and_stays_so(tmp_path):
+    """As Minitaur has it: the loop leaves the two motors, is closed from zero angles, and stays closed as it falls."""
+    system = foot_of(five_bar(), tmp_path)
+    assert (system.n, system.r) == (4, 2)
+    neutral = system.robot.configuration()
+    assert np.abs(system.assembly.residual(neutral)).max() == pytest.approx(0.04)
+    assert np.abs(system.assembly.residual(system.assembled(neutral))).max() < 1e-13
+    reduced = system.reduce([rnc.JointPosition(motor) for motor in MOTORS])
+    start = dict.fromkeys(MOTORS, 1.4) | {"right_knee": -2.2, "left_knee": -2.2}
+    q = system.assembled(system.robot.configuration(start), hold=MOTORS)
+    run = rnc.simulate(reduced, Idle(2), q, 0.3, 0.002)
+    assert np.ptp(run.v2) > 0.1
+    assert run.position_residual.max() < 1e-12
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-5)
+
+
+def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
+    """Motors about one axis, as Minitaur has them: zero angles fold the halves, where the loop branches."""
+    system = foot_of(five_bar(apart=False), tmp_path)
+    assert system.r == 2
+    neutral = system.robot.configuration()
+    assert np.abs(system.assembly.residual(neutral)).max() < 1e-15
+    for reduced in (system.reduce(), system.reduce([rnc.JointPosition(motor) for motor in MOTORS])):
+        with pytest.raises(rnc.SingularityError, match="closure_z"):
+            _ = reduced.at(neutral).R
+        assert np.isfinite(reduced.at(reduced.random_configuration(np.random.default_rng(0))).R).all()
+
+
+@pytest.mark.parametrize(
+    ("loop", "error", "words"),
+    [
+        (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "leave out rpy"),
+        (
+            rnc.LoopClosure("rear", "front", "point", (0, 1)),
+            rnc.ConfigurationError,
+            "point on frame 'rear': expected three",
+        ),
+        (rnc.LoopClosure("rear", "front", rpy=(0, np.nan, 1)), rnc.ConfigurationError, "rpy of the loop of 'rear' and"),
+        (rnc.NoSideSlip("frame", at=(0, 1)), rnc.ConfigurationError, "expected three finite numbers, found"),
+        (rnc.NoSideSlip("fram", at=(0, 1, 0)), rnc.ModelError, "did you mean 'frame'"),
+        (
+            rnc.Caster("frame", -0.1),
+            rnc.ConstraintError,
+            "radius of caster 'frame' has to be zero or positive, found -0.1",
+        ),
+        (rnc.Caster("fram", 0.1), rnc.ModelError, "did you mean 'frame'"),
+        (
+            rnc.RollingWheel("rear", 0.3, roller=1.6),
+            rnc.ConstraintError,
+            "roller of wheel 'rear' has to point less than",
+        ),
+        (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
+        (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
+        (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "leave out lateral=False"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(loop, error, words):
+    with pytest.raises(error, match=words) as caught:
+        loop.bind(bicycle().robot)
+    assert "\n" not in str(caught.value)
+
+
+# ---------------------------------------------------------------------- the steering of a car
+
+
+@pytest.mark.parametrize("order", list(permutations(("fl", "fr", "bl", "br"), 4))[::5])
+@pytest.mark.parametrize("first", ["left", "right"])
+def test_a_car_has_a_speed_and_one_steering_freedom(order, first):
+    """Turning and straight ahead, the wheels in any order, the linkage before or behind them."""
+    robot = ackermann_robot(first)
+    wheels = [rnc.RollingWheel(name, WHEEL) for name in order]
+    kinds = (
+        [STEERING, *wheels] if first == "left" else [*wheels, rnc.AckermannSteering("right_steer", "left_steer", "br")]
+    )
+    system = rnc.NonholonomicSystem(robot, kinds, ["left_steer", "bl_spin", "br_spin"])
+    assert (system.n, system.m, system.r) == (9, 7, 2)
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left_steer")])
+    for angle in (0.0, 1e-9, 1e-4, -0.5, 0.9):
+        q = system.assembled(robot.configuration({"left_steer": angle}), hold=["left_steer"])
+        scaled = reduced.at(q).all_rows
+        values = np.linalg.svd(scaled, compute_uv=False)
+        assert values[6] > 1e-3, "seven rows are independent"
+        assert values[7] < 1e-12, "and no more"
+        assert np.isfinite(reduced.forward_dynamics(q, [1.0, 0.2], np.ones(3))).all()
+
+
+def test_all_axles_of_a_car_meet_in_its_turning_centre():
+    """Independent: every wheel's centre moves square to the line to the centre, found from speed and yaw rate."""
+    reduced = ackermann_car()
+    robot = reduced.robot
+    data = robot.model.createData()
+    for q, v2 in random_states(reduced, 6):
+        v = reduced.velocity(q, v2)
+        pin.forwardKinematics(robot.model, data, q, v)
+        pin.updateFramePlacements(robot.model, data)
+        radius = v[0] / v[2]
+        angles = robot.joint_values(q)
+        left, right = angles["left_steer"], -angles["right_steer"]
+        assert np.tan(left) == pytest.approx(WHEELBASE / (radius - TRACK / 2), rel=1e-9)
+        assert np.tan(right) == pytest.approx(WHEELBASE / (radius + TRACK / 2), rel=1e-9)
+        base = data.oMf[robot.frame_id("base")]
+        centre = base.act(np.array([0.0, radius, 0.0]))
+        for wheel in ("fl", "fr", "bl", "br"):
+            frame = robot.frame_id(wheel)
+            axle = data.oMf[frame].rotation[:, 1]
+            assert np.cross(axle, centre - data.oMf[frame].translation)[2] == pytest.approx(0.0, abs=1e-9 * abs(radius))
+    assert SCRUB > 0
+
+
+def test_the_row_of_a_car_is_that_of_its_oracle():
+    """As written by hand in test_regular_everywhere, but for the wheelbase and the sign."""
+    robot, wheelbase = ACKERMANN.robot(), ACKERMANN.wheels["fl"][0]
+    pairs = rnc.AckermannSteering("fl_steer", "fr_steer", "br"), ACKERMANN.agreement()
+    ours, theirs = (kind.bind(robot) for kind in pairs)
+    kinematics, generator = Kinematics(robot), np.random.default_rng(6)
+    for _ in range(4):
+        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
+        rates = kinematics.position(q).moving(v).rates()
+        for method in ("jacobian", "jacobian_dot", "drift", "residual"):
+            expected = getattr(theirs, method)(rates) / -wheelbase
+            np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
+
+
+def test_a_car_on_a_free_base_stands_and_steers():
+    robot = ackermann_robot(base="free")
+    wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
+    system = rnc.NonholonomicSystem(robot, [*wheels, STEERING], ["left_steer", "bl_spin", "br_spin"])
+    assert system.r == 2
+    q = system.assembled(robot.configuration({"left_steer": 0.4}), hold=["left_steer"])
+    assert q[2] == pytest.approx(WHEEL, abs=1e-12)
+
+
+def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
+    model = rolling_base({"fl": (0.0, 0.3), "fr": (0.0, -0.3)}, WHEEL)
+    for name, y in (("left", 0.3), ("right", -0.3)):
+        joint = model.addJoint(1, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([-1.1, y, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        add_wheel(model, joint, f"b{name[0]}", pin.SE3.Identity(), WHEEL)
+    wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [*wheels, rnc.AckermannSteering("left", "right", "fl")])
+    assert system.r == 2
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left")])
+    q = system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"])
+    v = reduced.velocity(q, [1.0, 0.0])
+    assert v[2] == pytest.approx(
+        1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9
+    )  # to the left, about a centre beyond the left wheel
+
+
+def test_steering_that_is_none_is_refused():
+    model = ackermann_robot().model.copy()
+    here = pin.SE3.Identity()
+
+    def add(name, kind, where):
+        joint = model.addJoint(1, kind, pin.SE3(np.eye(3), np.array(where)), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), here)
+
+    add("leaning", pin.JointModelRevoluteUnaligned(np.array([0.1, 0.0, np.sqrt(0.99)])), [1.0, 0.3, 0.0])
+    add("sliding", pin.JointModelPZ(), [1.0, 0.3, 0.0])
+    add("beside", pin.JointModelRZ(), [0.0, 0.9, 0.0])
+    add("also_beside", pin.JointModelRZ(), [0.0, -0.9, 0.0])
+    robot = rnc.Robot(model)
+    for left, right, axle, error, words in (
+        (
+            "left_steer",
+            "leaning",
+            "bl",
+            rnc.ConstraintError,
+            r"'leaning' turns about \(0.1, 0, 0.995\), expected a vertical",
+        ),
+        ("left_steer", "sliding", "bl", rnc.ConstraintError, "'sliding' slides, expected a vertical axis"),
+        ("left_steer", "fl_spin", "bl", rnc.ConstraintError, r"'fl_spin' turns about \(0, 1, 0\)"),
+        ("left_steer", "root_joint", "bl", rnc.ConstraintError, "'root_joint' has 3 degrees of freedom, expected one"),
+        ("left_steer", "left_steer", "bl", rnc.ConstraintError, "pivots are 0 m apart"),
+        ("beside", "also_beside", "bl", rnc.ConstraintError, "1.8 m apart, on a line that is 0 m from it"),
+        ("left_stear", "right_steer", "bl", rnc.ModelError, "did you mean 'left_steer'"),
+        ("left_steer", "right_steer", "b", rnc.ModelError, "no frame 'b'"),
+    ):
+        with pytest.raises(error, match=words) as caught:
+            rnc.AckermannSteering(left, right, axle).bind(robot)
+        assert "\n" not in str(caught.value)
