@@ -33,8 +33,9 @@ class NonholonomicSystem(Printed):
     """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
-    were and why they add nothing. Rows that are dependent but for rounding count as dependent, and those that nearly are
-    do not; a ``ModelWarning`` names either. The rank is that at configurations which satisfy the holonomic rows.
+    were and why they add nothing. Rows that are dependent but for rounding count as dependent, and those that
+    nearly are do not; a ``ModelWarning`` names either. The rank is that at configurations
+    which satisfy the holonomic rows.
 
     Args:
         robot: the robot.
