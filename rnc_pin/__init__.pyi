@@ -1,7 +1,7 @@
 """What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
 
 from . import analysis, constraints, control, errors, outputs, planning, robots, simulation
-from .analysis import Linearization, Report, analyze, linearize
+from .analysis import Equilibrium, Linearization, Report, analyze, equilibrium, linearize
 from .constraints import (
     AckermannSteering,
     Caster,
@@ -64,6 +64,7 @@ __all__ = [
     "ConstraintError",
     "Distance",
     "DivergenceError",
+    "Equilibrium",
     "FrameForce",
     "FrameOrientation",
     "FramePosition",
@@ -105,6 +106,7 @@ __all__ = [
     "analyze",
     "constraints",
     "control",
+    "equilibrium",
     "errors",
     "free_motion",
     "kinematic_rollout",

@@ -1,5 +1,6 @@
 """What a system can do, before it is controlled."""
 
+from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
 from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
@@ -10,6 +11,7 @@ from rnc_pin.analysis.singularities import Singularity
 
 __all__ = [
     "Block",
+    "Equilibrium",
     "Evidence",
     "Integrability",
     "Linearization",
@@ -19,6 +21,7 @@ __all__ = [
     "Spread",
     "analyze",
     "classify",
+    "equilibrium",
     "growth_vector",
     "integrability",
     "lemma_1_residuals",

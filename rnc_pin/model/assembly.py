@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.model.independence import TOLERANCE
+from rnc_pin.model.independence import ROUNDING, TOLERANCE, natural_lengths, select_independent
 from rnc_pin.model.kinematics import Kinematics, Position
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
 _EXACT = 1e-14  # a residual that cannot be made much smaller [m or rad]
 _GOOD = 1e-11  # one at which the rows count as satisfied
+_ROUNDED = 1e-4  # the same of rows that follow from others but for a file's few digits
 _DEPENDENT = 1e-9  # relative singular value below which a direction is not corrected
 _LONGEST = 0.5  # step [rad or m]
 _STEPS, _HALVINGS, _TRIES = 100, 12, 100
@@ -26,18 +28,19 @@ class Assembly:
 
     The step ``dq = -M^-1 A^T (A M^-1 A^T)^+ residual`` is orthogonal, in the metric of the inertia matrix M, to every
     velocity that the holonomic rows allow: a correction has no momentum along the motion that is left. Dependent
-    rows are welcome, as planar loops have them.
+    rows are welcome, as planar loops have them: where the others are satisfied, they are to the digits of a file.
 
     Args:
         robot: whose configurations they are.
         blocks: bound rows; those that are not holonomic are left out, and those ``on_ground`` that no joint moves.
+        merged: names of rows that depend on others but for rounding, beside those that do so at any configuration.
 
     Attributes:
         names: of the holonomic rows, (h,).
         size: their number h.
     """
 
-    def __init__(self, robot: Robot, blocks: Sequence[Rows]) -> None:
+    def __init__(self, robot: Robot, blocks: Sequence[Rows], merged: Collection[str] = ()) -> None:
         self.robot = robot
         self._kinematics = Kinematics(robot, {joint for block in blocks for joint in block.joints})
         self._places: list[tuple[Rows, list[int]]] = []
@@ -49,6 +52,8 @@ class Assembly:
                 self._places.append((block, rows))
         self.names = tuple(block.names[row] for block, rows in self._places for row in rows)
         self.size = len(self.names)
+        dependent = {*merged, *self._dependent()} if self.size > 1 else set()
+        self._leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """How far configurations (..., nq) are from satisfying the rows, (..., h) [m or rad]."""
@@ -63,7 +68,7 @@ class Assembly:
         """How many of the rows are independent at a configuration (nq,)."""
         if not self._places:
             return 0
-        return int(np.linalg.matrix_rank(self._jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
+        return int(np.linalg.matrix_rank(self.jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
     def worst(self, q: np.ndarray) -> tuple[str, float]:
         """The row that is violated most, and by how much."""
@@ -92,29 +97,42 @@ class Assembly:
         free = np.ones(self.robot.nv, dtype=bool)
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
+        found, residual = self._descended(q, free, self._leading)
+        if not self._leading.all() and not self._good(residual):
+            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool))
+            if np.abs(residual).max() <= _GOOD:
+                return found
+        elif self._good(residual):
+            return found
+        row = int(np.argmax(np.abs(residual)))
+        raise ConstraintError(
+            f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} is left "
+            f"{abs(residual[row]):.3g} from zero"
+        )
+
+    def _good(self, residual: np.ndarray) -> bool:
+        """Whether the rows are satisfied; those that only rounding makes independent, to what it leaves."""
+        return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
+
+    def _descended(self, q: np.ndarray, free: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A configuration at which the residual of some rows (h,) is smallest near q, and that of all rows."""
         here = self._kinematics.position(q)
         residual = self._residual(here)
         for _ in range(_STEPS):
-            if np.abs(residual).max() <= _EXACT:
+            if np.abs(residual[rows]).max() <= _EXACT:
                 break
-            step = self._step(here, residual, free)
+            step = self._step(here, residual, free, rows)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
             for _ in range(_HALVINGS):
                 ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step))
                 left = self._residual(ahead)
-                if np.linalg.norm(left) < np.linalg.norm(residual):
+                if np.linalg.norm(left[rows]) < np.linalg.norm(residual[rows]):
                     break
                 step = 0.5 * step
             else:
                 break
             here, q, residual = ahead, ahead.q, left
-        if not np.abs(residual).max() <= _GOOD:
-            row = int(np.argmax(np.abs(residual)))
-            raise ConstraintError(
-                f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} is left "
-                f"{abs(residual[row]):.3g} from zero"
-            )
-        return q
+        return q, residual
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
         """``Robot.random_configuration``, projected; drawn again where that fails.
@@ -130,26 +148,60 @@ class Assembly:
                 failure = error
         raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations: {failure}")
 
-    def _step(self, at: Position, residual: np.ndarray, free: np.ndarray) -> np.ndarray:
-        rows = self._jacobian(at)[:, free]
+    def jacobian(self, at: Position) -> np.ndarray:
+        """The rows (h, nv) at one configuration; the rate of ``residual`` where that is zero."""
+        return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
+
+    @property
+    def leading(self) -> np.ndarray:
+        """Which rows count, (h,): the others follow from them, if only to the digits of a file."""
+        return self._leading
+
+    @property
+    def following(self) -> tuple[str, ...]:
+        """Names of the others."""
+        return tuple(name for name, flag in zip(self.names, self._leading, strict=True) if not flag)
+
+    def _step(self, at: Position, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
+        rows = self.jacobian(at)[which][:, free]
         factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
         # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
         scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
-        reduced = np.linalg.lstsq(scaled, -residual, rcond=_DEPENDENT)[0]
+        reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(factor.T, reduced)
         return step
 
-    def _jacobian(self, at: Position) -> np.ndarray:
-        return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
+    def _dependent(self) -> set[str]:
+        """Rows that depend on others at random configurations, whether these satisfy the rows or not."""
+        found = self._samples_of(self._places)
+        if not found:
+            return set()
+        whole = [np.stack([sample[k] for sample in found]) for k in range(len(self._places))]
+        samples = np.concatenate([each[:, rows] for each, (_, rows) in zip(whole, self._places, strict=True)], axis=1)
+        lengths = [natural_lengths(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
+        try:
+            dropped = select_independent(samples, self.names, lengths=np.concatenate(lengths)).dropped
+        except ConstraintError:
+            return set()  # another rank elsewhere says nothing of that where they are satisfied
+        return {row.name for row in dropped}
 
     def _moving(self, block: Rows, rows: list[int]) -> list[int]:
-        """Rows that are not zero everywhere."""
-        generator, largest = np.random.default_rng(0), np.zeros(len(rows))
+        """Rows that are not zero everywhere, but for rounding."""
+        found = self._samples_of([(block, rows)])
+        if not found:
+            return []
+        samples = np.stack([whole for (whole,) in found])
+        size = np.linalg.norm(samples, axis=-1).max(axis=0)
+        return [row for row in rows if size[row] > max(1e-12, ROUNDING * natural_lengths(block, samples)[row])]
+
+    def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[np.ndarray]]:
+        """All rows of some blocks at random configurations, whether these satisfy them or not."""
+        generator, samples = np.random.default_rng(0), []
         for _ in range(_SAMPLES):
             position = self._kinematics.position(self.robot.random_configuration(generator))
-            try:
-                largest = np.maximum(largest, np.abs(block.jacobian(position)[rows]).max(axis=1))
-            except SingularityError:
-                continue
-        return [row for row, size in zip(rows, largest, strict=True) if size > 1e-12]
+            with suppress(SingularityError):
+                whole = [block.jacobian(position) for block, _ in places]
+                if all(np.isfinite(each).all() for each in whole):
+                    samples.append(whole)
+        return samples

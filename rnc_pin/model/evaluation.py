@@ -536,7 +536,11 @@ class Evaluation:
         """
         force = self._force(vector(T, self._parts.p, "T"), None)
         unbalanced = self._unbalanced(force, self._accelerated(force))
-        return apply(np.linalg.pinv(self.all_rows.mT, rcond=1e-10), unbalanced)
+        # Rows that are dependent but for rounding are so here too: no more directions than rows are kept.
+        left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
+        counted = (np.arange(values.shape[-1]) < self._parts.m) & (values > 1e-10 * values[..., :1])
+        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
+        return apply_transposed(right, inverses * apply_transposed(left, unbalanced))
 
     @property
     def kinetic_energy(self) -> Array | float:

@@ -4,64 +4,123 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.model.rows import Rows
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
+ROUNDING = 1e-5  # the same, where the digits of a file keep rows from being dependent
 _WELL = 1e-3  # smallest singular value of a set of unit rows that is good enough to be kept in the order given
 
 
 @dataclass(frozen=True)
 class DroppedRow:
-    """A constraint row that adds nothing, and the reason."""
+    """A constraint row that adds nothing, and the reason.
+
+    Attributes:
+        rounding: sine of its angle to the rows that are kept, where it is dependent but for rounding; else 0.
+    """
 
     name: str
     reason: str
+    rounding: float = 0.0
+
+
+class Selection(NamedTuple):
+    """Independent rows."""
+
+    kept: list[int]
+    dropped: list[DroppedRow]
+    margin: float
+    """Smallest singular value of the kept rows, of unit length, at the sample where it is largest."""
+    weak: list[str]
+    """The rows that depend on each other most there."""
 
 
 def select_independent(
-    samples: np.ndarray, names: Sequence[str], rates: np.ndarray | None = None
-) -> tuple[list[int], list[DroppedRow]]:
+    samples: np.ndarray,
+    names: Sequence[str],
+    rates: np.ndarray | None = None,
+    lengths: np.ndarray | None = None,
+) -> Selection:
     """A set of rows that is independent and complete at every sample, if there is one.
 
     Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the rows does not give
     such a set, column-pivoted QR of ``A^T`` proposes others. Where no set serves everywhere it is the best one, and an
-    evaluation chooses others where it has to.
+    evaluation chooses others where it has to. Rows that are dependent to ``ROUNDING`` at every sample, wheels that a
+    rounded angle toes, count as dependent.
 
     Args:
         samples: the rows at several configurations, (samples, k, nv).
         names: of the rows, (k,).
         rates: what ``A v`` has to be, (samples, k), where that is not zero.
+        lengths: beside which a row is zero but for rounding, (k,); 0 for rows that are what they are.
 
     Raises:
         ConstraintError: the rank is not the same at every sample, or a row that depends on others demands another
             velocity than they do.
     """
     scale = np.abs(samples).max(initial=0.0)
-    matrices = unit_rows(np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0))
-    ranks = [_rank(matrix) for matrix in matrices]
-    if len(set(ranks)) > 1:
+    samples = np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0)
+    left = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0)
+    short = np.zeros(len(names), dtype=bool) if lengths is None else (left > 0) & (left < ROUNDING * lengths)
+    matrices = unit_rows(np.where(short[:, None], 0.0, samples))
+    exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
+    # A sample near a singular configuration has a lower rank by the rougher limit alone.
+    rank = max(rough, default=0)
+    if min(exact, default=0) < rank:
         raise ConstraintError(
-            f"rank of the constraints changes with the configuration, from {min(ranks)} to {max(ranks)} "
+            f"rank of the constraints changes with the configuration, from {min(exact)} to {max(exact)} "
             f"of {len(names)} rows ({', '.join(names)}): the reduction needs a constant one"
         )
-    rank = ranks[0] if ranks else 0
-    kept = _choose(matrices, rank)
+    tolerance = ROUNDING if max(exact, default=0) > rank or short.any() else TOLERANCE
+    kept = _choose(matrices, rank, tolerance)
     if rates is not None:
-        _check_consistent(samples, rates, kept, names)
-    others = [row for row in range(len(names)) if row not in kept]
-    return kept, [DroppedRow(names[row], _reason(row, kept, matrices, names)) for row in others]
+        _check_consistent(samples, rates, kept, names, tolerance)
+    dropped = []
+    for row in (row for row in range(len(names)) if row not in kept):
+        if short[row]:
+            size = float(left[row] / (1.0 if lengths is None else lengths[row]))
+            dropped.append(DroppedRow(names[row], f"zero but for rounding ({size:.2g})", size))
+        else:
+            dropped.append(_dropped(row, kept, matrices, names, tolerance))
+    return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
-def _choose(matrices: np.ndarray, rank: int) -> list[int]:
+def natural_lengths(block: Rows, samples: np.ndarray) -> np.ndarray:
+    """Beside what each row of a block is long or short, (k,): its longest row of the same unit; 0 without geometry.
+
+    Args:
+        block: bound rows.
+        samples: all of them at several configurations, (samples, k, nv).
+    """
+    lengths = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0)
+    if not any(block.holonomic):
+        return np.zeros_like(lengths)
+    return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
+
+
+def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> tuple[float, list[str]]:
+    if not len(matrices) or not kept:
+        return 1.0, []
+    best = max((matrix[kept] for matrix in matrices), key=_smallest)
+    left, values, _ = np.linalg.svd(best)
+    weights = np.abs(left[:, -1])
+    return float(values[-1]), [names[row] for row, w in zip(kept, weights, strict=True) if w > 0.1 * weights.max()]
+
+
+def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
     """The first set of rows that is well independent at every sample, or the one that is best at its worst sample."""
     best: list[int] = []
     margin = -1.0
-    for kept in _candidates(matrices, rank):
+    for kept in _candidates(matrices, rank, tolerance):
+        if len(kept) < rank:
+            continue  # of a sample near a singular configuration
         worst = min((_smallest(matrix[kept]) for matrix in matrices), default=1.0)
         if worst > margin:
             best, margin = kept, worst
@@ -70,9 +129,9 @@ def _choose(matrices: np.ndarray, rank: int) -> list[int]:
     return best
 
 
-def _candidates(matrices: np.ndarray, rank: int) -> Iterator[list[int]]:
+def _candidates(matrices: np.ndarray, rank: int, tolerance: float) -> Iterator[list[int]]:
     for matrix in matrices:
-        yield _greedy(matrix, rank)
+        yield _greedy(matrix, rank, tolerance)
     for matrix in matrices if rank else ():
         yield sorted(scipy.linalg.qr(matrix.T, pivoting=True)[2][:rank].tolist())
 
@@ -81,37 +140,43 @@ def _smallest(matrix: np.ndarray) -> float:
     return float(np.linalg.svd(matrix, compute_uv=False)[-1]) if len(matrix) else 1.0
 
 
-def _check_consistent(samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> None:
+def _check_consistent(
+    samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str], tolerance: float
+) -> None:
     for matrix, mu in zip(samples, rates, strict=True):
         v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0] if kept else np.zeros(matrix.shape[1])
         gap = np.abs(matrix @ v - mu)
         row = int(np.argmax(gap))
-        if gap[row] > TOLERANCE * max(np.abs(mu).max(), np.abs(matrix).max() * np.linalg.norm(v)):
+        if gap[row] > tolerance * max(np.abs(mu).max(), np.abs(matrix).max() * np.linalg.norm(v)):
             raise ConstraintError(
                 f"constraint row '{names[row]}' contradicts the others: it has to be {mu[row]:.4g} where they make it "
                 f"{matrix[row] @ v:.4g}"
             )
 
 
-def _rank(matrix: np.ndarray) -> int:
+def _rank(matrix: np.ndarray, tolerance: float) -> int:
     if not matrix.size:
         return 0
-    return int((np.linalg.svd(matrix, compute_uv=False) > TOLERANCE).sum())
+    return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
 
 
-def _greedy(matrix: np.ndarray, rank: int) -> list[int]:
+def _greedy(matrix: np.ndarray, rank: int, tolerance: float) -> list[int]:
     kept: list[int] = []
     for row in range(len(matrix)):
-        if len(kept) < rank and _rank(matrix[[*kept, row]]) == len(kept) + 1:
+        if len(kept) < rank and _rank(matrix[[*kept, row]], tolerance) == len(kept) + 1:
             kept.append(row)
     return kept
 
 
-def _reason(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequence[str]) -> str:
+def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequence[str], tolerance: float) -> DroppedRow:
     if not matrices[:, row].any():
-        return "zero at every configuration"
-    involved = set()
+        return DroppedRow(names[row], "zero at every configuration")
+    involved, rounding = set(), 0.0
     for matrix in matrices:
         weights = np.linalg.lstsq(matrix[list(kept)].T, matrix[row], rcond=None)[0]
-        involved |= {names[k] for k, weight in zip(kept, weights, strict=True) if abs(weight) > TOLERANCE}
-    return "a combination of " + ", ".join(name for name in names if name in involved)
+        involved |= {names[k] for k, weight in zip(kept, weights, strict=True) if abs(weight) > tolerance}
+        rounding = max(rounding, float(np.linalg.norm(matrix[row] - weights @ matrix[list(kept)])))
+    reason = "a combination of " + ", ".join(name for name in names if name in involved)
+    if rounding <= TOLERANCE:
+        return DroppedRow(names[row], reason)
+    return DroppedRow(names[row], f"{reason} but for rounding ({rounding:.2g})", rounding)

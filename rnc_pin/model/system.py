@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import product
 
@@ -14,7 +14,8 @@ from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
-from rnc_pin.model.independence import select_independent
+from rnc_pin.model.independence import Selection, select_independent
+from rnc_pin.model.independence import natural_lengths as lengths_beside
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
 from rnc_pin.model.portrait import system_lines, system_title
@@ -25,13 +26,16 @@ from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
+_THIN = 1e-3  # smallest singular value of unit rows below which something may be wrong with them
 
 
 class NonholonomicSystem(Printed):
     """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
-    were and why they add nothing. The rank is that at configurations which satisfy the holonomic rows.
+    were and why they add nothing. Rows that are dependent but for rounding count as dependent, and those that
+    nearly are do not; a ``ModelWarning`` names either. The rank is that at configurations
+    which satisfy the holonomic rows.
 
     Args:
         robot: the robot.
@@ -82,7 +86,13 @@ class NonholonomicSystem(Printed):
         self.assembly = Assembly(robot, blocks)
         self._samples = _sampled_configurations(self.assembly)
         samples, rates = _sample_rows(self.rows, robot, self._samples)
-        self.kept, self.dropped_rows = select_independent(samples, self.rows.names, rates if self.rows.affine else None)
+        found = select_independent(
+            samples, self.rows.names, rates if self.rows.affine else None, _lengths(self.rows, samples)
+        )
+        self.kept, self.dropped_rows = found.kept, found.dropped
+        merged = {row.name: row.rounding for row in self.dropped_rows if row.rounding}
+        if not {name for name in self.assembly.names if name in merged} <= set(self.assembly.following):
+            self.assembly = Assembly(robot, blocks, merged)
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
@@ -93,6 +103,7 @@ class NonholonomicSystem(Printed):
             )
         self._check_conserved(blocks)
         _warn_of_mimics(robot, samples[:, self.kept])
+        _warn_of_rounding(robot, merged, found)
 
     @property
     def r(self) -> int:
@@ -247,6 +258,11 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
     return np.stack(samples), np.stack(rates)
 
 
+def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:
+    """Beside what each row is zero but for rounding, (k,)."""
+    return np.concatenate([np.zeros(0), *(lengths_beside(block, samples[:, at]) for block, at, _ in rows.places)])
+
+
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
     """Of the rows that a file asks for those that the given ones do not say already."""
     if not blocks or not couplings:
@@ -278,6 +294,24 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
             ModelWarning,
             stacklevel=3,
         )
+
+
+def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selection) -> None:
+    """Warn of rows that a few digits more or less in a file would have made dependent."""
+    words = []
+    if merged:
+        words.append(
+            f"rows that depend on others but for rounding ({max(merged.values()):.2g}) are left out: "
+            f"{few(list(merged))}"
+        )
+    if found.margin < _THIN:
+        words.append(
+            f"rows are nearly dependent (smallest singular value {found.margin:.2g} at best), so that the motion that "
+            f"is left may not be what is meant: {few(found.weak)}"
+        )
+    for each in words:
+        text = f"robot '{robot.name}': {each}; are wheels toed, or loops bent, by a rounded angle?"
+        warnings.warn(text, ModelWarning, stacklevel=3)
 
 
 def _check_unique(names: Sequence[str], what: str) -> None:

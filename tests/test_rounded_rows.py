@@ -1,0 +1,168 @@
+"""Rows that only the digits of a file keep from being dependent, and rows that are nearly dependent."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import Command
+from rnc_pin.model.independence import select_independent
+from rnc_pin.scenario.builder import build_system
+from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
+from rnc_pin.scenario.loading import validate
+from systems import ALL
+
+DIRT = Path(__file__).parent / "data" / "dirt"
+ROUNDED = 1.5708  # for pi / 2
+CUT = 1.57
+
+
+def toed_wheels(base=pin.JointModelPlanar, angle=ROUNDED):
+    """Read by Pinocchio itself, which knows nothing of rounded angles."""
+    text = (DIRT / "toed_wheels.urdf").read_text().replace("1.5708", str(angle))
+    return rnc.Robot(pin.buildModelFromXML(text, base()))
+
+
+WHEELS = [rnc.RollingWheel("left_wheel", 0.05), rnc.RollingWheel("right_wheel", 0.05)]
+AXLES = ["left_axle", "right_axle"]
+
+
+def test_toed_wheels_keep_their_yaw():
+    with pytest.warns(rnc.ModelWarning) as said:
+        system = rnc.NonholonomicSystem(toed_wheels(), WHEELS, AXLES)
+    assert len(said) == 1
+    words = r"rows that depend on others but for rounding (1.8e-07) are left out: lateral(right_wheel)"
+    assert words in str(said[0].message)
+    assert system.r == 2
+    dropped = {row.name: row for row in system.dropped_rows}
+    assert dropped["lateral(right_wheel)"].reason == "a combination of lateral(left_wheel) but for rounding (1.8e-07)"
+    assert dropped["vertical(left_wheel)"].rounding == 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        exact = rnc.NonholonomicSystem(toed_wheels(angle=repr(np.pi / 2)), WHEELS, AXLES)
+    q, T = system.robot.configuration(), [0.3, 0.1]
+    outputs = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
+    rounded, ideal = system.reduce(outputs), exact.reduce(outputs)
+    np.testing.assert_allclose(
+        rounded.forward_dynamics(q, [0.2, 0.5], T), ideal.forward_dynamics(q, [0.2, 0.5], T), rtol=1e-4
+    )
+    np.testing.assert_allclose(
+        rounded.contact_forces(q, [0.2, 0.5], T), ideal.contact_forces(q, [0.2, 0.5], T), rtol=1e-4, atol=1e-5
+    )
+
+
+def test_wheels_that_are_toed_more_are_warned_of():
+    with pytest.warns(
+        rnc.ModelWarning, match=r"nearly dependent \(smallest singular value 2.8e-05 at best.* wheels toed"
+    ) as said:
+        system = rnc.NonholonomicSystem(toed_wheels(angle=CUT), WHEELS, AXLES)
+    assert len(said) == 1
+    assert system.r == 1  # as the file says
+    assert "lateral(left_wheel), lateral(right_wheel)" in str(said[0].message)
+
+
+def four_wheels(angle):
+    """Another pair ahead, one of it a little higher, on a base that is free in space."""
+    model = toed_wheels(pin.JointModelFreeFlyer, angle).model
+    inertia = model.inertias[model.getJointId("left_axle")]
+    for name, y in (("left", 0.15), ("right", -0.15)):
+        place = pin.SE3(pin.rpy.rpyToMatrix(-angle, 0, 0), np.array([0.2, y, 0.05 + 3e-6 * (y > 0)]))
+        joint = model.addJoint(1, pin.JointModelRZ(), place, f"front_{name}_axle")
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"front_{name}_wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def test_heights_of_four_wheels_are_met_to_their_rounding():
+    robot = four_wheels(ROUNDED)
+    wheels = [rnc.RollingWheel(f"{end}{side}_wheel", 0.05) for end in ("", "front_") for side in ("left", "right")]
+    with pytest.warns(rnc.ModelWarning, match="but for rounding"):
+        system = rnc.NonholonomicSystem(robot, wheels, AXLES)
+    assert "vertical(front_right_wheel)" in {row.name for row in system.dropped_rows}
+    q = system.assembled(robot.configuration({"root_joint": [0, 0, 0.01, 0.02, 0.01, 0, 0.9997]}))
+    residual = np.abs(system.assembly.residual(q))
+    assert np.sort(residual)[:3].max() < 1e-11
+    assert 0 < residual.max() < 1e-5
+
+
+def five_bar(angle):
+    """Two arms of two links each, hinges about y made of an angle, to be joined at their tips."""
+    model = pin.Model()
+    model.name = "five-bar"
+    turned = pin.rpy.rpyToMatrix(-angle, 0, 0)
+    for side, x in (("left", -0.1), ("right", 0.1)):
+        place = pin.SE3(turned, np.array([x, 0.0, 0.0]))
+        upper = model.addJoint(0, pin.JointModelRZ(), place, f"{side}_hip")
+        lower = model.addJoint(
+            upper,
+            pin.JointModelRZ(),
+            pin.SE3(pin.rpy.rpyToMatrix(angle - np.pi / 2, 0, 0), np.array([0.2, 0, 0])),
+            f"{side}_knee",
+        )
+        for joint in (upper, lower):
+            inertia = pin.Inertia(1.0, np.array([0.1, 0, 0]), 0.01 * np.eye(3))
+            model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        tip = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+        model.addFrame(pin.Frame(f"{side}_tip", lower, 0, tip, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+class Idle:
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return Command(T=np.zeros(2)), state
+
+
+def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
+    hips = ["left_hip", "right_hip"]
+    loop = [rnc.LoopClosure("left_tip", "right_tip", "point")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        exact = rnc.NonholonomicSystem(five_bar(np.pi / 2), loop, hips)
+    with pytest.warns(rnc.ModelWarning, match="but for rounding") as said:
+        system = rnc.NonholonomicSystem(five_bar(ROUNDED), loop, hips)
+    assert len(said) == 1
+    assert (exact.r, system.r) == (2, 2)
+    start = {"left_hip": 2.2, "right_hip": 0.9, "left_knee": -1.0, "right_knee": 1.0}
+    q = system.assembled(system.robot.configuration(start), hold=hips)
+    np.testing.assert_allclose(q, exact.assembled(exact.robot.configuration(start), hold=hips), atol=1e-4)
+    assert np.abs(system.assembly.residual(q)).max() < 1e-5
+    run = rnc.simulate(system.reduce(map(rnc.JointPosition, hips)), Idle(), q, 0.3, 0.01)
+    same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(), exact.assembled(q), 0.3, 0.01)
+    np.testing.assert_allclose(run.q, same.q, atol=1e-3)
+    assert np.abs(run.q[-1] - run.q[0]).max() > 0.1  # it fell
+
+
+def test_a_sample_near_a_singular_configuration_changes_nothing():
+    good = np.array([[1.0, 0, 0], [0, 1, 0]])
+    close = np.array([[1.0, 0, 0], [1, 1e-6, 0]])
+    found = select_independent(np.stack([good, close]), ["a", "b"])
+    assert found.kept == [0, 1]
+    assert found.margin == 1.0
+    both = np.stack([good, np.array([[1.0, 0, 0], [1, 0, 0]])])
+    with pytest.raises(rnc.ConstraintError, match="changes with the configuration, from 1 to 2"):
+        select_independent(both, ["a", "b"])
+    # Dependent but for rounding, more or less so: no change of the rank.
+    found = select_independent(np.stack([close, np.array([[1.0, 0, 0], [1, 1e-9, 0]])]), ["a", "b"])
+    assert found.kept == [0]
+    assert found.dropped[0].rounding == pytest.approx(1e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_good_systems_are_not_warned_of(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rnc.ModelWarning)
+        assert ALL[name].__wrapped__().r
+
+
+@pytest.mark.parametrize("name", built_in_names())
+def test_built_in_scenarios_are_not_warned_of(name):
+    path = find_scenario(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rnc.ModelWarning)
+        assert build_system(validate(read_yaml(path), name), path.parent).r
