@@ -407,7 +407,7 @@ class Robot(Printed):
     def _check(self) -> None:
         """Refuse what cannot be simulated: no joints, two of one name, and bad inertias."""
         if self.nv == 0:
-            raise ModelError(f"robot '{self.name}' has no moving joint")
+            raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
         for name in self.joint_names:
             if self.joint_names.count(name) > 1:
                 raise ModelError(f"robot '{self.name}' has two joints named '{name}'")

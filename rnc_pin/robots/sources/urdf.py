@@ -65,6 +65,8 @@ def read_urdf(
     if masses:
         give_masses(root, masses, path)
     _check_links(root, path)
+    if base != "fixed" and any(joint.get("name") == "root_joint" for joint in root.findall("joint")):
+        raise ModelError(f"{path}: joint 'root_joint' has the name of a {base} base's own: rename it in the file")
     mimics = _mimics(root, path)
     if snap:
         notes += _snap(root)
@@ -178,6 +180,9 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
             raise ModelError(
                 f"{path}: no root link: link '{seen[-1]}' is in a ring of links, each the parent of the next"
             )
+    roots = [f"[{link}]" for link in dict.fromkeys(links) if link not in parents]
+    if len(roots) > 1:
+        raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
