@@ -43,15 +43,15 @@ MECANUM: dict[str, list[int]] = {"tiago_pro": [1, -1, -1, 1]}
 MASSLESS = ("romeo",)
 
 _NO_INERTIA = "rotational inertia behind joint 'root_joint' is not positive"
-_NO_NAME = "No name given for the robot"
+_NO_LINKS = "has no links"
 _RIGID = "leave no motion of 6 degrees of freedom"
 
 # Robot and constraint: what rnc_pin says of it, and why that is right. Everything else has to pass.
 EXCUSED: dict[tuple[str, str], tuple[str, str]] = {
     ("romeo_laas_small", "momentum"): (_NO_INERTIA, "inertia tensors of base and hips have a negative eigenvalue"),
     ("romeo_laas_small", "knife edge"): (_NO_INERTIA, "inertia tensors of base and hips have a negative eigenvalue"),
-    ("ur3", "momentum"): (_NO_NAME, "its `<robot>` has no name, which a URDF needs; `ur3_robot` is the same arm"),
-    ("ur3", "knife edge"): (_NO_NAME, "its `<robot>` has no name, which a URDF needs; `ur3_robot` is the same arm"),
+    ("ur3", "momentum"): (_NO_LINKS, "its `<robot>` is empty; `ur3_robot` is the arm"),
+    ("ur3", "knife edge"): (_NO_LINKS, "its `<robot>` is empty; `ur3_robot` is the arm"),
     ("quadrotor_base", "momentum"): (_RIGID, "one rigid body: without momentum it does not move"),
     ("iris_simple", "momentum"): (_RIGID, "one rigid body: without momentum it does not move"),
     ("pr2", "rolling wheels"): ("which has no single axis", "caster and wheel joints are fixed in this description"),

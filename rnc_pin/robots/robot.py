@@ -10,9 +10,11 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
+from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, massless, remedy
+from rnc_pin.robots.names import ToldApart
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
 from rnc_pin.robots.sources.meshes import STAND_IN
@@ -21,7 +23,6 @@ Base = Literal["fixed", "planar", "free"]
 JointValue = float | Sequence[float] | np.ndarray
 
 _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
-_TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 
 
 class Robot(Printed):
@@ -36,6 +37,8 @@ class Robot(Printed):
         mimics: joints that the file says to follow others, which they do not in the model: a ``NonholonomicSystem``
             couples them by constraints.
         locked: values of joints that were frozen [rad or m].
+        packages: name to folder of the ROS packages that the file names and that were found.
+        far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -67,7 +70,9 @@ class Robot(Printed):
         self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
         self.mimics: tuple[Mimic, ...] = ()
         self.locked: dict[str, float] = {}
-        self._check_inertia()
+        self.packages: Mapping[str, Path] = {}
+        self.far_packages: Mapping[str, Path] = {}
+        self._check()
 
     # ------------------------------------------------------------------ construction
 
@@ -80,8 +85,14 @@ class Robot(Printed):
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
         xacro_arguments: Mapping[str, object] | None = None,
+        *,
+        snap: bool = True,
+        masses: Mapping[str, float] | None = None,
     ) -> Robot:
         """Load a URDF file, or a xacro file, which is expanded first.
+
+        What many files have in a form of their own (no limits, no name, numbers too many, macros inside a ``.urdf``) is
+        read as it is meant; a ``ModelWarning`` says so where the model depends on it.
 
         Expressions in a xacro file only compute values: what could run a program is refused, see
         ``rnc_pin.robots.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
@@ -97,13 +108,56 @@ class Robot(Printed):
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
             xacro_arguments: values for the arguments of a xacro file.
+            snap: make angles and axes of joints exact that the file holds rounded: multiples of pi/2, pi/3, pi/4 or
+                pi/6 with two decimals or more, and what is within 1e-4 rad of a right angle. A ``ModelWarning`` says
+                so where a value changes by more than 1e-9.
+            masses: link to mass [kg], for links whose inertia is not there or useless: spread evenly over the box
+                around the link's collision geometry (visual where it has none), or over a ball of radius 0.05 m where
+                it has neither. What the file says of the link's inertia no longer counts.
 
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
         path = urdf_files.find_urdf(path)
         _check_base(base)
-        return cls._from_description(path, read_urdf(path, base, package_dirs, xacro_arguments), lock, gravity)
+        read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
+        return cls._from_description(path, read, lock, gravity)
+
+    @classmethod
+    def massless_joints(
+        cls,
+        path: str | Path,
+        base: Base = "fixed",
+        package_dirs: Sequence[str | Path] = (),
+        lock: Mapping[str, JointValue] | None = None,
+        xacro_arguments: Mapping[str, object] | None = None,
+        *,
+        masses: Mapping[str, float] | None = None,
+    ) -> tuple[Massless, ...]:
+        """Why ``from_urdf`` refuses a file for its inertias: joints that move no mass, and links that could have some.
+
+        Args:
+            path: of the file; and the others are as for ``from_urdf``.
+            base: how the root link meets the world.
+            package_dirs: folders of packages, or packages themselves.
+            lock: joints to freeze.
+            xacro_arguments: values for the arguments of a xacro file.
+            masses: link to mass [kg], given already.
+
+        Raises:
+            ModelError: the file is missing, is not a URDF, or has inertias that are not finite.
+
+        Returns:
+            One entry for each joint, with the links behind it; empty where nothing is amiss. The masses of all
+            entries together, given to ``from_urdf``, make it load; so does locking the joints that move no mass.
+        """
+        path = urdf_files.find_urdf(path)
+        _check_base(base)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
+        model = _Locked(read.model, lock).model if lock else read.model
+        return massless(model, read.bodies)
 
     @classmethod
     def from_mjcf(
@@ -112,6 +166,8 @@ class Robot(Printed):
         base: Base | None = None,
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
+        *,
+        snap: bool = True,
     ) -> Robot:
         """Load an MJCF (MuJoCo) file.
 
@@ -125,6 +181,7 @@ class Robot(Printed):
                 "planar" or "free", as for a URDF, take the place of a free joint.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
+            snap: make axes of joints and orientations of bodies exact that the file holds rounded, as for a URDF.
 
         Raises:
             ModelError: the file is missing, is not MJCF, includes others, or describes an impossible robot.
@@ -132,7 +189,7 @@ class Robot(Printed):
         path = urdf_files.find_mjcf(path)
         if base is not None:
             _check_base(base)
-        return cls._from_description(path, read_mjcf(path, base), lock, gravity)
+        return cls._from_description(path, read_mjcf(path, base, snap=snap), lock, gravity)
 
     @classmethod
     def _from_description(
@@ -140,7 +197,12 @@ class Robot(Printed):
     ) -> Robot:
         def admitted(model: pin.Model) -> Robot:
             try:
-                return cls(model)
+                check_inertias(model, read.bodies)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", ModelWarning)  # they have been said
+                    return cls(model)
+            except UselessInertia as error:
+                raise ModelError(f"{path}: {error.what}: {remedy(model, error.joints)}") from None
             except ModelError as error:
                 raise ModelError(f"{path}: {error}") from None
 
@@ -158,17 +220,14 @@ class Robot(Printed):
             robot = admitted(model)
             robot._load_geometry = read.geometry
         else:
-            names = _Names(model)
-            joints = [names.joint(name) for name in lock]
-            if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
-                raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
-            reference = _configuration(model, names, lock)
-            robot = admitted(pin.buildReducedModel(model, joints, reference))
-            robot._load_geometry = lambda kind: pin.buildReducedModel(model, read.geometry(kind), joints, reference)[1]
+            locked = _Locked(model, lock)
+            robot = admitted(locked.model)
+            robot._load_geometry = lambda kind: locked.geometry(read.geometry(kind))
         robot.mimics = read.mimics
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
+        robot.packages, robot.far_packages = read.packages, read.far_packages
         return robot
 
     @classmethod
@@ -178,6 +237,9 @@ class Robot(Printed):
         base: Base = "fixed",
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
+        *,
+        snap: bool = True,
+        masses: Mapping[str, float] | None = None,
     ) -> Robot:
         """Load a robot of the example-robot-data package by the name of its URDF.
 
@@ -186,12 +248,14 @@ class Robot(Printed):
             base: how the root link meets the world, as for a URDF.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
+            snap: make angles and axes exact that the file holds rounded, as for a URDF.
+            masses: link to mass [kg], as for a URDF.
 
         Raises:
             ModelError: there is no such example.
         """
         path, packages = urdf_files.find_example(name)
-        return cls.from_urdf(path, base, [packages], lock, gravity)
+        return cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
         """A new robot: this one with another, of fixed base, mounted on one of its frames. An arm on a satellite, say.
@@ -218,18 +282,22 @@ class Robot(Printed):
                 if name in first:
                     raise ModelError(f"robots '{self.name}' and '{other.name}' both have a {what} '{name}'")
         where = pin.SE3.Identity() if placement is None else placement
-        model = pin.appendModel(mine, others, index, where)
+        apart = ToldApart(mine, others)
+        model = pin.appendModel(*apart.models, index, where)
+        apart.restore(model)
         model.name = f"{self.name} with {other.name}"
         model.gravity = mine.gravity  # appendModel takes that of the second
         robot = Robot(model)
 
         def load(kind: str) -> pin.GeometryModel:
             parts = [each._geometry_model(kind) or pin.GeometryModel() for each in (self, other)]
-            return pin.appendModel(mine, others, *parts, index, where)[1]
+            return pin.appendModel(*apart.models, *parts, index, where)[1]
 
         robot._load_geometry = load
         robot.mimics = (*self.mimics, *other.mimics)
         robot.locked = {**self.locked, **other.locked}
+        robot.packages = {**other.packages, **self.packages}
+        robot.far_packages = {**other.far_packages, **self.far_packages}
         return robot
 
     # ------------------------------------------------------------------ names
@@ -354,46 +422,41 @@ class Robot(Printed):
 
     # ------------------------------------------------------------------ checks
 
-    def _check_inertia(self) -> None:
-        """Refuse what cannot be simulated: bad inertias, and joints that move no mass at all."""
+    def _check(self) -> None:
+        """Refuse what cannot be simulated: no joints, two of one name, and bad inertias."""
         if self.nv == 0:
-            raise ModelError(f"robot '{self.name}' has no moving joint")
+            raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
         for name in self.joint_names:
             if self.joint_names.count(name) > 1:
                 raise ModelError(f"robot '{self.name}' has two joints named '{name}'")
-        impossible = []
-        for name, inertia in zip(list(self.model.names)[1:], list(self.model.inertias)[1:], strict=True):
-            tensor = inertia.inertia
-            if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
-                raise ModelError(f"inertia behind joint '{name}' is not finite")
-            if inertia.mass < 0:
-                raise ModelError(f"mass behind joint '{name}' is negative: {inertia.mass:g} kg")
-            moments = np.linalg.eigvalsh(tensor)
-            if moments[0] < -1e-9 * max(1.0, float(np.trace(tensor))):
-                raise ModelError(f"rotational inertia behind joint '{name}' is not positive")
-            if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
-                impossible.append(name)
-            if inertia.mass == 0 and tensor.any():
-                raise ModelError(f"body behind joint '{name}' has rotational inertia but zero mass")
-        if impossible:
-            warnings.warn(
-                f"robot '{self.name}': no body has the rotational inertia behind {few(impossible)}: "
-                "the largest principal moment exceeds the sum of the others",
-                ModelWarning,
-                stacklevel=2,
-            )
-        data = self.model.createData()
-        generator = np.random.default_rng(0)
-        for _ in range(3):
-            inertia_matrix = pin.crba(self.model, data, self.random_configuration(generator))
-            diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
-            if not diagonal.all():
-                joint = self.velocity_names[int(np.argmin(diagonal))]
-                raise ModelError(f"joint '{joint}' moves no mass: give the links behind it an inertia")
-            values, vectors = np.linalg.eigh(inertia_matrix / np.outer(diagonal, diagonal))
-            if values[0] < 1e-12:
-                joint = self.velocity_names[int(np.argmax(np.abs(vectors[:, 0])))]
-                raise ModelError(f"inertia matrix is singular: joint '{joint}' can move without moving mass")
+        check_inertias(self.model)
+
+
+class _Locked:
+    """A model without joints that are frozen, and the same of its geometry."""
+
+    def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
+        names = _Names(model)
+        self._full = model
+        self._joints = [names.joint(name) for name in lock]
+        if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
+            raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
+        self._reference = _configuration(model, names, lock)
+        self.model = self._reduced(None)[0]
+
+    def geometry(self, full: pin.GeometryModel) -> pin.GeometryModel:
+        """Geometry of the whole robot, on what is left of it."""
+        return self._reduced(full)[1]
+
+    def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:
+        apart = ToldApart(self._full)
+        (full,) = apart.models
+        if geometry is None:
+            model, reduced = pin.buildReducedModel(full, self._joints, self._reference), None
+        else:
+            model, reduced = pin.buildReducedModel(full, geometry, self._joints, self._reference)
+        apart.restore(model)
+        return model, reduced
 
 
 class _Names:

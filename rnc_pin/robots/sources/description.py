@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -34,6 +35,14 @@ class Mimic(NamedTuple):
     offset: float
 
 
+class Body(NamedTuple):
+    """A link by itself, as the file has it: mass [kg], rotational inertia (3, 3) [kg m^2], whether it has geometry."""
+
+    mass: float
+    inertia: np.ndarray
+    shaped: bool
+
+
 @dataclass(frozen=True)
 class Description:
     """A file, read.
@@ -42,27 +51,55 @@ class Description:
         model: the model; joints that mimic others are joints of their own in it.
         geometry: makes the geometry of a kind, "visual" or "collision"; meshes are read by it.
         mimics: the couplings that the file asks for.
+        bodies: of a URDF its links, which can be given masses.
+        packages: name to folder of the packages that the file names and that were found.
+        far_packages: those of them that only the environment or the folders given lead to.
     """
 
     model: pin.Model
     geometry: Callable[[str], pin.GeometryModel]
     mimics: tuple[Mimic, ...] = ()
+    bodies: Mapping[str, Body] = field(default_factory=dict)
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    far_packages: Mapping[str, Path] = field(default_factory=dict)
+
+
+_DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
+_BLANK = b" \t\r\n\0"
 
 
 def parse_xml(path: Path) -> ElementTree.Element:
     """The outermost element of a file.
 
+    What stands before an XML declaration, zeros at the end and letters of Latin-1 in a file that says UTF-8 are passed
+    over.
+
     Raises:
         ModelError: cannot be read, or is not XML.
     """
     try:
-        return ElementTree.fromstring(path.read_bytes())
-    except ElementTree.ParseError as error:
-        raise ModelError(f"{path}: not well-formed XML: {error}") from None
-    except (ValueError, LookupError) as error:  # an encoding that it names and that nobody knows
-        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+        content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows among them
+        again = _again(content, error)
+        if again is not None:
+            return again
+        raise ModelError(f"{path}: not well-formed XML: {error}") from None
+
+
+def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
+    if not isinstance(error, ElementTree.ParseError):
+        return None
+    bare = _DECLARATION.sub(b"", content.strip(_BLANK), count=1)
+    for encoding in ("utf-8", "latin-1"):
+        try:
+            return ElementTree.fromstring(bare.decode(encoding))
+        except (ElementTree.ParseError, ValueError):
+            continue
+    return None
 
 
 def read_numbers(text: str) -> np.ndarray | None:

@@ -24,6 +24,7 @@ from rnc_pin.robots.sources.description import (
     parse_xml,
     read_numbers,
 )
+from rnc_pin.robots.sources.rounding import Roundings
 
 _JOINTS = ("hinge", "slide", "ball", "free")
 _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
@@ -33,12 +34,13 @@ _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can a
 }  # fmt: skip
 
 
-def read_mjcf(path: Path, base: str | None) -> Description:
+def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description:
     """Read an MJCF file.
 
     Args:
         path: of the file.
         base: None for the root joints that the file has; else "fixed", "planar" or "free" in place of its free joint.
+        snap: make axes of joints, and angles of bodies, exact that the file holds rounded.
 
     Raises:
         ModelError: cannot be read, is not MJCF, or needs what is not read here.
@@ -54,6 +56,8 @@ def read_mjcf(path: Path, base: str | None) -> Description:
         for body in bodies:  # the base asked for takes the place of the file's
             for element in [each for each in body if _is_free(each)]:
                 body.remove(element)
+    if snap:
+        _snap(root, path)
     _make_absolute(root, path)
     make_root = ROOT_JOINTS[base or "fixed"]
     with _written(root) as file:
@@ -82,6 +86,28 @@ def read_mjcf(path: Path, base: str | None) -> Description:
         return full
 
     return Description(model, geometry, _couplings(root, path))
+
+
+def _snap(root: ElementTree.Element, path: Path) -> None:
+    """Axes of joints and quaternions of bodies; angles of bodies where they are in radians, not in whole degrees."""
+    roundings = Roundings()
+    compiler = root.find("compiler")
+    in_radians = compiler is not None and compiler.get("angle") == "radian"
+    for element in root.iter():
+        exact = {}
+        where = f"{element.tag} '{element.get('name', '')}'"
+        if element.tag == "joint":
+            exact["axis"] = roundings.direction
+        if element.tag == "body":
+            exact["quat"] = roundings.direction
+            if in_radians:
+                exact["euler"] = roundings.angles_of
+        for key, make in exact.items():
+            if key in element.attrib:
+                element.set(key, make(element.attrib[key], where))
+    words = roundings.words()
+    if words:
+        warnings.warn(f"{path.name}: {words}", ModelWarning, stacklevel=4)
 
 
 def _make_absolute(root: ElementTree.Element, path: Path) -> None:

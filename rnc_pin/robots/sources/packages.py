@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,6 +24,7 @@ class Packages:
     def __init__(self, beside: Path, folders: Sequence[str | Path] = ()) -> None:
         self._beside = beside.resolve()
         self._folders = [Path(folder).expanduser().resolve() for folder in folders]
+        self._found: dict[str, Path] = {}
 
     def candidates(self, name: str) -> Iterator[Path]:
         """Folders that can be this package, the likeliest first."""
@@ -33,19 +34,40 @@ class Packages:
             yield from _at(folder, name)
         for prefix in _environment("AMENT_PREFIX_PATH"):
             yield from _at(prefix / "share", name)
-        for folder in (self._beside, *self._beside.parents):
-            yield from _at(folder, name)
+        yield from self._near(name)
 
     def folder(self, name: str) -> Path | None:
         """The folder of a package, or None."""
-        return next(self.candidates(name), None)
+        return self._recorded(name, next(self.candidates(name), None))
+
+    @property
+    def found(self) -> Mapping[str, Path]:
+        """Name to folder of each package that was asked for and found."""
+        return dict(self._found)
+
+    @property
+    def far(self) -> Mapping[str, Path]:
+        """Those of ``found`` that are not found, or elsewhere, from the file's own folder upwards alone."""
+        return {name: folder for name, folder in self._found.items() if next(self._near(name), None) != folder}
+
+    def _near(self, name: str) -> Iterator[Path]:
+        for folder in (self._beside, *self._beside.parents):
+            yield from _at(folder, name)
+
+    def _recorded(self, name: str, folder: Path | None) -> Path | None:
+        if folder is not None:
+            self._found.setdefault(name, folder)
+        return folder
 
     def file(self, uri: str) -> Path | None:
         """The file that ``package://name/path``, ``file://path`` or a relative path means, or None."""
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in ("package", "model"):
             name, _, inside = rest.partition("/")
-            return next((each / inside for each in self.candidates(name) if (each / inside).is_file()), None)
+            candidates = list(self.candidates(name))
+            folder = next((each for each in candidates if (each / inside).is_file()), None)
+            self._recorded(name, folder or next(iter(candidates), None))
+            return None if folder is None else folder / inside
         path = Path(rest if separator and scheme == "file" else uri)
         if separator and scheme != "file":
             return None

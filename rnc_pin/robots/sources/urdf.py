@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.errors import ModelError, ModelWarning, few, nearest
 from rnc_pin.robots.sources.description import (
     ROOT_JOINTS,
     Description,
@@ -18,34 +19,98 @@ from rnc_pin.robots.sources.description import (
     parse_xml,
     read_numbers,
 )
+from rnc_pin.robots.sources.masses import bodies_of, give_masses
+from rnc_pin.robots.sources.mending import ENDLESS, mend
 from rnc_pin.robots.sources.meshes import Meshes
 from rnc_pin.robots.sources.packages import Packages
-from rnc_pin.robots.sources.xacro_files import expand, is_xacro
+from rnc_pin.robots.sources.rounding import Roundings
+from rnc_pin.robots.sources.xacro_files import expand, has_macros, is_xacro
+
+_TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+
+_ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
 def read_urdf(
-    path: Path, base: str, package_dirs: Sequence[str | Path], xacro_arguments: Mapping[str, object] | None
+    path: Path,
+    base: str,
+    package_dirs: Sequence[str | Path] = (),
+    xacro_arguments: Mapping[str, object] | None = None,
+    *,
+    snap: bool = True,
+    masses: Mapping[str, float] | None = None,
 ) -> Description:
     """Read a URDF, or a xacro file that expands to one.
+
+    Args:
+        path: of the file; one whose name ends in ``.xacro``, or that uses xacro inside, is expanded.
+        base: how the root link meets the world.
+        package_dirs: folders of packages, or packages themselves.
+        xacro_arguments: values for the arguments of a xacro file.
+        snap: make angles and axes of joints exact that the file holds rounded.
+        masses: link to mass [kg], for links whose inertia is not there or useless.
 
     Raises:
         ModelError: cannot be read, is not a URDF, or describes an impossible robot.
     """
     packages = Packages(path.parent, package_dirs)
-    if is_xacro(path):
-        root = ElementTree.fromstring(expand(path, xacro_arguments, packages))
-    else:
-        if xacro_arguments:
-            raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro")
-        root = parse_xml(path)
-    if root.tag != "robot":
-        raise ModelError(f"{path}: not a URDF: the outermost element is <{root.tag}>, expected <robot>")
-    _check_links(root, path)
-    mimics = _mimics(root, path)
+    root = _parsed(path, xacro_arguments, packages)
+    notes = mend(root, path)
     meshes = Meshes(root, path, packages, [str(path.parent), *map(str, package_dirs)])
+    if masses:
+        give_masses(root, masses, path)
+    _check_links(root, path)
+    if base != "fixed" and any(joint.get("name") == "root_joint" for joint in root.findall("joint")):
+        raise ModelError(f"{path}: joint 'root_joint' has the name of a {base} base's own: rename it in the file")
+    mimics = _mimics(root, path)
+    if snap:
+        notes += _snap(root)
+    for note in notes:
+        warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
-    return Description(model, lambda kind: meshes.geometry(model, kind), mimics)
+    return Description(model, lambda kind: meshes.geometry(model, kind), mimics, bodies_of(root), packages.found, packages.far)
+
+
+def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
+    root = None if is_xacro(path) else parse_xml(path)
+    if root is None or has_macros(root, path):
+        root = ElementTree.fromstring(expand(path, xacro_arguments, packages))
+    elif xacro_arguments:
+        raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro or that uses xacro")
+    if root.tag != "robot":
+        raise ModelError(f"{path}: not a URDF: the outermost element is <{root.tag}>, expected <robot>")
+    if root.find("link") is None:
+        raise ModelError(f"{path}: {_why_no_links(root, path)}")
+    return root
+
+
+def _why_no_links(root: ElementTree.Element, path: Path) -> str:
+    macros = [str(each.get("name")) for each in parse_xml(path).findall("{*}macro")]
+    if macros:
+        return f"has no links, it only defines macros ({few(macros)}): give the file that calls them"
+    calls = [each.tag for each in root if isinstance(each.tag, str) and each.tag not in _ELEMENTS]
+    if calls:
+        return f"has no links, and <{calls[0]}> is not known: a macro is called with its prefix, <xacro:{calls[0]}>"
+    return "has no links"
+
+
+def _snap(root: ElementTree.Element) -> list[str]:
+    """Make the joints' angles and axes exact; geometry and inertias stay, for nothing has to be parallel to them."""
+    roundings = Roundings()
+    for joint in root.findall("joint"):
+        where = f"joint '{joint.get('name')}'"
+        for tag, key, exact in (
+            ("origin", "rpy", roundings.angles_of),
+            ("axis", "xyz", roundings.direction),
+        ):
+            element = joint.find(tag)
+            text = None if element is None else element.get(key)
+            numbers = None if text is None else read_numbers(text)
+            if element is not None and text is not None and numbers is not None and numbers.size == 3:
+                element.set(key, exact(text, where))
+    words = roundings.words()
+    return [words] if words else []
 
 
 def _build(text: str, path: Path, base: str) -> pin.Model:
@@ -60,6 +125,11 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
     complaint = _first_complaint(complaints) or failure
     if complaint:
         raise ModelError(f"{path}: {complaint}")
+    for limit in (
+        *(model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit, model.lowerEffortLimit),
+        *(model.velocityLimit, model.upperVelocityLimit, model.lowerVelocityLimit),
+    ):
+        limit[np.abs(limit) == ENDLESS] *= np.inf
     return model
 
 
@@ -84,6 +154,9 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         if child in parents:
             raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
         parents[child], kinds[child] = parent, joint.get("type")
+        kind = joint.get("type")
+        if kind is not None and kind not in _TYPES:
+            raise ModelError(f"{path}: joint '{joint.get('name')}' of type '{kind}'{nearest(kind, _TYPES)}")
         axis = joint.find("axis")
         numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
@@ -96,6 +169,9 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
             raise ModelError(
                 f"{path}: no root link: link '{seen[-1]}' is in a ring of links, each the parent of the next"
             )
+    roots = [f"[{link}]" for link in dict.fromkeys(links) if link not in parents]
+    if len(roots) > 1:
+        raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
@@ -111,7 +187,8 @@ def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
     mass = element.find("inertial/mass")
     numbers = None if mass is None else read_numbers(mass.get("value", ""))
     if numbers is not None and numbers.size == 1 and numbers[0] < 0:
-        raise ModelError(f"{path}: mass of link '{link}' is negative: {numbers[0]:g} kg")
+        remedy = f"give it another with masses={{'{link}': 0.1}}"
+        raise ModelError(f"{path}: mass of link '{link}' is negative: {numbers[0]:g} kg; {remedy}")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:

@@ -17,6 +17,7 @@ import ast
 import contextlib
 import importlib.util
 import io
+import re
 import sys
 import threading
 from collections.abc import Callable, Mapping
@@ -24,12 +25,15 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.packages import Packages
 
 _COPY = f"{__package__}.guarded_xacro"
 _ENDINGS = (".xacro",)
+_NAMESPACE = re.compile(r"\{https?://(www\.)?(ros\.org/wiki/xacro|wiki\.ros\.org/xacro)[^}]*\}")
+_EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
 _ALLOWED = (
     *(
         ast.Expression,
@@ -55,6 +59,19 @@ _lock = threading.Lock()  # the library keeps what it works on in its module, an
 def is_xacro(path: Path) -> bool:
     """Whether a file is to be expanded, by its name."""
     return path.name.endswith(_ENDINGS)
+
+
+def has_macros(root: ElementTree.Element, path: Path) -> bool:
+    """Whether a file of another name uses xacro: it declares its namespace and has an element or expression of it.
+
+    Args:
+        root: of the file, parsed as plain XML.
+        path: of the file.
+    """
+    if any(_NAMESPACE.match(element.tag) for element in root.iter()):
+        return True
+    used = any(_EXPRESSION.search(text) for element in root.iter() for text in element.attrib.values())
+    return used and b"xmlns:xacro" in path.read_bytes()
 
 
 def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> str:
@@ -160,7 +177,9 @@ class _Guarded:
     def _find(self, name: str) -> str:
         folder = None if self.packages is None else self.packages.folder(name)
         if folder is None:
-            raise ModelError(f"no package '{name}': give its folder in package_dirs or in ROS_PACKAGE_PATH")
+            raise ModelError(
+                f"no package '{name}': give its folder in package_dirs (--package-dir) or in ROS_PACKAGE_PATH"
+            )
         return str(folder)
 
 
@@ -195,7 +214,7 @@ def _words(error: Exception) -> str:
         return f"cannot read '{cause.filename}': {cause.strerror}"
     kind = type(cause).__name__
     if kind == "ArgException":
-        return f"argument '{cause}' has no value: give it in xacro_arguments"
+        return f"argument '{cause}' has no value: give it with xacro_arguments={{'{cause}': ...}} (--arg {cause}=...)"
     words = str(cause) if kind == "SubstitutionException" else str(error)
     return " ".join(words.split()) or kind
 

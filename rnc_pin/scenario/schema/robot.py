@@ -43,6 +43,10 @@ class RobotSource(Strict):
     """Values for the arguments of a xacro file."""
     lock: dict[str, float | list[float]] = {}
     """Joints to freeze, and the values to freeze them at [rad or m]."""
+    masses: dict[str, float] = {}
+    """Links whose inertia is not there or useless, and the masses they get [kg], spread over their geometry."""
+    snap: bool = True
+    """Make angles and axes of joints exact that the file holds rounded."""
     gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     """Acceleration of gravity in the world frame [m/s^2]."""
 
@@ -56,6 +60,8 @@ class RobotSource(Strict):
         for name in ("package_dirs", "xacro_arguments"):
             if getattr(self, name) and self.urdf is None:
                 raise ValueError(f"'{name}' belongs to 'urdf'")
+        if self.masses and self.mjcf is not None:
+            raise ValueError("'masses' belongs to 'urdf' and 'example'")
         return self
 
     def build(self, folder: Path) -> Robot:
@@ -66,13 +72,13 @@ class RobotSource(Strict):
         return robot
 
     def _alone(self, folder: Path) -> Robot:
-        lock = self.lock or None
+        lock, snap, masses = self.lock or None, self.snap, self.masses
         if self.example is not None:
-            return Robot.from_example(self.example, self.base, lock, self.gravity)
+            return Robot.from_example(self.example, self.base, lock, self.gravity, snap=snap, masses=masses)
         if self.mjcf is not None:
             base = self.base if "base" in self.model_fields_set else None
-            return Robot.from_mjcf(find_mjcf(self.mjcf, folder), base, lock, self.gravity)
+            return Robot.from_mjcf(find_mjcf(self.mjcf, folder), base, lock, self.gravity, snap=snap)
         assert self.urdf is not None
-        packages = [folder / each for each in self.package_dirs]
+        packages, arguments = [folder / each for each in self.package_dirs], self.xacro_arguments or None
         path = find_urdf(self.urdf, folder)
-        return Robot.from_urdf(path, self.base, packages, lock, self.gravity, self.xacro_arguments or None)
+        return Robot.from_urdf(path, self.base, packages, lock, self.gravity, arguments, snap=snap, masses=masses)

@@ -1,0 +1,249 @@
+"""What a model weighs: joints that move no mass, inertias that no body has, and what would mend them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError, ModelWarning, few
+from rnc_pin.robots.sources.description import Body
+
+_TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
+_SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix with ones on its diagonal
+_SUGGESTED = 0.1  # [kg] for a link that has none
+_SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
+
+MOVES_NONE = "moves no mass"
+NOT_POSITIVE = "rotational inertia is not positive"
+NO_MASS = "rotational inertia but zero mass"
+NEGATIVE = "negative mass"
+SINGULAR = "moves without moving mass"
+
+
+class Massless(NamedTuple):
+    """A joint whose body cannot be simulated as it is in the file.
+
+    Attributes:
+        joint: its name; ``root_joint`` for the base.
+        why: in words.
+        links: those behind it, without those behind further joints; the joint's own first.
+        shaped: of these, those with geometry.
+        masses: link to mass [kg]; given to ``Robot.from_urdf`` (those of all joints together) it loads.
+        message: what is wrong, in a line.
+    """
+
+    joint: str
+    why: str
+    links: tuple[str, ...]
+    shaped: tuple[str, ...]
+    masses: dict[str, float]
+    message: str
+
+
+class UselessInertia(ModelError):
+    """A model that cannot be simulated for its masses.
+
+    Attributes:
+        what: is wrong, in a line without a remedy.
+        joints: all joints with such bodies.
+    """
+
+    def __init__(self, what: str, joints: Sequence[Massless]) -> None:
+        self.what, self.joints = what, tuple(joints)
+        super().__init__(f"{what}: give the links behind it an inertia")
+
+
+def check_inertias(model: pin.Model, bodies: Mapping[str, Body] | None = None) -> None:
+    """Refuse what cannot be simulated; warn about what no body is.
+
+    Raises:
+        ModelError: an inertia or mass that is not finite.
+        UselessInertia: as ``massless``.
+    """
+    found = massless(model, bodies or {})
+    if found:
+        raise UselessInertia(_summary(found), found)
+    impossible = []
+    for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
+            impossible.append(name)
+    if impossible:
+        warnings.warn(
+            f"robot '{model.name}': no body has the rotational inertia behind {few(impossible)}: "
+            "the largest principal moment exceeds the sum of the others",
+            ModelWarning,
+            stacklevel=2,
+        )
+
+
+def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ...]:
+    """The joints of a model whose bodies cannot be simulated, and the masses that would mend them.
+
+    Args:
+        model: as it is.
+        bodies: of its links, as far as they are known.
+
+    Raises:
+        ModelError: an inertia or mass that is not finite.
+    """
+    model = model.copy()
+    found = [each for joint in range(1, model.njoints) for each in _body(model, joint, bodies)]
+    for each in found:
+        _mend(model, each)
+    data = model.createData()
+    generator = np.random.default_rng(0)
+    for q in [_some_configuration(model, generator) for _ in range(3)]:
+        for _ in range(model.nv):
+            motion = _free_of_mass(pin.crba(model, data, q))
+            if motion is None:
+                break
+            entry, velocity = motion
+            each = _behind(model, data, q, entry, velocity, bodies)
+            found.append(each)
+            _mend(model, each)
+    return tuple(found)
+
+
+def _summary(found: Sequence[Massless]) -> str:
+    names = [f"'{each.joint}'" for each in found if each.why == MOVES_NONE]
+    several = len(names) == len(found) > 1
+    return f"joints {few(names)} move no mass" if several else found[0].message
+
+
+def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
+    """Words that mend a model when followed literally: joints to lock where that does it, and masses to give."""
+    masses: dict[str, float] = {}
+    for each in joints:
+        masses |= each.masses
+    if not masses:
+        return "give the links behind it an inertia"
+    several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
+    words = f"give {several} with masses={masses}"
+    lock = {each.joint: _neutral(model, each.joint) for each in joints}
+    if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
+        return words
+    return f"hold {'it' if len(lock) == 1 else 'them'} with lock={lock}, or {words}"
+
+
+def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Massless]:
+    """What is wrong with the body that a joint carries, by itself."""
+    name, inertia = model.names[joint], model.inertias[joint]
+    tensor = inertia.inertia
+    if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
+        raise ModelError(f"inertia behind joint '{name}' is not finite")
+    if inertia.mass < 0:
+        message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
+        return [_massless(model, joint, NEGATIVE, message, bodies)]
+    if not _is_positive(tensor):
+        message = f"rotational inertia behind joint '{name}' is not positive"
+        return [_massless(model, joint, NOT_POSITIVE, message, bodies)]
+    if inertia.mass == 0 and tensor.any():
+        message = f"body behind joint '{name}' has rotational inertia but zero mass"
+        return [_massless(model, joint, NO_MASS, message, bodies)]
+    return []
+
+
+def _is_positive(tensor: np.ndarray) -> bool:
+    return bool(np.linalg.eigvalsh(tensor)[0] >= -1e-9 * max(1.0, float(np.trace(tensor))))
+
+
+def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapping[str, Body]) -> Massless:
+    links = tuple(
+        frame.name for frame in model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    )
+    known = [link for link in links if link in bodies]
+    shaped = tuple(link for link in known if bodies[link].shaped)
+    wrong = [link for link in known if _is_wrong(bodies[link], why)]
+    chosen = wrong or list(shaped[:1]) or known[:1]
+    masses = {link: _mass(bodies[link]) for link in chosen}
+    return Massless(model.names[joint], why, links, shaped, masses, message)
+
+
+def _is_wrong(body: Body, why: str) -> bool:
+    """Whether a link by itself has what is wrong with the body it is part of."""
+    if why == NEGATIVE:
+        return body.mass < 0
+    if why == NOT_POSITIVE:
+        return not _is_positive(body.inertia)
+    return bool(why == NO_MASS and body.mass == 0 and body.inertia.any())
+
+
+def _mass(body: Body) -> float:
+    return body.mass if body.mass > 0 else _SUGGESTED
+
+
+def _mend(model: pin.Model, each: Massless) -> None:
+    """Let a body have an inertia, as following the remedy would."""
+    index = model.getJointId(each.joint)
+    mass = sum(each.masses.values()) or _SUGGESTED
+    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _SPREAD * np.eye(3))
+
+
+def _some_configuration(model: pin.Model, generator: np.random.Generator) -> np.ndarray:
+    return pin.integrate(model, pin.neutral(model), generator.uniform(-np.pi, np.pi, model.nv))
+
+
+def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:
+    """A velocity (nv,) of no kinetic energy: of one entry alone, which is given, or of several."""
+    diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
+    if not diagonal.all():
+        entry = int(np.argmin(diagonal))
+        return entry, np.eye(len(diagonal))[entry]
+    values, vectors = np.linalg.eigh(inertia_matrix / np.outer(diagonal, diagonal))
+    return None if values[0] >= _SINGULAR else (None, vectors[:, 0] / diagonal)
+
+
+def _behind(
+    model: pin.Model,
+    data: pin.Data,
+    q: np.ndarray,
+    entry: int | None,
+    velocity: np.ndarray,
+    bodies: Mapping[str, Body],
+) -> Massless:
+    """The first body that moves in a motion without energy: with an inertia it would have some."""
+    pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
+    speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
+    joint = next(index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    if entry is not None:
+        message = f"joint '{_entry_name(model, entry)}' moves no mass"
+        return _massless(model, joint, MOVES_NONE, message, bodies)
+    at = int(np.argmax(np.abs(velocity)))
+    message = f"inertia matrix is singular: joint '{_entry_name(model, at)}' can move without moving mass"
+    return _massless(model, joint, SINGULAR, message, bodies)
+
+
+def _entry_name(model: pin.Model, entry: int) -> str:
+    index = next(
+        index for index, each in enumerate(model.joints) if index and each.idx_v <= entry < each.idx_v + each.nv
+    )
+    joint = model.joints[index]
+    return model.names[index] if joint.nv == 1 else f"{model.names[index]}[{entry - joint.idx_v}]"
+
+
+def _neutral(model: pin.Model, name: str) -> float | list[float]:
+    joint = model.joints[model.getJointId(name)]
+    if joint.nv == 1:
+        return 0
+    if joint.shortname() == "JointModelPlanar":
+        return [0, 0, 0]
+    return pin.neutral(model)[joint.idx_q : joint.idx_q + joint.nq].tolist()
+
+
+def _holds(model: pin.Model, names: Sequence[str]) -> bool:
+    """Whether a model has inertia in every motion that is left once these joints are locked."""
+    if "root_joint" in names:
+        return False
+    indices = [model.getJointId(name) for name in names]
+    locked = {model.joints[index].idx_v + offset for index in indices for offset in range(model.joints[index].nv)}
+    kept = [entry for entry in range(model.nv) if entry not in locked]
+    if not kept:
+        return False
+    q = _some_configuration(model, np.random.default_rng(1))
+    matrix = pin.crba(model, model.createData(), q)
+    return _free_of_mass(matrix[np.ix_(kept, kept)]) is None

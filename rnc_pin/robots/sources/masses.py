@@ -1,0 +1,148 @@
+"""Inertias of a URDF's links: those in the file, and those of links that are given a mass."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.robots.sources.description import Body, captured_stderr, read_numbers
+
+BALL = 0.05  # radius [m] of the ball that a link without geometry is taken for
+_FLAT = 1e-2  # of a box's longest edge: no edge is taken as shorter
+
+
+def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
+    """Let links have masses, spread evenly over the box around their geometry; in place of what the file says.
+
+    Collision geometry counts, visual geometry where there is none, and a ball of radius ``BALL`` where there is
+    neither or its meshes cannot be read.
+
+    Args:
+        root: the robot's XML, whose meshes are absolute paths.
+        masses: link to mass [kg].
+        path: of the file, for messages.
+
+    Raises:
+        ModelError: no such link, or a mass that is not positive.
+    """
+    links = {str(link.get("name")): link for link in root.findall("link")}
+    for name, mass in masses.items():
+        if name not in links:
+            raise ModelError(f"{path}: masses: no link '{name}'{nearest(str(name), links)}")
+        if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0 < mass < np.inf:
+            raise ModelError(f"{path}: mass of link '{name}' has to be positive [kg], found {mass!r}")
+        link = links[name]
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+        link.append(_inertial(float(mass), *_box(link)))
+
+
+def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
+    """What each link of a file weighs, and whether it has geometry."""
+    return {str(link.get("name")): Body(*_inertia(link), bool(_shapes(link))) for link in root.findall("link")}
+
+
+def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
+    mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
+    if mass is None or tensor is None:
+        return 0.0, np.zeros((3, 3))
+    words = [mass.get("value", "")] + [tensor.get(key, "") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    numbers = read_numbers(" ".join(words))
+    if numbers is None or numbers.size != 7:
+        return 0.0, np.zeros((3, 3))
+    kg, xx, xy, xz, yy, yz, zz = numbers
+    return float(kg), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _inertial(mass: float, center: np.ndarray, edges: np.ndarray) -> ElementTree.Element:
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", {"xyz": " ".join(map(repr, center.tolist()))})
+    ElementTree.SubElement(inertial, "mass", {"value": repr(mass)})
+    moments = mass / 12 * (np.sum(edges**2) - edges**2)
+    tensor = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    tensor |= {key: repr(float(moment)) for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True)}
+    ElementTree.SubElement(inertial, "inertia", tensor)
+    return inertial
+
+
+def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and edges (3,) [m] of the box around a link's geometry, along the link's own axes."""
+    corners = [points for shape in _shapes(link) for points in _corners(shape)]
+    if corners:
+        points = np.concatenate(corners)
+        low, high = points.min(axis=0), points.max(axis=0)
+        edges = high - low
+        if edges.max() > 0:
+            return (low + high) / 2, np.maximum(edges, _FLAT * edges.max())
+    # The cube with the inertia of a ball: edge^2 / 6 = 2 / 5 radius^2.
+    return np.zeros(3), np.full(3, BALL * np.sqrt(12 / 5))
+
+
+def _shapes(link: ElementTree.Element) -> list[ElementTree.Element]:
+    return link.findall("collision") or link.findall("visual")
+
+
+def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
+    """The corners (8, 3) of the box around one geometry, in the link [m]."""
+    geometry = next((kind for kind in shape.findall("geometry/*")), None)
+    bounds = None if geometry is None else _bounds(geometry)
+    if bounds is None:
+        return
+    origin = shape.find("origin")
+    numbers = {key: _vector(None if origin is None else origin.get(key)) for key in ("xyz", "rpy")}
+    if any(each is None for each in numbers.values()):
+        return
+    corners = np.array(list(itertools.product(*zip(*bounds, strict=True))))
+    yield corners @ pin.rpy.rpyToMatrix(numbers["rpy"]).T + numbers["xyz"]
+
+
+def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest coordinates (3,) of a geometry in its own frame, or None where it cannot be read."""
+    if geometry.tag == "mesh":
+        scale = _vector(geometry.get("scale"), 1.0)
+        vertices = _vertices(geometry.get("filename", ""))
+        if scale is None or vertices is None:
+            return None
+        scaled = vertices * scale
+        return scaled.min(axis=0), scaled.max(axis=0)
+    half: np.ndarray | None = None
+    if geometry.tag == "box":
+        size = _vector(geometry.get("size"))
+        half = None if size is None else size / 2
+    if geometry.tag in ("sphere", "cylinder"):
+        radius, length = (_number(geometry.get(key)) for key in ("radius", "length"))
+        if radius is not None and geometry.tag == "sphere":
+            half = np.full(3, radius)
+        elif radius is not None and length is not None:
+            half = np.array([radius, radius, length / 2])
+    return None if half is None else (-half, half)
+
+
+def _vertices(file: str) -> np.ndarray | None:
+    if not Path(file).is_file():
+        return None
+    with contextlib.suppress(Exception), captured_stderr():  # Boost.Python raises whatever the C++ side threw
+        vertices = coal.MeshLoader().load(file, np.ones(3)).vertices()
+        if len(vertices) and np.isfinite(vertices).all():
+            return np.asarray(vertices)
+    return None
+
+
+def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
+    if text is None:
+        return np.full(3, default)
+    numbers = read_numbers(text)
+    return numbers if numbers is not None and numbers.size == 3 else None
+
+
+def _number(text: str | None) -> float | None:
+    numbers = read_numbers(text or "")
+    return float(numbers[0]) if numbers is not None and numbers.size == 1 else None

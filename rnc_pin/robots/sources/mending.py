@@ -1,0 +1,181 @@
+"""What URDF files leave out or write their own way and urdfdom refuses, put as it is meant, with a word on each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from rnc_pin.errors import ModelError, few
+from rnc_pin.robots.sources.description import read_numbers
+
+ENDLESS = 1e300
+"""Stands for an infinite limit in the XML: urdfdom does not read ``inf``."""
+
+_LIMITED = ("revolute", "prismatic")
+_SHAPES = ("box", "cylinder", "sphere", "mesh")
+_COUNTS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
+_PRODUCTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_INSTALLED = (".urdf", ".xacro", ".xml")
+
+
+def mend(root: ElementTree.Element, path: Path) -> list[str]:
+    """Change the XML of a robot in place so that urdfdom takes it.
+
+    Returns:
+        What was changed of the model, each in words that can follow the file's name. What is not listed here is left to
+        urdfdom, and what changes nothing but the way it is written goes without saying.
+
+    Raises:
+        ModelError: numbers with a comma for their decimals; a planar joint in another plane than its own x-y.
+    """
+    notes = [*_name(root, path), *_numbers(root, path), *_inertials(root), *_geometry(root)]
+    notes += [*_limits(root), *_world(root), *_planar(root, path)]
+    _drop_unused(root)
+    return notes
+
+
+def _name(root: ElementTree.Element, path: Path) -> Iterator[str]:
+    if root.get("name", "").strip():
+        return
+    name = path.name
+    while name.endswith(_INSTALLED):
+        name = name.rpartition(".")[0]
+    root.set("name", name)
+    yield f"<robot> has no name and is called '{name}' after its file"
+
+
+def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
+    """Commas between numbers, one scale for three, colours without opacity, numbers too many, and none at all."""
+    cut = []
+    for owner in [each for tag in ("link", "joint", "material") for each in root.findall(tag)]:
+        for element in owner.iter():
+            for key, text in list(element.attrib.items()):
+                count = _COUNTS.get(key)
+                if count is None:
+                    if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", text) and key not in ("name", "filename"):
+                        where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
+                        raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for its decimals")
+                    continue
+                words = text.split()
+                if any("," in word.strip(",") for word in words) and len(words) == count:
+                    where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
+                    raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for the decimals")
+                words = text.replace(",", " ").split()
+                if not words:
+                    del element.attrib[key]
+                    continue
+                if key == "scale" and len(words) == 1:
+                    words = 3 * words
+                if key == "rgba" and len(words) == 3:
+                    words = [*words, "1"]
+                if len(words) > count and read_numbers(" ".join(words)) is not None:
+                    words = words[:count]
+                    if key != "scale":
+                        cut.append(f"{key} of {owner.tag} '{owner.get('name')}'")
+                element.set(key, " ".join(words))
+    if cut:
+        yield f"has numbers too many, the last of which are left out: {few(cut)}"
+
+
+def _inertials(root: ElementTree.Element) -> Iterator[str]:
+    """Urdfdom wants all of mass, inertia and its six numbers."""
+    without, points = [], []
+    for link in root.findall("link"):
+        for inertial in link.findall("inertial"):
+            if inertial.find("mass") is None:
+                link.remove(inertial)
+                without.append(str(link.get("name")))
+                continue
+            inertia = inertial.find("inertia")
+            if inertia is None:
+                inertia = ElementTree.SubElement(inertial, "inertia")
+                points.append(str(link.get("name")))
+            for key in _PRODUCTS:
+                inertia.set(key, inertia.get(key, "0"))
+    if without:
+        yield f"<inertial> without a mass is left out: link {few(without)}"
+    if points:
+        yield f"<inertial> without an <inertia> is taken as a point: link {few(points)}"
+
+
+def _geometry(root: ElementTree.Element) -> Iterator[str]:
+    left_out = []
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            capsule = shape.find("geometry/capsule")
+            if capsule is not None:  # of some simulators; a cylinder of the same length and width
+                capsule.tag = "cylinder"
+                radius, length = (read_numbers(capsule.get(key, "")) for key in ("radius", "length"))
+                if radius is not None and length is not None and radius.size == length.size == 1:
+                    capsule.set("length", repr(float(length[0] + 2 * radius[0])))
+            if not any(shape.find(f"geometry/{kind}") is not None for kind in _SHAPES):
+                link.remove(shape)
+                left_out.append(f"<{shape.tag}> of '{link.get('name')}'")
+    if left_out:
+        yield f"has geometry that is none of {', '.join(_SHAPES)} and is left out: {few(left_out)}"
+
+
+def _limits(root: ElementTree.Element) -> Iterator[str]:
+    ranges, others = [], []
+    for joint in root.findall("joint"):
+        name = str(joint.get("name"))
+        limit = joint.find("limit")
+        if limit is None:
+            if joint.get("type") not in _LIMITED:
+                continue
+            limit = ElementTree.SubElement(joint, "limit")
+            limit.set("lower", repr(-ENDLESS))
+            limit.set("upper", repr(ENDLESS))
+            ranges.append(name)
+        elif joint.get("type") != "fixed" and any(limit.get(key) is None for key in ("effort", "velocity")):
+            others.append(name)
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, repr(ENDLESS)))
+    if ranges:
+        yield f"has no <limit> and is taken to move without end: joint {few(ranges)}"
+    if others:
+        yield f"has no limit of effort or velocity, which is taken as infinite: joint {few(others)}"
+
+
+def _world(root: ElementTree.Element) -> Iterator[str]:
+    """Some simulators hang robots on a ``world`` that the file does not have."""
+    links = [link.get("name") for link in root.findall("link")]
+    if "world" not in links and any(end.get("link") == "world" for end in root.findall("joint/parent")):
+        root.insert(0, ElementTree.Element("link", {"name": "world"}))
+        yield "names 'world' as a parent, which is added as a link"
+
+
+def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
+    """Pinocchio moves planar joints in their own x-y plane, whatever axis they have."""
+    without = []
+    for joint in root.findall("joint[@type='planar']"):
+        axis = joint.find("axis")
+        numbers = None if axis is None else read_numbers(axis.get("xyz", ""))
+        if numbers is None:
+            without.append(str(joint.get("name")))
+        elif numbers.size == 3 and numbers[:2].any():
+            raise ModelError(
+                f"{path}: planar joint '{joint.get('name')}' moves across axis '{axis.get('xyz')}', which is not read: "  # type: ignore[union-attr]
+                "turn its origin so that its axis is '0 0 1'"
+            )
+    if without:
+        yield f"planar joint without an axis, which moves in its x-y plane: {few(without)}"
+
+
+def _drop_unused(root: ElementTree.Element) -> None:
+    """What no model has a place for, and urdfdom refuses where it is not complete."""
+    seen: set[str] = set()
+    for material in root.findall("material"):
+        name = str(material.get("name"))
+        if name in seen:
+            root.remove(material)
+        seen.add(name)
+    for joint in root.findall("joint"):
+        for tag in ("safety_controller", "calibration"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+        for element in joint.findall("dynamics"):
+            if element.get("damping") is None and element.get("friction") is None:
+                joint.remove(element)

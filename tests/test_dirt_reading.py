@@ -1,0 +1,457 @@
+"""Files as strangers write them: what is read as it is meant, what is said of it, and remedies that work when followed.
+
+The files are in ``data/dirt``, each named after what is wrong with it.
+"""
+
+import ast
+import math
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.rounding import decimals, is_rounding, snapped_angle, snapped_direction
+from rnc_pin.scenario.schema.robot import RobotSource
+from tolerances import ROUNDING
+
+DIRT = Path(__file__).parent / "data" / "dirt"
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def loaded(name, **options):
+    """A robot, and the lines of the model warnings that reading it gave."""
+    load = rnc.Robot.from_mjcf if name.endswith(".xml") else rnc.Robot.from_urdf
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        robot = load(DIRT / name, **options)
+    return robot, [str(each.message) for each in said if issubclass(each.category, rnc.ModelWarning)]
+
+
+def refusal(name, **options):
+    with pytest.raises(rnc.ModelError) as caught:
+        loaded(name, **options)
+    words = str(caught.value)
+    assert "\n" not in words
+    assert str(DIRT / name) in words
+    return words
+
+
+def axis_of(robot, joint):
+    """Direction of a joint's axis in the world at the neutral configuration, (3,)."""
+    jacobian = pin.computeJointJacobians(robot.model, robot.model.createData(), pin.neutral(robot.model))
+    return jacobian.reshape(6, robot.nv)[3:, robot.velocity_indices(joint).start]
+
+
+# ---------------------------------------------------------------------- rounded pi
+
+
+@pytest.mark.parametrize(
+    ("text", "twelfths"),
+    [
+        *[("1.57", 6), ("1.5708", 6), ("1.5707", 6), ("-1.570796", -6), ("1.570", 6), ("1.570000", 6), ("4.71", 18)],
+        *[("3.14", 12), ("3.1416", 12), ("3.1415", 12), ("-3.14159265", -12), ("6.2832", 24), ("6.28", 24)],
+        *[("-0.785", -3), (".785", 3), ("0.79", 3), ("2.356", 9), ("2.0944", 8), ("1.047", 4), ("0.5236", 2)],
+        *[("3.67e-06", 0), ("-1e-16", 0), ("1.5707e0", 6), ("15.708e-1", 6), ("1.57088", 6)],
+    ],
+)
+def test_rounded_angles_are_multiples_of_pi(text, twelfths):
+    assert snapped_angle(text) == pytest.approx(twelfths * math.pi / 12, rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize(
+    "text", ["1.5", "1.6", "3.1", "0.5", "0.8", "1.58", "1.573", "0.3", "0.2618", "2e-4", "0.7", "1", "0", "-0", "3"]
+)
+def test_other_angles_are_kept(text):
+    assert snapped_angle(text) == float(text)
+
+
+def test_decimals_are_counted_as_written():
+    texts = {"1": 0, "1.0": 0, "1.57": 2, "-1.570": 2, "1e-3": 3, "1.25e-3": 5, "1.5E2": 0, ".5": 1, "2.": 0}
+    assert {text: decimals(text) for text in texts} == texts
+    assert is_rounding("0.70", math.sqrt(0.5)) is False  # one decimal, and a zero
+
+
+@pytest.mark.parametrize(
+    ("text", "exact"),
+    [
+        ("0.7071 0.7071 0", (0.5**0.5, 0.5**0.5, 0)),
+        ("0.707107 0 -0.707107", (0.5**0.5, 0, -(0.5**0.5))),
+        ("0.5 0.866 0", (0.5, 0.75**0.5, 0)),
+        ("-0.577 0.577 0.577", (-((1 / 3) ** 0.5), (1 / 3) ** 0.5, (1 / 3) ** 0.5)),
+        ("3.7e-6 0 1", (0, 0, 1)),
+        ("1 0 -3.6732e-06", (1, 0, 0)),
+        ("0 -0.99999 0.00009", (0, -1, 0)),
+        ("0.7071 -0.7071 0 0", (0.5**0.5, -(0.5**0.5), 0, 0)),
+        ("0.6 0 0.8", (0.6, 0, 0.8)),
+        ("0.71 0.7 0", (0.71, 0.7, 0)),
+        ("1 1 0", (1, 1, 0)),
+        ("0 0 2", (0, 0, 2)),
+        ("0.99 0.1 0", (0.99, 0.1, 0)),
+        ("1 0.001 0", (1, 0.001, 0)),
+        ("0 0 0", (0, 0, 0)),
+    ],
+)
+def test_rounded_directions_are_exact_and_others_kept(text, exact):
+    assert snapped_direction(text.split()) == pytest.approx(exact, rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize("name", ["rounded_pi.urdf", "rounded_axes.urdf"])
+def test_rounded_wheels_are_parallel_and_yaw_is_not_lost(name):
+    def freedoms(**options):
+        robot, said = loaded(name, base="planar", **options)
+        wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return robot, said, rnc.NonholonomicSystem(robot, wheels).r - (robot.nv - 5)
+
+    robot, said, free = freedoms()
+    assert free == 2
+    np.testing.assert_allclose(abs(axis_of(robot, "left_wheel_joint")), [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(abs(axis_of(robot, "right_wheel_joint")), [0, 1, 0], atol=1e-15)
+    assert len(said) == 1
+    robot, said, _ = freedoms(snap=False)
+    assert said == []
+    assert abs(axis_of(robot, "left_wheel_joint"))[[0, 2]].max() > 1e-6
+
+
+def test_roundings_are_said_in_one_line():
+    assert loaded("rounded_pi.urdf")[1] == [
+        "rounded_pi.urdf: 3 angles were rounded in the file and are taken as multiples of pi "
+        "(largest change 2e-03 rad, joint 'right_wheel_joint'); snap=False keeps them"
+    ]
+    assert loaded("rounded_axes.urdf")[1] == [
+        "rounded_axes.urdf: 2 axes were rounded in the file and made exact "
+        "(largest change 4e-06 rad, joint 'left_wheel_joint'); snap=False keeps them"
+    ]
+    robot, _ = loaded("rounded_axes.urdf")
+    np.testing.assert_allclose(axis_of(robot, "roller_joint"), [0.5**0.5, 0.5**0.5, 0], atol=1e-15)
+    np.testing.assert_allclose(axis_of(robot, "arm_joint"), [0.6, 0, 0.8], atol=1e-15)
+
+
+def test_an_mjcf_is_rounded_too():
+    robot, said = loaded("rounded.xml")
+    assert [each.partition(":")[0] for each in said] == ["rounded.xml"]
+    np.testing.assert_allclose(axis_of(robot, "left_joint"), [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(axis_of(robot, "right_joint"), [0, -1, 0], atol=1e-15)
+    robot, said = loaded("rounded.xml", snap=False)
+    assert said == []
+    assert abs(axis_of(robot, "right_joint")[2]) > 1e-6
+
+
+def test_the_robots_that_come_along_are_not_warned_of():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("tiago", "tiago_no_hand", "panda"):
+            rnc.Robot.from_example(name)
+
+
+def test_a_scenario_keeps_roundings_and_gives_masses():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        RobotSource(urdf="rounded_pi.urdf", snap=False).build(DIRT)
+    masses = {"knuckle": 0.2, "fork": 0.1}
+    robot = RobotSource(urdf="massless_knuckle.urdf", masses=masses).build(DIRT)
+    assert robot.model.inertias[robot.joint_id("steer")].mass == 0.2
+    with pytest.raises(ValueError, match="'masses' belongs to 'urdf' and 'example'"):
+        RobotSource(mjcf="rounded.xml", masses=masses)
+
+
+# ---------------------------------------------------------------------- axes
+
+
+def test_continuous_joints_about_negative_and_skew_axes_are_like_others():
+    robot, said = loaded("negative_and_skew_axes.urdf", base="planar")
+    assert said == []
+    values = {"left_wheel_joint": 0.7, "right_wheel_joint": -2.0}
+    found = robot.joint_values(robot.configuration(values))
+    assert found.pop("root_joint") == [0, 0, 0]
+    assert found == pytest.approx(values)
+    assert loaded("negative_and_skew_axes.urdf", lock={"right_wheel_joint": 0.4})[0].nv == 1
+
+
+# ---------------------------------------------------------------------- masses
+
+REFUSED = {
+    "massless_knuckle.urdf": "joints 'caster', 'steer' move no mass: hold them with lock={'caster': 0, 'steer': 0}, "
+    "or give 2 links masses with masses={'fork': 0.1, 'knuckle': 0.1}",
+    "nothing_has_a_mass.urdf": "joints 'shoulder', 'elbow' move no mass: give 2 links masses with masses={'upper'",
+    "inertia_not_positive.urdf": "rotational inertia behind joint 'shoulder' is not positive: give link 'tool' a mass "
+    "with masses={'tool': 0.7}",
+    "inertia_without_mass.urdf": "body behind joint 'shoulder' has rotational inertia but zero mass: give link 'arm' a "
+    "mass with masses={'arm': 0.1}",
+    "negative_mass.urdf": "mass of link 'tool' is negative: -0.1 kg; give it another with masses={'tool': 0.1}",
+    "point_masses.urdf": "can move without moving mass: give link 'base' a mass with masses={'base': 0.1}",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_remedy_works_when_it_is_followed(name):
+    base = "free" if name == "point_masses.urdf" else "fixed"
+    words = refusal(name, base=base)
+    assert REFUSED[name] in words
+    masses = ast.literal_eval(re.search(r"masses=({.*?})", words)[1])
+    robot, _ = loaded(name, base=base, masses=masses)
+    assert robot.nv > 0
+    lock = re.search(r"lock=({.*?})", words)
+    if lock:
+        assert not {*ast.literal_eval(lock[1])} & {*loaded(name, lock=ast.literal_eval(lock[1]))[0].joint_names}
+    found = rnc.Robot.massless_joints(DIRT / name, base) if name != "negative_mass.urdf" else ()
+    assert {link: mass for each in found for link, mass in each.masses.items()} in (masses, {})
+
+
+def test_massless_joints_are_found_before_they_are_refused():
+    caster, steer = rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf")
+    assert (caster.joint, caster.links, caster.shaped) == ("caster", ("fork",), ())
+    assert (steer.joint, steer.links, steer.shaped) == ("steer", ("knuckle", "sensor"), ("knuckle",))
+    assert steer.why == "moves no mass"
+    (left,) = rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf", lock={"steer": 0.1})
+    assert left.joint == "caster"
+    assert rnc.Robot.massless_joints(DIRT / "massless_knuckle.urdf", masses=steer.masses | caster.masses) == ()
+
+
+def test_a_mass_is_spread_over_the_box_around_the_geometry():
+    robot, _ = loaded("massless_knuckle.urdf", masses={"knuckle": 0.6, "fork": 0.1})
+    inertia = robot.model.inertias[robot.joint_id("steer")]
+    x, y, z = 0.2, 0.04, 0.06
+    np.testing.assert_allclose(inertia.lever, [0.1, 0, 0], atol=ROUNDING)
+    moments = 0.6 / 12 * np.array([y**2 + z**2, x**2 + z**2, x**2 + y**2])
+    np.testing.assert_allclose(inertia.inertia, np.diag(moments), atol=ROUNDING)
+    ball = robot.model.inertias[robot.joint_id("caster")]
+    np.testing.assert_allclose(ball.inertia, 0.4 * 0.1 * 0.05**2 * np.eye(3), atol=ROUNDING)
+
+
+SHAPES = {
+    "tilted cylinder": (
+        '<origin rpy="1.5707963267948966 0 0"/>',
+        '<cylinder radius="0.3" length="0.1"/>',
+        (0.6, 0.1, 0.6),
+    ),
+    "sphere": ("", '<sphere radius="0.2"/>', (0.4, 0.4, 0.4)),
+    "mesh": ("", '<mesh filename="package://shapes/t.obj" scale="2 1 1"/>', (2, 1, 1)),
+    "missing mesh": ("", '<mesh filename="package://shapes/u.obj"/>', 3 * [0.05 * (12 / 5) ** 0.5]),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_mass_is_spread_over_every_kind_of_geometry(shape, tmp_path):
+    (tmp_path / "shapes").mkdir()
+    (tmp_path / "shapes/t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    origin, geometry, edges = SHAPES[shape]
+    text = (DIRT / "massless_knuckle.urdf").read_text()
+    text = text.replace('<origin xyz="0.1 0 0"/><geometry><box size="0.2 0.04 0.06"/>', f"{origin}<geometry>{geometry}")
+    (tmp_path / "robot.urdf").write_text(text)
+    robot = rnc.Robot.from_urdf(tmp_path / "robot.urdf", masses={"knuckle": 1.2, "fork": 1})
+    moments = 0.1 * (np.sum(np.square(edges)) - np.square(edges))
+    np.testing.assert_allclose(np.diag(robot.model.inertias[robot.joint_id("steer")].inertia), moments, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("masses", "words"),
+    [
+        ({"knuckel": 0.1}, "no link 'knuckel'; did you mean 'knuckle'"),
+        ({"knuckle": 0}, "mass of link 'knuckle' has to be positive [kg], found 0"),
+        ({"knuckle": "heavy"}, "has to be positive"),
+    ],
+)
+def test_masses_that_are_none_are_refused(masses, words):
+    assert words in refusal("massless_knuckle.urdf", masses=masses)
+
+
+# ---------------------------------------------------------------------- names
+
+
+def test_a_link_and_a_joint_of_one_name():
+    whole, said = loaded("link_and_joint_of_one_name.urdf")
+    assert said == []
+    robot, _ = loaded("link_and_joint_of_one_name.urdf", lock={"right": 0.5})
+    assert robot.joint_names == ("left",)
+    assert [frame.name for frame in robot.model.frames].count("right") == 2
+    index = robot.frame_id("right")
+    assert robot.model.frames[index].type == pin.FrameType.BODY
+    assert len(robot.collision_model.geometryObjects) == len(whole.collision_model.geometryObjects) == 3
+    for each in (whole, robot):
+        carried = {shape.name[:-2]: shape.parentJoint for shape in each.collision_model.geometryObjects}
+        assert carried["left"] == carried["hand"] == each.joint_id("left")
+    carrier = rnc.Robot.from_urdf("space_robot.urdf")
+    both = carrier.attach(whole, "tip")
+    assert both.nv == carrier.nv + 2
+    assert len(both.collision_model.geometryObjects) == 3
+    arm = rnc.Robot.from_example("panda")
+    names = [frame.name for frame in whole.attach(arm, "left").model.frames]
+    assert sorted(names[1:]) == sorted(each.name for of in (whole, arm) for each in list(of.model.frames)[1:])
+    rolling, _ = loaded("link_and_joint_of_one_name.urdf", base="planar")
+    assert rnc.NonholonomicSystem(rolling, [rnc.NoSideSlip("left")]).m == 1
+
+
+def test_two_of_one_name_are_refused():
+    assert "link 'arm' is not unique" in refusal("two_links_of_one_name.urdf")
+    assert "joint 'turn' is not unique" in refusal("two_joints_of_one_name.urdf")
+
+
+def test_a_joint_with_the_name_of_the_bases(tmp_path):
+    text = (DIRT / "negative_and_skew_axes.urdf").read_text().replace("left_wheel_joint", "root_joint")
+    (tmp_path / "robot.urdf").write_text(text)
+    assert "root_joint" in rnc.Robot.from_urdf(tmp_path / "robot.urdf").joint_names
+    with pytest.raises(rnc.ModelError, match="'root_joint' has the name of a planar base's own: rename it"):
+        rnc.Robot.from_urdf(tmp_path / "robot.urdf", base="planar")
+
+
+def test_a_robot_without_a_name_is_called_after_its_file():
+    robot, said = loaded("no_name.urdf")
+    assert robot.name == "no_name"
+    assert said == ["no_name.urdf: <robot> has no name and is called 'no_name' after its file"]
+
+
+# ---------------------------------------------------------------------- packages
+
+
+@pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", None])
+def test_packages_that_another_shell_would_not_find(variable, tmp_path, monkeypatch):
+    for folder in ("near/robot/meshes", "far/parts"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "far/parts/wheel.xacro").write_text(f'<robot name="r" {XACRO}><link name="wheel"/></robot>')
+    mesh = '<visual><geometry><mesh filename="package://robot/meshes/base.stl"/></geometry></visual>'
+    (tmp_path / "near/robot/meshes/base.stl").write_text("")
+    (tmp_path / "near/robot/robot.urdf").write_text(
+        f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/wheel.xacro"/><link name="base">{mesh}</link>'
+        '<joint name="turn" type="continuous"><parent link="base"/><child link="wheel"/></joint></robot>'
+    )
+    options = {"masses": {"wheel": 1}}
+    if variable:
+        monkeypatch.setenv(variable, str(tmp_path / "far"))
+    else:
+        options["package_dirs"] = [tmp_path / "far"]
+    robot = rnc.Robot.from_urdf(tmp_path / "near/robot/robot.urdf", **options)
+    assert robot.packages == {"parts": tmp_path / "far/parts", "robot": tmp_path / "near/robot"}
+    assert robot.far_packages == {"parts": tmp_path / "far/parts"}
+    packages = Packages(tmp_path / "near/robot")
+    assert packages.found == packages.far == {}
+
+
+# ---------------------------------------------------------------------- xacro
+
+
+def test_macros_inside_a_urdf_are_expanded():
+    robot, said = loaded("macros_inside.urdf")
+    assert (robot.joint_names, said) == (("left_wheel_joint", "right_wheel_joint"), [])
+    wide, _ = loaded("macros_inside.urdf", xacro_arguments={"track": 1.0})
+    assert [pose.translation[1] for pose in list(wide.model.jointPlacements)[1:]] == [0.5, -0.5]
+
+
+def test_an_expression_inside_a_urdf_is_expanded_and_a_namespace_alone_is_nothing():
+    robot, _ = loaded("expression_inside.urdf")
+    np.testing.assert_allclose(robot.model.jointPlacements[1].rotation, pin.rpy.rpyToMatrix(0, 0, 1.5), atol=ROUNDING)
+    assert loaded("namespace_only.urdf")[0].nv == 1
+    assert "xacro arguments are for a file" in refusal("namespace_only.urdf", xacro_arguments={"track": 1})
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("missing_package.urdf.xacro", "no package 'gazebo_stuff': give its folder in package_dirs (--package-dir)"),
+        ("missing_include.urdf.xacro", "gazebo/nowhere.xacro': No such file"),
+        ("argument_without_default.urdf.xacro", "give it with xacro_arguments={'track': ...} (--arg track=...)"),
+        ("macros_only.urdf.xacro", "it only defines macros (cart): give the file that calls them"),
+        ("call_without_prefix.urdf.xacro", "<cart> is not known: a macro is called with its prefix, <xacro:cart>"),
+        ("nothing.urdf", "has no links"),
+    ],
+)
+def test_xacro_that_cannot_be_expanded_is_refused_with_a_remedy(name, words):
+    assert words in refusal(name)
+
+
+def test_an_argument_without_default_can_be_given():
+    robot, _ = loaded("argument_without_default.urdf.xacro", xacro_arguments={"track": 0.3})
+    assert robot.model.jointPlacements[1].translation[1] == 0.3
+
+
+# ---------------------------------------------------------------------- what is left out or written another way
+
+
+def test_joints_without_limits_move_without_end():
+    robot, said = loaded("no_limits.urdf")
+    assert said == [
+        "no_limits.urdf: has no <limit> and is taken to move without end: joint shoulder",
+        "no_limits.urdf: has no limit of effort or velocity, which is taken as infinite: joint lift",
+    ]
+    at = {name: robot.model.joints[robot.joint_id(name)].idx_v for name in robot.joint_names}
+    assert robot.model.lowerPositionLimit[at["shoulder"]] == -np.inf
+    assert robot.model.upperPositionLimit.tolist() == [{"lift": 0.5, "shoulder": np.inf, "wrist": 1}[k] for k in at]
+    assert robot.model.effortLimit[at["lift"]] == robot.model.velocityLimit[at["shoulder"]] == np.inf
+    assert axis_of(robot, "wrist").tolist() == [1, 0, 0]
+    assert np.isfinite(robot.random_configuration(np.random.default_rng(0))).all()
+
+
+def test_limits_of_a_continuous_joint_do_not_bound_it():
+    robot, said = loaded("continuous_with_limits.urdf")
+    assert said == []
+    assert robot.joint_values(robot.configuration({"wheel_joint": 2.0})) == pytest.approx({"wheel_joint": 2.0})
+    assert robot.model.effortLimit.tolist() == [7]
+
+
+def test_numbers_between_commas():
+    robot, said = loaded("commas.urdf")
+    assert said == ["commas.urdf: has numbers too many, the last of which are left out: xyz of joint 'arm_joint'"]
+    assert robot.model.jointPlacements[robot.joint_id("left_wheel_joint")].translation.tolist() == [0, 0.2, 0]
+    assert robot.model.jointPlacements[robot.joint_id("arm_joint")].translation.tolist() == [0.1, 0, 0]
+    words = refusal("decimal_commas.urdf")
+    assert "<origin> of joint 'left_wheel_joint': xyz is '0 0,2 0': write a point for the decimals" in words
+
+
+@pytest.mark.parametrize("name", ["byte_order_mark.urdf", "blank_before_declaration.urdf", "latin_1.urdf"])
+def test_files_of_strange_editors(name):
+    assert loaded(name)[0].joint_names == ("left_wheel_joint",)
+
+
+def test_floating_and_planar_joints_inside_the_file():
+    robot, said = loaded("floating_and_planar.urdf")
+    assert said == ["floating_and_planar.urdf: planar joint without an axis, which moves in its x-y plane: shift"]
+    assert robot.nv == 6 + 3 + 3
+    assert "moves across axis '1 0 0'" in refusal("planar_across.urdf")
+    assert "type 'spherical'; expected one of: fixed, revolute" in refusal("ball_joint.urdf")
+
+
+def test_inertials_that_are_not_complete():
+    robot, said = loaded("incomplete_inertials.urdf")
+    assert said == [
+        "incomplete_inertials.urdf: <inertial> without a mass is left out: link base",
+        "incomplete_inertials.urdf: <inertial> without an <inertia> is taken as a point: link arm",
+    ]
+    assert robot.model.inertias[robot.joint_id("shoulder")].mass == 2
+    tensor = robot.model.inertias[robot.joint_id("wrist")].inertia
+    np.testing.assert_allclose(tensor, 0.1 * np.eye(3), atol=ROUNDING)
+
+
+def test_tags_of_simulators_cost_nothing():
+    robot, said = loaded("simulator_tags.urdf")
+    assert (robot.joint_names, said) == (("shoulder",), [])
+    assert len(robot.visual_model.geometryObjects) == 1
+
+
+def test_a_capsule_is_a_cylinder_and_shapes_of_no_urdf_are_left_out():
+    robot, said = loaded("capsules.urdf")
+    assert len(said) == 1
+    assert "is left out: <visual> of 'arm'" in said[0]
+    (shape,) = robot.collision_model.geometryObjects
+    assert (shape.geometry.radius, 2 * shape.geometry.halfLength) == pytest.approx((0.1, 0.8))
+
+
+def test_a_world_that_the_file_leaves_out():
+    robot, said = loaded("no_world.urdf")
+    assert robot.nv == 1
+    assert said == ["no_world.urdf: names 'world' as a parent, which is added as a link"]
+
+
+def test_several_roots_are_all_named():
+    words = refusal("several_roots.urdf")
+    assert "several root links: [base], [island], [rock]: hold all but one with fixed joints" in words
+
+
+def test_every_file_of_dirt_is_told_of_here():
+    told = Path(__file__).read_text()
+    assert [path.name for path in DIRT.iterdir() if path.name not in told] == []
