@@ -1,5 +1,8 @@
 """Published descriptions as they come: meshes that are missing, broken or mirrored, and what fails in drawing."""
 
+import os
+import shlex
+import subprocess
 import sys
 import warnings
 from itertools import pairwise
@@ -12,6 +15,7 @@ import pytest
 import rnc_pin as rnc
 from browsing import PATIENCE, opened, place, visit
 from rnc_pin.app.cli import main
+from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
@@ -305,3 +309,73 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     (line,) = [line for line in err.splitlines() if "warning" in line]
     assert "1 mesh was not found: package 'nowhere' (1)" in line
     assert (tmp_path / "out" / "animation.html").is_file()
+
+
+# ---------------------------------------------------------------------- messages of the command
+
+HOOK = """
+import importlib.abc, os, signal, sys, time
+class Interrupting(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            {interrupt}
+sys.meta_path.insert(0, Interrupting())
+"""
+AS_EXCEPTION = "raise KeyboardInterrupt"
+AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
+
+
+@pytest.mark.parametrize("interrupt", [AS_EXCEPTION, AS_SIGNAL], ids=["exception", "signal"])
+@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "pinocchio", "matplotlib", "rnc_pin.app.commands.run"])
+def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.run(
+        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert process.stderr == "rnc-pin: error: interrupted\n"
+    assert (process.returncode, process.stdout) == (1, "")
+
+
+@pytest.mark.parametrize("command", ["run", "inspect", "sweep"])
+@pytest.mark.parametrize("name", ["my robot.urdf", "robot.urdf.xacro", "robot.xml", "robot.mjcf", "talos_reduced"])
+def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if "." in name:
+        (tmp_path / name).write_text(chain(base=INERTIAL, arm=INERTIAL))
+    more = ["--runs", "2", "--out", "x"] if command == "sweep" else []
+    status, _, error = call(command, name, *more)
+    assert status == 2
+    assert "that is a robot, not a scenario: draft one with: rnc-pin init " in error
+    assert shlex.split(error)[-1] == name
+    assert len(error.splitlines()) == 1
+
+
+def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
+    robot = tmp_path / "my robot.urdf"
+    robot.write_text(chain(base=INERTIAL, arm=INERTIAL))
+    status, out, _ = call("init", robot, "--out", tmp_path / "my first.yaml")
+    assert status == 0
+    tried = out.split("then try: ")[1].split(";")
+    assert [shlex.split(each)[-1] for each in tried] == [str(tmp_path / "my first.yaml")] * 2
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "meant"),
+    [
+        ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
+        ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
+        ("left", ["lift", "lef", "wheel_left_joint"], "wheel_left_joint"),
+        ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
+        ("tpi", ["base", "tip"], "tip"),
+    ],
+)
+def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
+    assert nearest(name, valid) == f"; did you mean '{meant}'?"
+
+
+def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
+    _, _, error = call("run", "talos")
+    assert "tiago" not in error
+    assert "if you mean the robot 'talos_reduced'" in error
