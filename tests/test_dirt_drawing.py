@@ -5,8 +5,10 @@ import shlex
 import subprocess
 import sys
 import warnings
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +21,9 @@ from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization import plot_style
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
+from rnc_pin.visualization.plots import plot_outputs, plot_overview, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
@@ -379,3 +383,53 @@ def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
     _, _, error = call("run", "talos")
     assert "tiago" not in error
     assert "if you mean the robot 'talos_reduced'" in error
+
+
+# ---------------------------------------------------------------------- many lines in a plot
+
+
+@cache
+def many_joints():
+    """A run of an arm of twenty joints whose goals are all different."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(chain(**{f"upper_link_{k}": INERTIAL for k in range(21)}))
+        robot = rnc.Robot.from_urdf(path, gravity=(0, 0, 0))
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
+        [rnc.JointPosition(name) for name in robot.joint_names]
+    )
+    goals = np.linspace(-0.4, 0.5, 20)
+    reference = rnc.planning.MinimumJerk(np.zeros(20), goals, 0.3)
+    controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
+    return rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
+
+
+def test_no_two_lines_of_a_plot_look_alike():
+    run = many_joints()
+    names = list(run.info.outputs.x2.names)
+    for figure in (plot_outputs(run, names), plot_overview(run), plot_run(run)):
+        for axes in figure.axes:
+            solid = [
+                line for line in axes.lines if line.get_linestyle() == "-" and not line.get_label().startswith("_")
+            ]
+            looks = [(line.get_color(), line.get_marker()) for line in solid]
+            assert len(set(looks)) == len(looks)
+    assert len({plot_style.look(k) for k in range(72)}) == 72
+    assert len({plot_style.shade(k) for k in range(18)}) == 18
+
+
+def test_the_plots_of_many_joints_have_room_beside_their_legends():
+    run = many_joints()
+    for figure in (plot_outputs(run, list(run.info.outputs.x2.names)), plot_overview(run), plot_run(run)):
+        figure.draw_without_rendering()
+        whole = figure.get_window_extent()
+        for axes in figure.axes:
+            box = axes.get_window_extent()
+            assert box.width > 0.5 * whole.width
+            legend = axes.get_legend()
+            if legend is None:
+                continue
+            shown = legend.get_window_extent()
+            assert not box.overlaps(shown)
+            assert (shown.min >= whole.min - 1.0).all()  # [pixels]
+            assert (shown.max <= whole.max + 1.0).all()
