@@ -223,12 +223,13 @@ def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | Non
     """The valid name that is most likely meant, or None.
 
     A short word is often the part that a person remembers: ``wheel`` for ``wheel_left_joint``. So names that begin with
-    it come first, then those that have it in them and, with ``spelling``, those that are spelt alike.
+    it come first; with ``spelling``, those spelt nearly alike before those that have it in them, and others after.
     """
     choices = list(valid)
     beginning = [choice for choice in choices if len(name) > 2 and choice.startswith(name)]
     part = [choice for choice in choices if len(name) > 2 and name in choice]
-    for some, cutoff in ((beginning, 0.0), (part, 0.0), (choices if spelling else [], 0.5)):
+    alike = choices if spelling else []
+    for some, cutoff in ((beginning, 0.0), (alike, 0.8), (part, 0.0), (alike, 0.5)):
         close = difflib.get_close_matches(name, some, n=1, cutoff=cutoff)
         if close:
             return close[0]

@@ -370,7 +370,8 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
     [
         ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
         ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
-        ("left", ["lift", "lef", "wheel_left_joint"], "wheel_left_joint"),
+        ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
+        ("plotli", ["matplotlib", "plotly"], "plotly"),
         ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
         ("tpi", ["base", "tip"], "tip"),
     ],

@@ -101,9 +101,9 @@ def look(k: int) -> tuple[str, str]:
 
 def shade(k: int) -> str:
     """Colour of the k-th series where there are no markers: those that come round again are darker, then paler."""
-    red, green, blue = mpl.colors.to_rgb(COLORS[k % len(COLORS)])
     toward, share = ((0.0, 0.0), (0.0, 0.45), (1.0, 0.5))[k // len(COLORS) % 3]
-    return mpl.colors.to_hex([(1 - share) * each + share * toward for each in (red, green, blue)])
+    red, green, blue = ((1 - share) * each + share * toward for each in mpl.colors.to_rgb(COLORS[k % len(COLORS)]))
+    return mpl.colors.to_hex((red, green, blue))
 
 
 def widened(width: float, most: int) -> float:
