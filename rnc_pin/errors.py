@@ -219,6 +219,23 @@ class SingularityError(SimulationError):
         )
 
 
+def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | None:
+    """The valid name that is most likely meant, or None.
+
+    A short word is often the part that a person remembers: ``wheel`` for ``wheel_left_joint``. So names that begin with
+    it come first; with ``spelling``, those spelt nearly alike before those that have it in them, and others after.
+    """
+    choices = list(valid)
+    beginning = [choice for choice in choices if len(name) > 2 and choice.startswith(name)]
+    part = [choice for choice in choices if len(name) > 2 and name in choice]
+    alike = choices if spelling else []
+    for some, cutoff in ((beginning, 0.0), (alike, 0.8), (part, 0.0), (alike, 0.5)):
+        close = difflib.get_close_matches(name, some, n=1, cutoff=cutoff)
+        if close:
+            return close[0]
+    return None
+
+
 def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
     """Words that point from a wrong name to the valid ones: ``; did you mean 'b'?``.
 
@@ -227,11 +244,9 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
     choices = [str(choice) for choice in valid]
     if not choices:
         return "; there are none"
-    close = difflib.get_close_matches(str(name), choices, n=1, cutoff=0.5)
-    # A short word is often the part that a person remembers: `wheel` for `wheel_left_joint`.
-    close = close or [choice for choice in choices if len(name) > 2 and name in choice][:1]
-    if close:
-        return f"; did you mean '{close[0]}{ending}'?"
+    close = closest(str(name), choices)
+    if close is not None:
+        return f"; did you mean '{close}{ending}'?"
     shown = ", ".join(choice + ending for choice in choices[:12]) + (", ..." if len(choices) > 12 else "")
     return f"; expected one of: {shown}"
 

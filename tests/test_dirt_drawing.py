@@ -1,9 +1,14 @@
 """Published descriptions as they come: meshes that are missing, broken or mirrored, and what fails in drawing."""
 
+import os
+import shlex
+import subprocess
 import sys
 import warnings
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pinocchio as pin
@@ -12,10 +17,13 @@ import pytest
 import rnc_pin as rnc
 from browsing import PATIENCE, opened, place, visit
 from rnc_pin.app.cli import main
+from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization import plot_style
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
+from rnc_pin.visualization.plots import plot_outputs, plot_overview, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
@@ -305,3 +313,124 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     (line,) = [line for line in err.splitlines() if "warning" in line]
     assert "1 mesh was not found: package 'nowhere' (1)" in line
     assert (tmp_path / "out" / "animation.html").is_file()
+
+
+# ---------------------------------------------------------------------- messages of the command
+
+HOOK = """
+import importlib.abc, os, signal, sys, time
+class Interrupting(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            {interrupt}
+sys.meta_path.insert(0, Interrupting())
+"""
+AS_EXCEPTION = "raise KeyboardInterrupt"
+AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
+
+
+@pytest.mark.parametrize("interrupt", [AS_EXCEPTION, AS_SIGNAL], ids=["exception", "signal"])
+@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "pinocchio", "matplotlib", "rnc_pin.app.commands.run"])
+def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.run(
+        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert process.stderr == "rnc-pin: error: interrupted\n"
+    assert (process.returncode, process.stdout) == (1, "")
+
+
+@pytest.mark.parametrize("command", ["run", "inspect", "sweep"])
+@pytest.mark.parametrize("name", ["my robot.urdf", "robot.urdf.xacro", "robot.xml", "robot.mjcf", "talos_reduced"])
+def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if "." in name:
+        (tmp_path / name).write_text(chain(base=INERTIAL, arm=INERTIAL))
+    more = ["--runs", "2", "--out", "x"] if command == "sweep" else []
+    status, _, error = call(command, name, *more)
+    assert status == 2
+    assert "that is a robot, not a scenario: draft one with: rnc-pin init " in error
+    assert shlex.split(error)[-1] == name
+    assert len(error.splitlines()) == 1
+
+
+def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
+    robot = tmp_path / "my robot.urdf"
+    robot.write_text(chain(base=INERTIAL, arm=INERTIAL))
+    status, out, _ = call("init", robot, "--out", tmp_path / "my first.yaml")
+    assert status == 0
+    tried = out.split("then try: ")[1].split(";")
+    assert [shlex.split(each)[-1] for each in tried] == [str(tmp_path / "my first.yaml")] * 2
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "meant"),
+    [
+        ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
+        ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
+        ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
+        ("plotli", ["matplotlib", "plotly"], "plotly"),
+        ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
+        ("tpi", ["base", "tip"], "tip"),
+    ],
+)
+def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
+    assert nearest(name, valid) == f"; did you mean '{meant}'?"
+
+
+def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
+    _, _, error = call("run", "talos")
+    assert "tiago" not in error
+    assert "if you mean the robot 'talos_reduced'" in error
+
+
+# ---------------------------------------------------------------------- many lines in a plot
+
+
+@cache
+def many_joints():
+    """A run of an arm of twenty joints whose goals are all different."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(chain(**{f"upper_link_{k}": INERTIAL for k in range(21)}))
+        robot = rnc.Robot.from_urdf(path, gravity=(0, 0, 0))
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
+        [rnc.JointPosition(name) for name in robot.joint_names]
+    )
+    goals = np.linspace(-0.4, 0.5, 20)
+    reference = rnc.planning.MinimumJerk(np.zeros(20), goals, 0.3)
+    controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
+    return rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
+
+
+def test_no_two_lines_of_a_plot_look_alike():
+    run = many_joints()
+    names = list(run.info.outputs.x2.names)
+    for figure in (plot_outputs(run, names), plot_overview(run), plot_run(run)):
+        for axes in figure.axes:
+            solid = [
+                line for line in axes.lines if line.get_linestyle() == "-" and not line.get_label().startswith("_")
+            ]
+            looks = [(line.get_color(), line.get_marker()) for line in solid]
+            assert len(set(looks)) == len(looks)
+    assert len({plot_style.look(k) for k in range(72)}) == 72
+    assert len({plot_style.shade(k) for k in range(18)}) == 18
+
+
+def test_the_plots_of_many_joints_have_room_beside_their_legends():
+    run = many_joints()
+    for figure in (plot_outputs(run, list(run.info.outputs.x2.names)), plot_overview(run), plot_run(run)):
+        figure.draw_without_rendering()
+        whole = figure.get_window_extent()
+        for axes in figure.axes:
+            box = axes.get_window_extent()
+            assert box.width > 0.5 * whole.width
+            legend = axes.get_legend()
+            if legend is None:
+                continue
+            shown = legend.get_window_extent()
+            assert not box.overlaps(shown)
+            assert (shown.min >= whole.min - 1.0).all()  # [pixels]
+            assert (shown.max <= whole.max + 1.0).all()

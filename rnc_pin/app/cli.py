@@ -1,48 +1,11 @@
-"""The command line: an exit status, and one line for whatever is wrong."""
+"""The entry point of ``rnc-pin``: imports the command line in such a way that Ctrl-C meanwhile is one line too."""
 
-from __future__ import annotations
+from rnc_pin.app.interruption import interruptible_imports
 
-import sys
-import traceback
+with interruptible_imports():
+    from rnc_pin.app.command_line import main
 
-import click
-
-from rnc_pin.app.messages import complain, told_warnings
-from rnc_pin.app.status import DONE, FAILED, USAGE
-from rnc_pin.app.usage import cli
-from rnc_pin.errors import RncError
-
-
-def main() -> None:
-    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
-    try:
-        with told_warnings():
-            status = cli.main(standalone_mode=False)
-    except click.exceptions.Abort:
-        complain("interrupted")
-        sys.exit(FAILED)
-    except click.UsageError as error:
-        command = error.ctx.command_path if error.ctx else "rnc-pin"
-        complain(f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
-        sys.exit(USAGE)
-    except click.ClickException as error:
-        complain(error.format_message())
-        sys.exit(USAGE)
-    except RncError as error:
-        if "--debug" in sys.argv:
-            traceback.print_exc()
-        complain(str(error))
-        sys.exit(USAGE)
-    except BrokenPipeError:  # the reader of a pipe has seen enough
-        sys.stderr.close()
-        sys.exit(FAILED)
-    except Exception as error:
-        if "--debug" in sys.argv:
-            traceback.print_exc()
-        complain(f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)")
-        sys.exit(FAILED)
-    sys.exit(status if isinstance(status, int) else DONE)
-
+__all__ = ["main"]
 
 if __name__ == "__main__":
     main()

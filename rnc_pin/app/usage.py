@@ -13,6 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from rnc_pin.app import commands
+from rnc_pin.app.interruption import interruptible_imports
 from rnc_pin.scenario.files import built_in_names
 
 Given: TypeAlias = Any
@@ -34,6 +35,13 @@ _Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 _force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
+
+
+def _command(name: str) -> Callable[..., Given]:
+    """What a command does, with all that it needs imported."""
+    with interruptible_imports():
+        function: Callable[..., Given] = getattr(commands, name)
+    return function
 
 
 def _showing(command: _Command) -> _Command:
@@ -68,7 +76,7 @@ def cli(context: click.Context) -> None:
 @_debug
 def list_scenarios(**given: Given) -> None:
     """List the built-in scenarios."""
-    commands.list_scenarios(**given)
+    _command("list_scenarios")(**given)
 
 
 @cli.command()
@@ -81,7 +89,7 @@ def list_scenarios(**given: Given) -> None:
 @_debug
 def run(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
-    return commands.run_scenario(**given)
+    return _command("run_scenario")(**given)
 
 
 @cli.command()
@@ -93,7 +101,7 @@ def run(**given: Given) -> int:
 @_debug
 def inspect(**given: Given) -> None:
     """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
-    commands.inspect_system(**given)
+    _command("inspect_system")(**given)
 
 
 @cli.command()
@@ -114,13 +122,13 @@ def inspect(**given: Given) -> None:
 @_debug
 def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
-    commands.draft_scenario(**given)
+    _command("draft_scenario")(**given)
 
 
 @cli.command()
 def schema() -> None:
     """Print the JSON Schema of scenario files, for editors."""
-    commands.print_schema()
+    _command("print_schema")()
 
 
 @cli.command()
@@ -136,7 +144,7 @@ def schema() -> None:
 @_debug
 def replay(**given: Given) -> None:
     """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
-    commands.replay_runs(**given)
+    _command("replay_runs")(**given)
 
 
 @cli.command()
@@ -154,4 +162,4 @@ def sweep(**given: Given) -> int:
 
     A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.
     """
-    return commands.sweep_scenario(**given)
+    return _command("sweep_scenario")(**given)

@@ -6,15 +6,18 @@ It knows nothing of what a scenario may say, so that listing and completing name
 from __future__ import annotations
 
 import os.path
+import shlex
 from collections.abc import Hashable, Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
 
 import yaml
 
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
 from rnc_pin.plain import Json
+from rnc_pin.robots.urdf_files import example_urdfs, shipped_directory
 
+ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
 _BUILT_IN = Path(__file__).resolve().parent / "builtin"
 
 
@@ -52,13 +55,41 @@ def find_scenario(name: str) -> Path:
     """The file of a built-in scenario, or the file named.
 
     Raises:
-        ConfigurationError: neither exists; says the nearest name.
+        ConfigurationError: neither exists, says the nearest name; or it is a robot, says how to draft one.
     """
     if name in built_in_names():
         return _BUILT_IN / f"{name}.yaml"
     if os.path.isfile(name):  # a name that no file can have is none
+        if name.lower().endswith(ROBOT_FILES):
+            raise ConfigurationError(f"{name}: {_is_robot(name)}")
         return Path(name)
-    raise ConfigurationError(f"no scenario '{name}': neither built in nor a file{nearest(name, built_in_names())}")
+    robots = robot_names()
+    if name in robots:
+        raise ConfigurationError(f"'{name}': {_is_robot(name)}")
+    close = closest(name, built_in_names(), spelling=False)
+    robot = None if close else closest(name, robots, spelling=False)
+    missing = f"no scenario '{name}': neither built in nor a file"
+    if robot is not None:
+        raise ConfigurationError(f"{missing}; if you mean the robot '{robot}', {_draft_it(robot)}")
+    raise ConfigurationError(f"{missing}{nearest(name, built_in_names())}")
+
+
+def robot_names() -> list[str]:
+    """Robots that ``rnc-pin init`` knows by name: files that are shipped, and examples where they are installed."""
+    shipped = [path.name for path in shipped_directory().glob("*.urdf")]
+    try:
+        examples = list(example_urdfs())
+    except ModelError:
+        examples = []
+    return sorted(shipped) + sorted(examples)
+
+
+def _is_robot(name: str) -> str:
+    return f"that is a robot, not a scenario: {_draft_it(name)}"
+
+
+def _draft_it(robot: str) -> str:
+    return f"draft one with: rnc-pin init {shlex.quote(robot)}"
 
 
 def read_yaml(path: Path) -> dict[str, Json]:

@@ -69,7 +69,7 @@ def interactive_figure(
             row: int, column: int, name: str, values: np.ndarray, run: Trajectory = run, dash: str = dash,
             every: slice = every, after: str = after, color: str | None = None,
         ) -> None:  # fmt: skip
-            shade = color or ps.COLORS[column % len(ps.COLORS)]
+            shade = color or ps.shade(column)
             style = {"color": shade, "dash": dash, "width": 2 if color is None else 1.5}
             figure.add_scatter(x=run.time[every], y=values[every], name=name + after, line=style, row=row, col=1)
 

@@ -31,7 +31,7 @@ def plot_outputs(
         title: above the plot.
         comparisons: other runs by label.
     """
-    figure = ps.PrintFigure(figsize=(6.4, 3.6))
+    figure = ps.PrintFigure(figsize=(6.4, ps.heightened(3.6, [*outputs, "desired", *(comparisons or {})])))
     axes = figure.subplots()
     handles = _outputs(axes, trajectory, outputs, comparisons or {})
     axes.set_xlabel("time [s]")
@@ -67,7 +67,8 @@ def plot_learning(
 @ps.styled
 def plot_overview(trajectory: Trajectory, title: str | None = None) -> Figure:
     """What any run is judged by: tracking errors, actuator inputs and the distance from singularity."""
-    figure = ps.PrintFigure(figsize=(6.4, 6.4))
+    most = max(len(trajectory.info.goals), len(trajectory.info.outputs.T))
+    figure = ps.PrintFigure(figsize=(ps.widened(6.4, most), 6.4))
     panels = figure.subplots(3, 1, sharex=True)
     _errors(panels[0], trajectory, {})
     _inputs(panels[1], trajectory)
@@ -98,7 +99,8 @@ def plot_run(
     units = list(dict.fromkeys(ps.series(trajectory, name)[2] for name in names))
     learnt = [each for each in ("estimates", "prediction_error") if getattr(trajectory, each).shape[1]]
     count = len(units) + 2 + len(learnt) + bool(trajectory.T.shape[1])
-    figure = ps.PrintFigure(figsize=(7.2, 2.0 * count + 0.4))
+    most = max(len(names), len(trajectory.info.outputs.T))
+    figure = ps.PrintFigure(figsize=(ps.widened(7.2, most), 2.0 * count + 0.4))
     panels = iter(figure.subplots(count, 1, sharex=True))
     first: Axes | None = None
     for unit in units:

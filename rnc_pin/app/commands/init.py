@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -33,7 +34,8 @@ def draft_scenario(
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
-    click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {path}; rnc-pin run {path}")
+    quoted = shlex.quote(str(path))
+    click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:

@@ -69,7 +69,8 @@ def read_urdf(
         warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
-    return Description(model, lambda kind: meshes.geometry(model, kind), mimics, bodies_of(root), packages.found, packages.far)
+    bodies = bodies_of(root)
+    return Description(model, lambda kind: meshes.geometry(model, kind), mimics, bodies, packages.found, packages.far)
 
 
 def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:

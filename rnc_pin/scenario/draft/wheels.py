@@ -133,9 +133,7 @@ class _Found:
         return self.bottom - ground < slack * self.wheel.radius
 
 
-def _candidates(
-    robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], root: int
-) -> Iterator[_Candidate]:
+def _candidates(robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], root: int) -> Iterator[_Candidate]:
     """Joints that turn on and on about a level axis, with nothing behind them but rollers."""
     model = robot.model
     for index in range(root + 1, model.njoints):
@@ -170,8 +168,11 @@ def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
 
 
 def _measured(robot: Robot, data: pin.Data, candidate: _Candidate, floor: float | None) -> _Size | None:
-    """How large a wheel is, by its shapes; where there are none, by its height over a floor that the file has,
-    its inertia, or its height over the base's origin. None where it is no wheel."""
+    """How large a wheel is, or None where it is none.
+
+    By its shapes; where there are none, by its height over a floor that the file has, by its inertia, or by its height
+    over the base's origin.
+    """
     for kind, parts in candidate.parts.items():
         disk = round_about(parts, candidate.center, candidate.axle)
         if disk is not None and disk.width < _WIDEST * disk.radius:
