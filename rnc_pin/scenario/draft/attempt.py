@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft.mobility import Entry, Mobility
+from rnc_pin.scenario.draft.source import Source
 from rnc_pin.scenario.draft.text import Drafted, write_draft
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import Plan, execute
@@ -35,8 +36,6 @@ _SHORT, _LONG = 0.1, 6.0  # how long a draft is tried out, and how long where th
 _PATIENCE = 20.0  # [s]
 _TRACKERS = (("adaptive", 0.002), ("adaptive", 0.001), ("computed_torque", 0.002))
 
-Load = Callable[[str | None, Mapping[str, float]], Robot]
-
 
 @dataclass
 class Attempt:
@@ -44,24 +43,20 @@ class Attempt:
 
     Args:
         mobility: how the base stands.
-        entry: what the scenario says of the robot, without base and locked joints.
-        load: the robot, with a base and with joints locked.
+        source: the robot.
         start: values of joints at the start.
-        held: joints locked whatever the base does.
         folder: where the scenario will be.
     """
 
     mobility: Mobility
-    entry: dict[str, Json]
-    load: Load
+    source: Source
     start: dict[str, float]
-    held: dict[str, float]
     folder: Path
 
     def __post_init__(self) -> None:
         mobility = self.mobility
-        mobility.lock = {**self.held, **mobility.lock}
-        self.robot = self.load(mobility.base, mobility.lock)
+        self.robot = self.source.load(mobility.base, mobility.lock)
+        mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
@@ -160,8 +155,7 @@ class Attempt:
         """What the scenario says of the robot."""
         mobility = self.mobility
         return {
-            **self.entry,
-            **({} if mobility.base is None else {"base": mobility.base}),
+            **self.source.described(mobility.base),
             **({"lock": mobility.lock} if mobility.lock else {}),
             **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
         }

@@ -1,0 +1,147 @@
+"""Where the robot of a draft comes from, and what has to be added to its file before it can be simulated."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.plain import Json
+from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.urdf_files import example_urdfs, is_file, shipped_directory
+from rnc_pin.scenario.loading import admitted
+from rnc_pin.scenario.schema.robot import RobotSource
+
+_BASE = "root_joint"  # one without mass is given some, not held
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user says of a robot instead of leaving it to be guessed.
+
+    Attributes:
+        base: "fixed", "planar" or "free".
+        xacro_arguments: values for the arguments of a xacro file.
+        package_dirs: folders of packages.
+        lock: joints to hold, and where.
+    """
+
+    base: str | None = None
+    xacro_arguments: Mapping[str, Json] | None = None
+    package_dirs: Sequence[Path] = ()
+    lock: Mapping[str, float] | None = None
+
+
+class Source:
+    """A robot's file, to be loaded with one base or another.
+
+    Args:
+        name: a file, the name of a URDF shipped with rnc_pin or of a robot of example-robot-data.
+        folder: where the scenario will be.
+        wishes: what is not to be guessed.
+
+    Attributes:
+        entry: what the scenario says of the robot, without base and locked joints.
+        masses: link to mass [kg], of links whose inertia is of no use.
+        held: joints to lock, and where.
+        notes: what was added, a line each.
+
+    Raises:
+        ModelError: no such robot.
+    """
+
+    def __init__(self, name: str, folder: Path, wishes: Wishes) -> None:
+        self.name, self._folder, self._wishes = Path(name).name, folder, wishes
+        self.entry = _entry(name, folder)
+        if wishes.xacro_arguments:
+            self.entry["xacro_arguments"] = dict(wishes.xacro_arguments)
+        if wishes.package_dirs:
+            self.entry["package_dirs"] = [str(each.resolve()) for each in wishes.package_dirs]
+        self.masses: dict[str, float] = {}
+        self.held = dict(wishes.lock or {})
+        self.notes: list[str] = []
+
+    def load(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
+        """The robot; joints of it that move no mass are held or given some, once and for all."""
+        while True:
+            try:
+                return self.as_it_is(base, lock)
+            except UselessInertia as error:
+                if not self._mend(error.joints):
+                    raise
+
+    def as_it_is(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
+        """The robot, or an error where a joint of it moves no mass."""
+        raw = {**self.described(base), "lock": {**self.held, **(lock or {})}}
+        return admitted(RobotSource, raw, "robot").build(self._folder)
+
+    def described(self, base: str | None) -> dict[str, Json]:
+        """The entry with a base."""
+        masses: dict[str, Json] = {"masses": dict(self.masses)} if self.masses else {}
+        return {**self.entry, **masses, **({} if base is None else {"base": base})}
+
+    def lying(self) -> tuple[Robot, bool]:
+        """The robot as its file has it; afloat where it is one rigid body, and whether it is."""
+        if "mjcf" in self.entry:
+            return self.load(None), False
+        try:
+            return self.load("fixed"), False
+        except ModelError as error:
+            try:
+                robot = self.as_it_is("free")
+            except ModelError:
+                raise error from None
+            if robot.nv > 6:
+                raise
+            return robot, True
+
+    def remember_packages(self, robot: Robot) -> None:
+        """Record the packages that another shell would not find."""
+        given = [each.resolve() for each in self._wishes.package_dirs]
+        far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
+        if given or far:
+            folder = self._folder.resolve()
+            self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
+
+    def mass_of_base(self) -> float:
+        """Of the first link [kg]; a ground or world has none."""
+        try:
+            return float(self.as_it_is("free").model.inertias[1].mass)
+        except ModelError:
+            return 0.0
+
+    def _mend(self, joints: Sequence[Massless]) -> bool:
+        """Hold joints that nothing hangs on, give the links behind the others a mass; whether that is anything new."""
+        idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
+        given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
+        new = {link: mass for link, mass in given.items() if link not in self.masses}
+        held = [joint for joint in idle if joint not in self.held]
+        if new:
+            self.masses.update(new)
+            self.notes.append(f"links without a useful inertia are given one, WEIGH them: {', '.join(new)}")
+        if held:
+            self.held.update(dict.fromkeys(held, 0.0))
+            self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
+        return bool(new or held)
+
+
+def _entry(source: str, folder: Path) -> dict[str, Json]:
+    path = Path(source).expanduser()
+    if is_file(path):
+        relative = os.path.relpath(path.resolve(), folder.resolve())
+        if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
+            return {"urdf": relative}
+        return {"mjcf": relative}
+    if path.is_dir():
+        raise ModelError(f"'{source}' is a folder, expected a robot's file")
+    shipped = [each.name for each in shipped_directory().glob("*.urdf")]
+    if source in shipped:
+        return {"urdf": source}
+    if source in example_urdfs():
+        return {"example": source}
+    valid = [*shipped, *example_urdfs()]
+    raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, valid)}")
