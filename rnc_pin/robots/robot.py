@@ -202,7 +202,8 @@ class Robot(Printed):
                     warnings.simplefilter("ignore", ModelWarning)  # they have been said
                     return cls(model)
             except UselessInertia as error:
-                raise ModelError(f"{path}: {error.what}: {remedy(model, error.joints)}") from None
+                error.args = (f"{path}: {error.what}: {remedy(model, error.joints)}",)
+                raise error from None
             except ModelError as error:
                 raise ModelError(f"{path}: {error}") from None
 
