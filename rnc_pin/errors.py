@@ -42,7 +42,7 @@ class RncError(Exception):
 
 
 class ModelWarning(UserWarning):
-    """A robot's file says something that is left out of the model, or that no machine can be.
+    """A robot's file says something that is left out of the model, is read as it is meant, or that no machine can be.
 
     Example:
         >>> import warnings

@@ -299,6 +299,10 @@ def test_a_joint_with_the_name_of_the_bases(tmp_path):
     assert "root_joint" in rnc.Robot.from_urdf(tmp_path / "robot.urdf").joint_names
     with pytest.raises(rnc.ModelError, match="'root_joint' has the name of a planar base's own: rename it"):
         rnc.Robot.from_urdf(tmp_path / "robot.urdf", base="planar")
+    (tmp_path / "robot.urdf").write_text((DIRT / "no_world.urdf").read_text().replace('"weld"', '"root_joint"'))
+    with pytest.warns(rnc.ModelWarning, match="'world'"):
+        robot = rnc.Robot.from_urdf(tmp_path / "robot.urdf", base="planar", lock={"left_wheel_joint": 0.1})
+    assert robot.joint_names == ("root_joint",)
 
 
 def test_a_robot_without_a_name_is_called_after_its_file():

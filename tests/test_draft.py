@@ -8,7 +8,11 @@ from rnc_pin.scenario.draft import draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
-pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "error",
+    "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
+    "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
+)
 
 
 def drafted(source, folder, **options):

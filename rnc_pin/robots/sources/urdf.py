@@ -27,7 +27,6 @@ from rnc_pin.robots.sources.rounding import Roundings
 from rnc_pin.robots.sources.xacro_files import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
-
 _ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
@@ -60,7 +59,8 @@ def read_urdf(
     if masses:
         give_masses(root, masses, path)
     _check_links(root, path)
-    if base != "fixed" and any(joint.get("name") == "root_joint" for joint in root.findall("joint")):
+    moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    if base != "fixed" and "root_joint" in moving:
         raise ModelError(f"{path}: joint 'root_joint' has the name of a {base} base's own: rename it in the file")
     mimics = _mimics(root, path)
     if snap:
