@@ -50,7 +50,7 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
         mobility = way()
         try:
             attempt = Attempt(mobility, source, site.start, folder)
-            mobility.notes += source.notes + failures
+            mobility.notes += source.remarks + failures
             return attempt.text()
         except RncError as error:
             failures.append(f"not '{mobility.kind}', which does not run: {error}")

@@ -48,7 +48,7 @@ class Source:
         entry: what the scenario says of the robot, without base and locked joints.
         masses: link to mass [kg], of links whose inertia is of no use.
         held: joints to lock, and where.
-        notes: what was added, a line each.
+        notes: what was done to joints, a line each.
 
     Raises:
         ModelError: no such robot.
@@ -99,6 +99,14 @@ class Source:
                 raise
             return robot, True
 
+    @property
+    def remarks(self) -> list[str]:
+        """What was added to the file, a line each."""
+        if not self.masses:
+            return self.notes
+        links = ", ".join(self.masses)
+        return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
+
     def remember_packages(self, robot: Robot) -> None:
         """Record the packages that another shell would not find."""
         given = [each.resolve() for each in self._wishes.package_dirs]
@@ -115,18 +123,18 @@ class Source:
             return 0.0
 
     def _mend(self, joints: Sequence[Massless]) -> bool:
-        """Hold joints that nothing hangs on, give the links behind the others a mass; whether that is anything new."""
+        """Give links a mass, or hold joints that nothing at all hangs on; whether that is anything new."""
         idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
         new = {link: mass for link, mass in given.items() if link not in self.masses}
-        held = [joint for joint in idle if joint not in self.held]
-        if new:
+        if new:  # joints that carry those will move some mass after that
             self.masses.update(new)
-            self.notes.append(f"links without a useful inertia are given one, WEIGH them: {', '.join(new)}")
+            return True
+        held = [joint for joint in idle if joint not in self.held]
+        self.held.update(dict.fromkeys(held, 0.0))
         if held:
-            self.held.update(dict.fromkeys(held, 0.0))
             self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
-        return bool(new or held)
+        return bool(held)
 
 
 def _entry(source: str, folder: Path) -> dict[str, Json]:
