@@ -1,7 +1,7 @@
 """What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
 
 from . import analysis, constraints, control, errors, outputs, planning, robots, simulation
-from .analysis import Equilibrium, Linearization, Report, analyze, equilibrium, linearize
+from .analysis import Equilibrium, Linearization, Report, analyze, equilibrium, linearize, lqr
 from .constraints import (
     AckermannSteering,
     Caster,
@@ -111,6 +111,7 @@ __all__ = [
     "free_motion",
     "kinematic_rollout",
     "linearize",
+    "lqr",
     "outputs",
     "planning",
     "preflight",

@@ -23,6 +23,7 @@ NEEDED = {
     "jacobian_transpose": {"active": ["joint_2", "joint_3"]},
     "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
+    "state_feedback": {"state_cost": 1.0},
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
@@ -31,6 +32,11 @@ VALUES = {  # of every setting that some type has
     "adaptation": 3.0,
     "bandwidth": 20.0,
     "secondary": {"posture": {}},
+    "coordinates": ["joint_1", {"joint": "joint_2"}],
+    "rates": ["joint_1"],
+    "input_cost": {"joint_1": 2.0},
+    "v2": {"joint_1": 0.1},
+    "hold": ["joint_1"],
     **{name: values[name] for values in NEEDED.values() for name in values},
     **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
 }

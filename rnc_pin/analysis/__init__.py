@@ -6,6 +6,7 @@ from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.linearization import Linearization, linearize
 from rnc_pin.analysis.redundancy import Block, Evidence, Redundancy, Spread, classify
+from rnc_pin.analysis.regulator import lqr
 from rnc_pin.analysis.report import Report, analyze
 from rnc_pin.analysis.singularities import Singularity
 
@@ -26,4 +27,5 @@ __all__ = [
     "integrability",
     "lemma_1_residuals",
     "linearize",
+    "lqr",
 ]

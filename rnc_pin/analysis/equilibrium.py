@@ -26,9 +26,18 @@ _UNACTUATED = 1e-10
 
 
 class Equilibrium(NamedTuple):
-    """Where a system rests, or moves steadily, and what holds it there."""
+    """Where a system rests, or moves steadily, and what holds it there.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+        >>> found = rnc.equilibrium(reduced, robot.configuration({"joint_1": 0.3}))
+        >>> type(found).__name__, found.T.shape, found.residual < 1e-9  # the motors hold it where it is
+        ('Equilibrium', (4,), True)
+    """
 
     q: Float[Array, nq]
+    """Configuration."""
     T: Float[Array, p]
     """The smallest inputs that do."""
     residual: float
@@ -62,7 +71,7 @@ def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v
         >>> abs(round(robot.joint_values(found.q)["pitch"], 9))
         0.0
         >>> rnc.linearize(reduced, found.q, T=found.T).A.shape
-        (8, 8)
+        (9, 9)
     """
     if reduced.affine:
         raise ConstraintError("constraints are affine, 'A v = mu' with mu not zero: nothing rests under them")

@@ -58,6 +58,8 @@ class Linearization:
     T: Float[Array, p]
     difference_error: float
     """Estimated error of differences that had to be taken; 0.0 where every derivative is in closed form."""
+    reducing: OutputStack = field(repr=False)
+    """The outputs whose rates are states."""
     _read: _Coordinates = field(repr=False)
     _kept: list[int] = field(repr=False)
 
@@ -138,6 +140,7 @@ def linearize(
         v2=v2,
         T=T,
         difference_error=derivatives.difference_error,
+        reducing=outputs,
         _read=read,
         _kept=kept,
     )

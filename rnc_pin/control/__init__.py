@@ -21,6 +21,7 @@ from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.control.secondary import Combined, JointLimits, Posture, Secondary, SingularityDistance
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.control.split import SplitController
+from rnc_pin.control.state_feedback import StateFeedback
 from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
@@ -51,6 +52,7 @@ __all__ = [
     "SingularityDistance",
     "SlitheringReference",
     "SplitController",
+    "StateFeedback",
     "SteeringController",
     "TrackerState",
     "UncertainRedundancyController",

@@ -21,6 +21,7 @@ from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import Context
+from rnc_pin.scenario.schema.controllers.base import reduced_velocity
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
@@ -56,6 +57,7 @@ class Experiment:
     reduced: ReducedModel
     controller: Controller
     q0: np.ndarray
+    v2_0: np.ndarray
     simulation: SimulationSettings
     warnings: tuple[str, ...]
     provenance: Provenance
@@ -83,6 +85,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     _, reduced = build_reduced(scenario, folder)
     task = build_task(scenario, reduced)
     q0 = _initial(scenario, reduced)
+    v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
     x1, x2 = reduced.outputs(q0)
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
     references: dict[str, Reference] = {}
@@ -108,6 +111,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             preflight=scenario.preflight,
             slithering=path.slithering,
             watched=path.watched,
+            v2_0=v2_0,
         )
     )
     _check_plots(scenario, reduced)
@@ -118,6 +122,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         reduced=reduced,
         controller=built.controller,
         q0=q0,
+        v2_0=v2_0,
         simulation=scenario.simulation,
         warnings=built.warnings,
         provenance=replace(

@@ -164,6 +164,7 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             experiment.q0,
             settings.duration,
             settings.dt,
+            v2_0=experiment.v2_0,
             substeps=settings.substeps,
             plant=settings.plant,
             stop=settings.stop,

@@ -20,11 +20,13 @@ from rnc_pin.visualization.view import View
 
 
 class Initial(Strict):
-    """Where the run starts; it starts at rest."""
+    """Where the run starts, and how it moves there."""
 
     q: dict[str, float | list[float]] = {}
     """Joint: angle [rad], displacement [m]; a planar base (x, y, yaw), a free one (x, y, z, quaternion x, y, z, w).
     Where loops are to be closed or wheels to stand, those named stay and the others give way."""
+    v2: dict[str, float] = {}
+    """Reducing output: its rate; the others rest."""
 
 
 class PlotSettings(Strict):

@@ -15,6 +15,7 @@ from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerS
 from rnc_pin.scenario.schema.controllers.jacobian_transpose import JacobianTransposeSettings
 from rnc_pin.scenario.schema.controllers.reducing_outputs import ReducingOutputsSettings
 from rnc_pin.scenario.schema.controllers.redundancy import RedundancySettings
+from rnc_pin.scenario.schema.controllers.state_feedback import StateFeedbackSettings
 from rnc_pin.scenario.schema.controllers.steering import SteeringSettings
 from rnc_pin.scenario.schema.controllers.two_phase import TwoPhaseSettings
 from rnc_pin.scenario.schema.controllers.uncertain_redundancy import UncertainRedundancySettings
@@ -27,6 +28,7 @@ _AnyType = (
     | JacobianTransposeSettings
     | UncertainRedundancySettings
     | SteeringSettings
+    | StateFeedbackSettings
     | TwoPhaseSettings
 )
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import model_validator
 
 from rnc_pin.control import Controller, SlitheringReference
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
@@ -34,6 +34,7 @@ class Context:
         primary, redundant, vertical: references of the task's outputs; those that nobody gave hold the start.
         given: names of the references that the scenario gives.
         q0: where the run starts, (nq,).
+        v2_0: reduced velocity that it starts with, (r,); at rest where nothing is said.
         simulation: how long and how finely.
         preflight: what to do about singular configurations ahead.
         slithering: instead of ``vertical``, what follows from the path that is driven.
@@ -51,6 +52,7 @@ class Context:
     preflight: Literal["warn", "refuse"] = "warn"
     slithering: SlitheringReference | None = None
     watched: tuple[np.ndarray, Reference] | None = None
+    v2_0: np.ndarray | None = None
 
     @property
     def horizon(self) -> float:
@@ -144,6 +146,21 @@ class HeldSettings(ControllerSettings):
             return None
         rest = np.zeros(context.reduced.r)
         return context.reduced.inverse_dynamics(context.q0, rest, rest)
+
+
+def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
+    """A reduced velocity (r,) from rates by the names of the reducing outputs; the others rest.
+
+    Raises:
+        ConfigurationError: no such output.
+    """
+    names = reduced.reducing.names
+    v2 = np.zeros(reduced.r)
+    for name, rate in rates.items():
+        if name not in names:
+            raise ConfigurationError(f"{key}: no reducing output '{name}'{nearest(name, names)}")
+        v2[names.index(name)] = rate
+    return v2
 
 
 def chosen(name: str, value: Gain, default: float | np.ndarray, size: int) -> float | np.ndarray:

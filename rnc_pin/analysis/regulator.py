@@ -1,0 +1,105 @@
+"""The linear-quadratic regulator of a linearised system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.linearization import Linearization
+from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+
+Cost = float | Sequence[float] | Mapping[str, float] | Array
+
+_SLOW = 1e-5  # of the size of A: real part above which a mode counts as one that does not fade by itself
+_UNREACHED = 1e-6  # of the same: what counts as none
+
+
+def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Float[Array, "p s"]:
+    """The gain K of the feedback ``T = T_0 - K x`` that minimises the integral of ``x^T Q x + u^T R u``.
+
+    Args:
+        linear: what is fed back.
+        state_cost: Q: weights by the names of the states, the others weigh nothing; or one number, one for each state,
+            or a matrix (s, s).
+        input_cost: R, in the same ways, by the names of the inputs; all of them have to weigh something.
+
+    Raises:
+        ConstraintError: the inputs do not reach a mode that does not fade by itself, or it costs nothing; names the
+            states that it moves.
+        ConfigurationError: a weight that makes no sense, or for a state or input that is not there.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+        >>> upright = robot.configuration()
+        >>> linear = rnc.linearize(reduced, upright, coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+        >>> K = rnc.lqr(linear, {"pitch": 10.0, "base_speed_x": 1.0})
+        >>> K.shape, bool(np.linalg.eigvals(linear.A - linear.B @ K).real.max() < 0)
+        ((2, 3), True)
+    """
+    A, B = linear.A, linear.B
+    Q = _cost(state_cost, linear.state_names, "state_cost")
+    R = _cost(input_cost, linear.input_names, "input_cost")
+    if np.linalg.eigvalsh(Q).min(initial=0.0) < -1e-12 * np.abs(Q).max(initial=0.0):
+        raise ConfigurationError("state_cost: no weight may be negative")
+    if len(R) and not np.linalg.eigvalsh(R).min() > 0:
+        raise ConfigurationError("input_cost: every input has to weigh something")
+    if not len(R):
+        raise ConstraintError("a system without actuators has nothing to feed back to")
+    size = max(1.0, float(np.abs(A).max(initial=0.0)))
+    for value in np.linalg.eigvals(A):
+        if value.real < -_SLOW * size:
+            continue
+        mode = complex(*(part if abs(part) > _SLOW * size else 0.0 for part in (value.real, value.imag)))
+        shifted = A - mode * np.eye(len(A))
+        left, values, _ = np.linalg.svd(np.hstack([shifted, B]))
+        if values[-1] < _UNREACHED * size:
+            names = _moved(left[:, -1], linear.state_names)
+            raise ConstraintError(
+                f"the actuators {', '.join(linear.input_names)} do not reach a mode that does not fade by itself: "
+                f"it moves {names}"
+            )
+        _, values, right = np.linalg.svd(np.vstack([shifted, Q / max(np.abs(Q).max(), 1e-300)]))
+        if values[-1] < _UNREACHED * size and abs(mode.real) <= _SLOW * size:
+            names = _moved(right[-1], linear.state_names)
+            raise ConstraintError(f"state_cost: a mode that does not fade by itself costs nothing: it moves {names}")
+    try:
+        P = scipy.linalg.solve_continuous_are(A, B, Q, R)
+    except np.linalg.LinAlgError as error:
+        raise ConstraintError(f"no regulator was found: {error}") from None
+    K: Array = np.linalg.solve(R, B.T @ P)
+    slowest = float(np.linalg.eigvals(A - B @ K).real.max(initial=-np.inf))
+    if not slowest < 0:
+        raise ConstraintError(f"no regulator was found: with the best gain a mode still grows at {slowest:.3g}/s")
+    return K
+
+
+def _moved(vector: Array, names: Sequence[str]) -> str:
+    weights = np.abs(vector)
+    return ", ".join(name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max())
+
+
+def _cost(given: Cost, names: Sequence[str], what: str) -> Array:
+    size = len(names)
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise ConfigurationError(f"{what}: no '{name}'{nearest(str(name), names)}")
+        given = [given.get(name, 0.0) for name in names]
+    try:
+        weights = np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"{what}: expected numbers, found {given!r}") from None
+    if weights.ndim < 2 and weights.shape in ((), (size,)):
+        weights = np.diag(np.broadcast_to(weights, size))
+    if weights.shape != (size, size) or not np.isfinite(weights).all() or not np.allclose(weights, weights.T):
+        raise ConfigurationError(
+            f"{what}: expected a number, one for each of {', '.join(names)}, or a symmetric matrix, found {given!r}"
+        )
+    return weights

@@ -1,0 +1,92 @@
+"""Linear feedback of the state about an equilibrium or a steady motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rnc_pin.analysis.linearization import Linearization
+from rnc_pin.control.deviation import deviation
+from rnc_pin.control.protocol import Command, Description, check_size, listed, spread
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.planning.references import Reference
+from rnc_pin.printing import Spelled
+
+
+class StateFeedback(Spelled):
+    """``T = T_0 - K x``, x the deviation from what a linearisation was made about, or from a reference.
+
+    It knows the model: T_0 and K come of it. It serves systems with fewer actuators than velocities, near where they
+    were linearised. Of a quasi-velocity a reference moves the rate alone, as its integral is no state.
+
+    Reads from the measurement ``q, v2``, and ``x2`` of outputs that have a reference. One state at a time.
+
+    Args:
+        linear: the linearisation.
+        K: the gain (p, s), as ``rnc.lqr`` gives it.
+        reference: of some reducing outputs, where they are to go instead of where the linearisation has them.
+        outputs: names of these; all reducing outputs by default.
+
+    Raises:
+        ConfigurationError: K or the reference has another size, or no state is that of an output.
+    """
+
+    def __init__(
+        self,
+        linear: Linearization,
+        K: np.ndarray,
+        reference: Reference | None = None,
+        outputs: Sequence[str] | None = None,
+    ) -> None:
+        self.linear, self.K, self.reference = linear, np.asarray(K, float), reference
+        if self.K.shape != linear.B.T.shape:
+            raise ConfigurationError(f"the gain has shape {self.K.shape}, expected {linear.B.T.shape}")
+        reducing, states = linear.reducing, linear.state_names
+        self.outputs = (reducing.names if outputs is None else tuple(outputs)) if reference is not None else ()
+        for name in self.outputs:
+            if name not in reducing.names:
+                raise ConfigurationError(f"no reducing output '{name}'{nearest(name, reducing.names)}")
+        self._of = np.array([reducing.names.index(name) for name in self.outputs], dtype=int)
+        self._coordinates = reducing.coordinates.choose(self._of, reducing.names)
+        rates = [name if reducing.quasi[i] else f"{name}_dot" for name, i in zip(self.outputs, self._of, strict=True)]
+        values = [name if not reducing.quasi[i] else "" for name, i in zip(self.outputs, self._of, strict=True)]
+        self._values = [(k, states.index(name)) for k, name in enumerate(values) if name in states]
+        self._rates = [(k, states.index(name)) for k, name in enumerate(rates) if name in states]
+        if reference is not None:
+            check_size(reference, len(self.outputs), "state feedback's")
+        for k, name in enumerate(self.outputs):
+            if k not in {place for place, _ in (*self._values, *self._rates)}:
+                raise ConfigurationError(
+                    f"neither '{name}' nor its rate is a state, expected one of {', '.join(states)}"
+                )
+
+    def describe(self) -> Description:
+        """Its gain, of what, and the inputs that it starts from."""
+        return {
+            "type": type(self).__name__,
+            "states": list(self.linear.state_names),
+            "K": listed(self.K),
+            "T": listed(self.linear.T),
+            "v2": listed(self.linear.v2),
+        }
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """It learns nothing."""
+
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
+        linear = self.linear
+        x = linear.deviation(measurement.q, measurement.v2)
+        v2_desired, x2_desired = linear.v2, None
+        if self.reference is not None:
+            point, of, v2 = self.reference.at(t), self._of, measurement.v2
+            seen = deviation(self._coordinates, point, measurement.x2[of], v2[of])
+            for k, place in self._values:
+                x[place] = -seen.error[k]
+            for k, place in self._rates:
+                x[place] = -seen.error_rate[k]
+            x2_desired = spread(point.position, of, v2.shape)
+            v2_desired = linear.v2.copy()
+            v2_desired[of] = seen.velocity
+        return Command(T=linear.T - self.K @ x, v2_desired=v2_desired, x2_desired=x2_desired), None

@@ -1,0 +1,77 @@
+"""Linear feedback of the state, as a linear-quadratic regulator."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+import scipy.linalg
+
+from rnc_pin.analysis import Linearization, equilibrium, linearize, lqr
+from rnc_pin.control import StateFeedback
+from rnc_pin.errors import InfeasibleError, RncError
+from rnc_pin.planning import Joined, Reference
+from rnc_pin.scenario.schema.base import Numbers
+from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerSettings, reduced_velocity
+from rnc_pin.scenario.schema.outputs import OutputItem
+
+_THIN = 0.01  # smallest singular value below which outputs deserve a warning
+
+
+class StateFeedbackSettings(ControllerSettings):
+    """A linear-quadratic regulator about the equilibrium, or the steady motion, nearest to where the run starts."""
+
+    follows: ClassVar[frozenset[str]] = frozenset({"primary", "redundant"})
+
+    type: Literal["state_feedback"]
+    """Balances what has fewer actuators than velocities; knows the model."""
+    coordinates: list[str | OutputItem] | None = None
+    """What its state says of the configuration: entries of v by name, or outputs; all entries of v by default."""
+    rates: list[str] | None = None
+    """Reducing outputs whose rates are states; all by default."""
+    state_cost: float | Numbers | dict[str, float]
+    """Weights of the states by name, rates ending in ``_dot``; one number, or one for each."""
+    input_cost: float | Numbers | dict[str, float] = 1.0
+    """Weights of the actuators' inputs, in the same ways."""
+    v2: dict[str, float] | None = None
+    """Rates of reducing outputs in the steady motion that it keeps; the initial ones by default."""
+    hold: list[str] = []
+    """Joints that are in the equilibrium where the run starts."""
+
+    def make(self, context: Context) -> Built:
+        reduced = context.reduced
+        v2 = context.v2_0 if self.v2 is None else reduced_velocity(reduced, self.v2, "controller.v2")
+        try:
+            found = equilibrium(reduced, context.q0, self.hold, v2)
+            linear = linearize(reduced, found.q, v2, found.T, self.coordinates, self.rates)
+            K = lqr(linear, self.state_cost, self.input_cost)
+        except RncError as error:
+            raise type(error)(f"controller: {error}") from None
+        _check_sampling(linear, K, context.simulation.dt)
+        parts: list[Reference] = []
+        names: list[str] = []
+        for which in context.given:
+            parts.append(getattr(context, which))
+            names += getattr(context.task, f"{which}_names")
+        reference = Joined(parts) if parts else None
+        smallest = float(np.min(reduced.smallest_singular_value(np.stack([context.q0, found.q]))))
+        complaints = () if smallest > _THIN else (f"it starts near a singular configuration: {smallest:.2g}",)
+        if complaints and context.preflight == "refuse":
+            raise InfeasibleError(complaints[0])
+        return Built(StateFeedback(linear, K, reference, names), complaints)
+
+
+def _check_sampling(linear: Linearization, K: np.ndarray, dt: float) -> None:
+    """Refuse gains that inputs held over a sample make unstable.
+
+    Raises:
+        InfeasibleError: says how fast the closed loop is.
+    """
+    s, p = linear.B.shape
+    held = scipy.linalg.expm(np.block([[linear.A, linear.B], [np.zeros((p, s + p))]]) * dt)
+    if np.abs(np.linalg.eigvals(held[:s, :s] - held[:s, s:] @ K)).max(initial=0.0) >= 1.0:
+        fastest = float(np.abs(np.linalg.eigvals(linear.A - linear.B @ K)).max())
+        raise InfeasibleError(
+            f"controller: the closed loop is as fast as {fastest:.3g}/s, too fast for a sample every {dt:g} s: "
+            "sample faster or raise input_cost"
+        )

@@ -1,0 +1,236 @@
+"""Linear-quadratic regulators and the feedback of states, by hand and from scenario files."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.control import StateFeedback, describe
+from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.scenario.builder import build_experiment
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.replay import load_run
+from rnc_pin.scenario.run import execute, plan, write
+from test_equilibrium import acrobot
+from test_linearization import wheeled_pendulum
+
+COST = {"pitch": 20.0, "base_yaw": 5.0, "base_speed_x": 5.0, "pitch_dot": 1.0, "base_yaw_dot": 1.0}
+
+
+def balanced():
+    reduced = wheeled_pendulum()
+    linear = rnc.linearize(reduced, reduced.robot.configuration(), coordinates=["pitch", rnc.FrameYaw("base")])
+    return reduced, linear
+
+
+def test_the_gain_is_that_of_the_riccati_equation():
+    _, linear = balanced()
+    K = rnc.lqr(linear, COST, {"left_axle": 0.5, "right_axle": 2.0})
+    weights = np.diag([COST[name] for name in linear.state_names])
+    P = scipy.linalg.solve_continuous_are(linear.A, linear.B, weights, np.diag([0.5, 2.0]))
+    np.testing.assert_allclose(K, np.diag([2.0, 0.5]) @ linear.B.T @ P, rtol=1e-9)
+    np.testing.assert_allclose(rnc.lqr(linear, 1.0, 2.0), rnc.lqr(linear, np.eye(5), [2.0, 2.0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("cost", "inputs", "error", "words"),
+    [
+        ({"pich": 1.0}, 1.0, rnc.ConfigurationError, "state_cost: no 'pich'; did you mean 'pitch'"),
+        ({"pitch": 1.0}, 1.0, rnc.ConstraintError, "costs nothing: it moves base_"),
+        ({**COST, "pitch": -50.0}, 1.0, rnc.ConfigurationError, "no weight may be negative"),
+        (COST, {"left_axle": 1.0}, rnc.ConfigurationError, "every input has to weigh something"),
+        (COST, 0.0, rnc.ConfigurationError, "every input has to weigh something"),
+        ([1.0, 2.0], 1.0, rnc.ConfigurationError, "one for each of pitch, base_yaw, base_speed_x"),
+        ("much", 1.0, rnc.ConfigurationError, "expected numbers"),
+    ],
+)
+def test_costs_that_make_no_regulator_are_refused(cost, inputs, error, words):
+    _, linear = balanced()
+    with pytest.raises(error, match=words) as caught:
+        rnc.lqr(linear, cost, inputs)
+    assert "\n" not in str(caught.value)
+
+
+def test_modes_out_of_reach_are_named():
+    """With both wheels on one motor the pendulum balances, but nothing turns it."""
+    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    both = np.zeros((robot.nv, 1))
+    for side in ("left", "right"):
+        both[robot.velocity_indices(f"{side}_axle")] = 1.0
+    reduced = rnc.NonholonomicSystem(robot, wheels, both).reduce(
+        [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
+    )
+    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"])
+    with pytest.raises(rnc.ConstraintError, match=r"do not reach a mode .* it moves base_yaw_dot$"):
+        rnc.lqr(linear, 1.0)
+    alone = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+    assert rnc.lqr(alone, 1.0).shape == (1, 3)
+    free = wheeled_pendulum(())
+    linear = rnc.linearize(free, free.robot.configuration(), coordinates=["pitch"])
+    with pytest.raises(rnc.ConstraintError, match="without actuators"):
+        rnc.lqr(linear, 1.0)
+
+
+def test_a_kicked_pendulum_comes_upright():
+    reduced, linear = balanced()
+    controller = StateFeedback(linear, rnc.lqr(linear, COST))
+    q0 = reduced.robot.configuration({"pitch": 0.1})
+    run = rnc.simulate(reduced, controller, q0, 6.0, 0.005, v2_0=[0.0, 0.3, 0.2])
+    np.testing.assert_allclose(run.v2[-1], 0, atol=1e-3)
+    assert abs(reduced.robot.joint_values(run.q[-1])["pitch"]) < 1e-3
+    said = describe(controller)
+    assert said["type"] == "StateFeedback"
+    np.testing.assert_array_equal(said["K"], controller.K)
+
+
+def test_references_of_speed_and_yaw_are_followed():
+    reduced, linear = balanced()
+    K = rnc.lqr(linear, COST)
+    turn = 1.5 * np.pi  # by more than a half turn
+    reference = MinimumJerk(np.zeros(2), [3.0, turn], duration=8.0)
+    controller = StateFeedback(linear, K, reference, ["base_speed_x", "base_yaw"])
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 12.0, 0.005)
+    middle = len(run.time) // 3
+    assert run.v2[middle, 0] == pytest.approx(reference.at(4.0).velocity[0], abs=0.1)
+    np.testing.assert_allclose(run.v2[-1], 0, atol=5e-3)
+    assert run.x2[-1, 2] == pytest.approx(turn, abs=0.02)
+    np.testing.assert_allclose(run.v2_desired[middle, [0, 2]], reference.at(4.0).velocity)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((np.zeros((2, 3)),), r"shape \(2, 3\), expected \(2, 5\)"),
+        ((np.zeros((2, 5)), Hold(np.zeros(2))), "2 values for 3 outputs"),
+        ((np.zeros((2, 5)), Hold(np.zeros(1)), ["base_yow"]), "did you mean 'base_yaw'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(arguments, words):
+    _, linear = balanced()
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        StateFeedback(linear, *arguments)
+
+
+def test_a_reference_needs_a_state():
+    reduced, _ = balanced()
+    linear = rnc.linearize(
+        reduced, reduced.robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"]
+    )
+    with pytest.raises(rnc.ConfigurationError, match="neither 'base_yaw' nor its rate is a state"):
+        StateFeedback(linear, np.zeros((2, 3)), Hold(np.zeros(1)), ["base_yaw"])
+
+
+def test_an_acrobot_is_balanced_upright():
+    reduced = acrobot()
+    found = rnc.equilibrium(reduced, [np.pi - 0.05, 0.1], hold=[])
+    linear = rnc.linearize(reduced, found.q, T=found.T)
+    run = rnc.simulate(
+        reduced, StateFeedback(linear, rnc.lqr(linear, 1.0)), found.q + np.array([0.01, 0.0]), 8.0, 0.005
+    )
+    np.testing.assert_allclose(run.q[-1], found.q, atol=1e-3)
+
+
+# ---------------------------------------------------------------------- scenario files
+
+PENDULUM = """
+robot: {urdf: wheeled_pendulum.urdf, base: planar}
+constraints:
+  - rolling_wheel: {frame: left_wheel, radius: 0.1}
+  - rolling_wheel: {frame: right_wheel, radius: 0.1}
+actuators: [left_axle, right_axle]
+outputs: {reducing: [{frame_speed: {frame: base}}, {joint: pitch}, {frame_yaw: base}]}
+task: {primary: [base_speed_x, base_yaw], redundant: [pitch]}
+initial: {q: {pitch: 0.1}}
+reference: {primary: {minimum_jerk: {by: [1.0, 0.5], duration: 5}}}
+controller:
+  type: state_feedback
+  coordinates: [pitch, {frame_yaw: base}]
+  state_cost: {pitch: 20, base_yaw: 5, base_speed_x: 5, pitch_dot: 1, base_yaw_dot: 1}
+simulation: {duration: 8, dt: 0.005}
+"""
+
+BICYCLE = """
+robot: {urdf: bicycle.urdf, base: free}
+constraints:
+  - rolling_wheel: {frame: rear_wheel, radius: 0.3}
+  - rolling_wheel: {frame: front_wheel, radius: 0.35}
+actuators: [steering]
+outputs:
+  reducing: [{frame_tilt: {frame: rear_frame, axis: y}}, {joint: steering}, {joint: rear_axle}]
+initial:
+  q: {root_joint: [0, 0, 0.3, 0, 0, 0, 1]}
+  v2: {rear_axle: 10, rear_frame_tilt_y: 0.1}
+controller:
+  type: state_feedback
+  coordinates: [{frame_tilt: {frame: rear_frame, axis: y}}, steering]
+  rates: [rear_frame_tilt_y, steering]
+  state_cost: {rear_frame_tilt_y: 10, steering: 1}
+  v2: {rear_axle: 10}
+  hold: [steering]
+simulation: {duration: 4, dt: 0.01}
+"""
+
+
+def written(tmp_path, text, **changes):
+    raw = yaml.safe_load(text)
+    for key, value in changes.items():
+        section, _, name = key.partition("__")
+        raw[section] = {**raw.get(section, {}), name: value}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return path
+
+
+def test_a_pendulum_that_leans_is_balanced_and_driven(tmp_path):
+    result = execute(plan(str(written(tmp_path, PENDULUM))))
+    assert result.error is None
+    run = result.trajectory
+    assert run.x2[0, 1] == pytest.approx(0.1)
+    assert abs(run.x2[-1, 1]) < 2e-3
+    assert run.x2[-1, 2] == pytest.approx(0.5, abs=0.01)
+    np.testing.assert_allclose(run.v2[-1], 0, atol=0.01)
+    assert run.info.provenance.controller["type"] == "StateFeedback"
+
+
+def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
+    path = written(tmp_path, BICYCLE)
+    planned = plan(str(path))
+    result = execute(planned)
+    assert result.error is None
+    run = result.trajectory
+    np.testing.assert_allclose(run.v2[0], [0.1, 0.0, 10.0], atol=1e-12)
+    assert np.abs(run.x2[:, 0]).max() > 0.01
+    np.testing.assert_allclose(run.x2[-1, :2], 0, atol=2e-3)
+    assert run.v2[-1, 2] == pytest.approx(10.0, abs=0.1)
+    folder = OutputFolder(tmp_path / "out")
+    write(planned, result, folder)
+    again = load_run(tmp_path / "out")
+    assert again.scenario.initial.v2 == {"rear_axle": 10, "rear_frame_tilt_y": 0.1}
+    np.testing.assert_array_equal(again.trajectory.v2, run.v2)
+
+
+def test_at_that_speed_it_would_fall(tmp_path):
+    experiment = build_experiment(validate(yaml.safe_load(BICYCLE), "test"), tmp_path)
+    assert experiment.controller.linear.eigenvalues.real.max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"initial__v2": {"rear_axel": 10}}, "initial.v2: no reducing output 'rear_axel'; did you mean 'rear_axle'"),
+        ({"controller__v2": {"stering": 1}}, "controller.v2: no reducing output 'stering'; did you mean 'steering'"),
+        ({"controller__coordinates": ["stering"]}, "controller: no coordinate 'stering'"),
+        ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
+        ({"controller__rates": ["steering"]}, "controller: the motion depends on more than"),
+        ({"controller__input_cost": 0}, "controller: input_cost: every input has to weigh something"),
+        ({"simulation__dt": 1.0}, "too fast for a sample every 1 s"),
+        ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
+    ],
+)
+def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
+    with pytest.raises(rnc.RncError, match=words) as caught:
+        plan(str(written(tmp_path, BICYCLE, **changes)))
+    assert "\n" not in str(caught.value)
