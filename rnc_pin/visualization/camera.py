@@ -11,6 +11,7 @@ GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
 ASPECT = 1.6
 _FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest is for figures, legend and player
 _CENTERINGS = 4
+_LEASH = 0.3  # of the distance from the camera: what is farther from the middle of the picture is soon out of it
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
@@ -46,3 +47,26 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
             seen = beside / (distance + depth)[:, None]
             target = target + 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * distance @ axes
     return target - forward * distance, target
+
+
+class Follower:
+    """How far a camera goes along with a robot that leaves the middle of the picture, and no farther.
+
+    Args:
+        camera: where it is at first, (3,) [m].
+        target: what it looks at, (3,).
+        point: where the robot is at first, (3,); it may be as far from the target later.
+    """
+
+    def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray) -> None:
+        self._target = target
+        self._leash = max(_LEASH * float(np.linalg.norm(camera - target)), float(np.linalg.norm(point - target)))
+        self.offset = np.zeros(3)
+
+    def follow(self, point: np.ndarray) -> np.ndarray:
+        """By what camera and target have moved, (3,), now that the robot is at a point (3,)."""
+        away = point - self._target - self.offset
+        distance = float(np.linalg.norm(away))
+        if distance > self._leash:  # never where it is not finite
+            self.offset = self.offset + away * (1.0 - self._leash / distance)
+        return self.offset
