@@ -480,6 +480,8 @@ def test_a_camera_follows_what_leaves_the_middle_of_the_picture():
         point = np.array([x, 0.2 * x, 0.0])
         assert np.linalg.norm(point - target - follower.follow(point)) < 0.31 * np.linalg.norm(camera)
     before = follower.offset
+    close = Follower(camera, target, np.zeros(3), close=True)
+    assert np.linalg.norm(before - close.follow(point)) == pytest.approx(0.2 * np.linalg.norm(camera))
     np.testing.assert_array_equal(follower.follow(np.full(3, np.nan)), before)
 
 

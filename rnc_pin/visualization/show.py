@@ -149,7 +149,8 @@ class Show:
         if self.ground is not None:
             self.stage.grid(self.ground, target, max(10.0, 2.5 * radius))
         if not self.shown.aside and (far or given is not None or not over):
-            self._follower = Follower(camera, target, self.poses.middle(first.q))
+            close = given is None and self._path is None
+            self._follower = Follower(camera, target, self.poses.middle(first.q), close)
 
     # ------------------------------------------------------------------ elements
 

@@ -110,7 +110,8 @@ class ViserScreen:
         if self._ground is not None:
             height = (float(target[0]), float(target[1]), self._ground)
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
-        self._follower = Follower(camera, target, self._poses.middle(state.q))
+        close = view.camera is None and self._plan is None
+        self._follower = Follower(camera, target, self._poses.middle(state.q), close)
         self._placed = True
 
     def _follow(self, state: State) -> None:
