@@ -15,16 +15,20 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import PATIENCE, opened, place, visit
+from browsing import PATIENCE, eventually, opened, place, visit
 from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization import plot_style
+from rnc_pin.visualization.camera import Follower
+from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.plots import plot_outputs, plot_overview, plot_run
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.stage import Stage
+from rnc_pin.visualization.state import State
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viser_screen import ViserScreen
@@ -35,6 +39,12 @@ SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
     <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
 BOX = '<geometry><box size="1 1 1"/></geometry>'
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with opened() as launched:
+        yield launched
 
 
 def mesh(name, kind="visual"):
@@ -209,28 +219,27 @@ MEASURE = """name => {
 }"""
 
 
-def test_the_page_shows_mirrored_meshes_from_outside(mirrored, tmp_path):
+def test_the_page_shows_mirrored_meshes_from_outside(mirrored, browser, tmp_path):
     path = recorded(mirrored).save(tmp_path / "page.html")
     visual, data = mirrored.visual_model, mirrored.model.createData()
     shapes = visual.createData()
     pin.updateGeometryPlacements(mirrored.model, data, visual, shapes, mirrored.configuration())
-    with opened() as browser:
-        page, problems = visit(browser, path.as_uri(), offline=True)
-        page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
-        page.evaluate("viewer.animator.pause(); viewer.animator.seek(0)")
-        for shape, placement in zip(visual.geometryObjects, shapes.oMg, strict=True):
-            if not hasattr(shape.geometry, "num_tris"):
-                continue
-            triangles = drawn_triangles(shape) * drawn_scale(shape)
-            seen = page.evaluate(MEASURE, shape.name)
-            assert seen["determinant"] > 0
-            assert seen["volume"] == pytest.approx(volume(triangles), rel=1e-4)
-            assert seen["volume"] > 0
-            corners = triangles.reshape(-1, 3) @ placement.rotation.T
-            x, y, z = np.ptp(corners, axis=0)
-            np.testing.assert_allclose(seen["size"], [x, z, y], rtol=1e-4)  # the viewer has y up
-            assert place(page, "robot", "visuals", shape.name) == pytest.approx(placement.translation, abs=1e-5)
-        assert not problems
+    page, problems = visit(browser, path.as_uri(), offline=True)
+    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+    page.evaluate("viewer.animator.pause(); viewer.animator.seek(0)")
+    for shape, placement in zip(visual.geometryObjects, shapes.oMg, strict=True):
+        if not hasattr(shape.geometry, "num_tris"):
+            continue
+        triangles = drawn_triangles(shape) * drawn_scale(shape)
+        seen = page.evaluate(MEASURE, shape.name)
+        assert seen["determinant"] > 0
+        assert seen["volume"] == pytest.approx(volume(triangles), rel=1e-4)
+        assert seen["volume"] > 0
+        corners = triangles.reshape(-1, 3) @ placement.rotation.T
+        x, y, z = np.ptp(corners, axis=0)
+        np.testing.assert_allclose(seen["size"], [x, z, y], rtol=1e-4)  # the viewer has y up
+        assert place(page, "robot", "visuals", shape.name) == pytest.approx(placement.translation, abs=1e-5)
+    assert not problems
 
 
 def test_viser_shows_mirrored_meshes_from_outside(mirrored):
@@ -434,3 +443,117 @@ def test_the_plots_of_many_joints_have_room_beside_their_legends():
             assert not box.overlaps(shown)
             assert (shown.min >= whole.min - 1.0).all()  # [pixels]
             assert (shown.max <= whole.max + 1.0).all()
+
+
+# ---------------------------------------------------------------------- camera and floor
+
+FAR = 20.0  # [m]
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cart") / "cart.urdf"
+    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
+    path.write_text(chain(base=body, mast=body))
+    return rnc.Robot.from_urdf(path, base="planar")
+
+
+def at(robot, time, x):
+    none = np.empty(0)
+    q = robot.configuration({"root_joint": [x, 0.0, 0.0]})
+    return State(time, q, none, none, none, none, none, none, float("nan"))
+
+
+EYES = "[viewer.camera.position.toArray(), viewer.controls.target.toArray()]"
+
+
+def eyes(page):
+    """Where the camera is and what it looks at, in the world's axes; the viewer's have y up."""
+    return [np.array([x, -z, y]) for x, y, z in page.evaluate(EYES)]
+
+
+def test_a_camera_follows_what_leaves_the_middle_of_the_picture():
+    camera, target = np.array([0.0, -3.0, 1.0]), np.zeros(3)
+    follower = Follower(camera, target, np.zeros(3))
+    assert not follower.follow(np.array([0.3, 0.0, 0.0])).any()  # what moves a little is not followed about
+    for x in np.linspace(0.0, FAR, 50):
+        point = np.array([x, 0.2 * x, 0.0])
+        assert np.linalg.norm(point - target - follower.follow(point)) < 0.31 * np.linalg.norm(camera)
+    before = follower.offset
+    close = Follower(camera, target, np.zeros(3), close=True)
+    assert np.linalg.norm(before - close.follow(point)) == pytest.approx(0.2 * np.linalg.norm(camera))
+    np.testing.assert_array_equal(follower.follow(np.full(3, np.nan)), before)
+
+
+@pytest.mark.parametrize(
+    "view", [View(), View(camera=(0.0, -2.5, 1.5), target=(0.1, 0.0, 0.1))], ids=["fitted", "given"]
+)
+def test_a_recorded_page_keeps_a_robot_in_sight_that_drives_away(view, cart, browser, tmp_path):
+    start = np.r_[FAR / 10.0, np.zeros(cart.nv - 1)]
+    run = rnc.free_motion(rnc.NonholonomicSystem(cart).reduce(), cart.configuration(), start, duration=10.0)
+    assert run.q[-1, 0] == pytest.approx(FAR, rel=1e-6)
+    path = Recording(cart, run, view).save(tmp_path / "page.html")
+    page, problems = visit(browser, path.as_uri(), offline=True)
+    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+    page.evaluate("viewer.animator.pause()")
+    for time in (0.0, 5.0, 10.0, 2.0):
+        seen(page, time)
+        camera, target = eyes(page)
+        size = np.linalg.norm(camera - target)
+        assert size < 5.0  # near enough to see it
+        assert np.linalg.norm(np.array(place(page, "robot", "visuals", "base_0")) - target) < 0.5 * size
+    # A user who comes nearer and looks from elsewhere keeps that.
+    page.evaluate("viewer.camera.position.y += 0.7")
+    before = np.subtract(*eyes(page))
+    seen(page, 9.0)
+    np.testing.assert_allclose(np.subtract(*eyes(page)), before, atol=1e-5)
+    assert not problems
+    page.context.close()
+
+
+def seen(page, time):
+    page.evaluate(f"viewer.animator.seek({time})")
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def test_the_live_page_keeps_a_robot_in_sight_that_drives_away(cart, browser):
+    live = LiveView(cart, speed=0, open_browser=False)
+    try:
+        live(at(cart, 0.0, 0.0))
+        page, problems = visit(browser, live.url)
+        for k in range(1, 41):
+            live(at(cart, 0.2 * k, FAR * k / 40))
+        assert eventually(lambda: place(page, "robot", "visuals", "base_0")[0] > FAR - 0.1)
+        camera, target = eyes(page)
+        assert np.linalg.norm(np.array([FAR, 0.0, 0.0]) - target) < 0.5 * np.linalg.norm(camera - target)
+        late, _ = visit(browser, live.url)  # who comes late sees the same
+        assert eventually(lambda: np.allclose(eyes(late), [camera, target], atol=1e-5))
+        assert abs(place(page, "ground")[0] - target[0]) <= 1.0
+        assert not problems
+    finally:
+        live.close()
+
+
+@pytest.mark.parametrize(
+    ("base", "gravity", "view", "floor"),
+    [
+        ("free", (0, 0, 0), View(), False),
+        ("free", (0, 0, 0), View(ground=0.0), True),
+        ("free", (0, 0, -9.81), View(), True),
+        ("planar", (0, 0, 0), View(), True),
+        ("fixed", (0, 0, 0), View(), True),
+        ("fixed", (0, 0, 0), View(ground=None), False),
+    ],
+)
+def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(Stage, "grid", lambda stage, height, center, half: drawn.append(height))
+    path = tmp_path / "satellite.urdf"
+    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
+    path.write_text(chain(hub=body, arm=body))
+    robot = rnc.Robot.from_urdf(path, base=base, gravity=gravity)
+    constraints = [rnc.MomentumConservation("root_joint")] if base == "free" and not any(gravity) else []
+    reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.full(reduced.r, 0.1), duration=0.1)
+    Recording(reduced, run, view)
+    assert bool(drawn) is floor

@@ -11,6 +11,9 @@ GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
 ASPECT = 1.6
 _FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest is for figures, legend and player
 _CENTERINGS = 4
+# How far from the middle of the picture a robot may go, by the distance from the camera.
+_WIDE = 0.3  # what is farther is soon out of it
+_CLOSE = 0.1  # for a robot that fills it
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
@@ -46,3 +49,28 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
             seen = beside / (distance + depth)[:, None]
             target = target + 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * distance @ axes
     return target - forward * distance, target
+
+
+class Follower:
+    """How far a camera goes along with a robot that leaves the middle of the picture, and no farther.
+
+    Args:
+        camera: where it is at first, (3,) [m].
+        target: what it looks at, (3,).
+        point: where the robot is at first, (3,); it may be as far from the target later.
+        close: whether the robot fills the picture.
+    """
+
+    def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
+        self._target = target
+        leash = (_CLOSE if close else _WIDE) * float(np.linalg.norm(camera - target))
+        self._leash = max(leash, float(np.linalg.norm(point - target)))
+        self.offset = np.zeros(3)
+
+    def follow(self, point: np.ndarray) -> np.ndarray:
+        """By what camera and target have moved, (3,), now that the robot is at a point (3,)."""
+        away = point - self._target - self.offset
+        distance = float(np.linalg.norm(away))
+        if distance > self._leash:  # never where it is not finite
+            self.offset = self.offset + away * (1.0 - self._leash / distance)
+        return self.offset

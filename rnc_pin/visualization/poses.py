@@ -31,6 +31,7 @@ class Poses:
         self._rows = rows
         self._kinematics = Kinematics(robot)
         self._data = robot.model.createData()
+        self._masses = robot.model.createData()
         self._q: np.ndarray | None = None
         self._lines_q: np.ndarray | None = None
         self._lines = np.empty((2, 0, 3))
@@ -62,6 +63,10 @@ class Poses:
             self._lines = np.stack(self._rows.lines_of_action(self._kinematics.position(state.q)))
             self._lines_q = state.q
         return self._lines[0], self._lines[1]
+
+    def middle(self, q: np.ndarray) -> np.ndarray:
+        """Where the robot is, (3,): its centre of mass."""
+        return np.array(pin.centerOfMass(self.robot.model, self._masses, q))
 
     # ------------------------------------------------------------------ size
 

@@ -12,7 +12,8 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
-from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
+from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, with_plan
+from rnc_pin.visualization.floor import floor_of
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import RobotView
@@ -23,6 +24,7 @@ from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
+_FAR = 8.0  # times the robot's size
 _LAG = 6  # pictures of a live view between two of what is costly
 
 
@@ -81,8 +83,9 @@ class Show:
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.poses.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._offset = np.zeros(3)
         self._pictures = 0
-        corners = np.concatenate([self.poses.corners(q) for q in moments])
-        self._look(with_plan(corners, self._path, view.ground or 0.0))
+        self.ground = floor_of(view, shown.subject)
+        self._follower: Follower | None = None
+        self._look(first, np.concatenate([self.poses.corners(q) for q in moments]))
         self.tracked = self.names.tracked(shown.goals, self.robot)
         self.elements = self._elements(first)
         self.board = Board(self.names, shown.goals, self.poses, self._path, self.reduced is not None)
@@ -95,6 +98,8 @@ class Show:
     def update(self, state: State) -> None:
         """Show a state."""
         self.robot_view.display(state.q)
+        if self._follower is not None:
+            self.stage.follow(self._follower.follow(self.poses.middle(state.q)))
         self._pictures += 1
         for element in self.elements:
             if element.costly and self.stage.keyframes is None and self._pictures % _LAG != 1:
@@ -121,23 +126,31 @@ class Show:
 
     # ------------------------------------------------------------------ camera
 
-    def _look(self, points: np.ndarray) -> None:
-        view = self.view
+    def _look(self, first: State, points: np.ndarray) -> None:
+        """Place the camera; points (N, 3) are those of the robot along what is known of its way."""
+        view, whole = self.view, with_plan(points, self._path, self.ground or 0.0)
         given = None if view.camera is None else np.array(view.camera, dtype=float)
         forward = np.array(GAZE) if given is None else np.array(view.target, dtype=float) - given
         if self.shown.aside:
             away = np.array([forward[0], forward[1], 0.0]) / max(float(np.hypot(*forward[:2])), 1e-9)
-            self._offset = away * 1.2 * float(np.ptp(points @ away))
+            self._offset = away * 1.2 * float(np.ptp(whole @ away))
             steps = range(len(self.shown.comparisons) + 1)
-            points = np.concatenate([points + k * self._offset for k in steps])
+            whole = np.concatenate([whole + k * self._offset for k in steps])
+        radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
+        # Of a way much longer than the robot all that could be seen is a dot on it.
+        far = self._path is None and radius > _FAR * self.size
+        over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
-            camera, target = fitting_camera(points, forward)
+            shown = self.poses.corners(first.q) if far and not self.shown.aside else whole
+            camera, target = fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
         self.stage.look(camera, target)
-        if view.ground is not None:
-            radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
-            self.stage.grid(view.ground, target, max(10.0, 2.5 * radius))
+        if self.ground is not None:
+            self.stage.grid(self.ground, target, max(10.0, 2.5 * radius))
+        if not self.shown.aside and (far or given is not None or not over):
+            close = given is None and self._path is None
+            self._follower = Follower(camera, target, self.poses.middle(first.q), close)
 
     # ------------------------------------------------------------------ elements
 
@@ -159,7 +172,7 @@ class Show:
 
     def _plan(self, first: State) -> list[e.Element]:
         plan = self._path
-        if plan is None or self.view.ground is None:
+        if plan is None or self.ground is None:
             return []
         points = np.column_stack([np.array(plan.poses)[:, :2], np.full(len(plan.poses), self._floor)])
         return [e.Still(e.Entry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
@@ -167,7 +180,7 @@ class Show:
     @property
     def _floor(self) -> float:
         """A little above the ground, or tracks and grid would flicker."""
-        return (self.view.ground or 0.0) + 0.004 * self.size
+        return (self.ground or 0.0) + 0.004 * self.size
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[State], np.ndarray]:
         actual = self.poses.frame(frame)
@@ -199,7 +212,7 @@ class Show:
         goal = e.Entry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
             pose = self._desired(frame, columns)
-            planned = self._path is not None and self._path.frame == frame and self.view.ground is not None
+            planned = self._path is not None and self._path.frame == frame and self.ground is not None
             if run is None:
                 if not planned:
                     found.append(e.Trail(line, frame, _origin(pose), 0.8 * self._width, self._piece))
@@ -228,7 +241,7 @@ class Show:
         return found
 
     def _tracks(self, first: State) -> list[e.Element]:
-        if self.view.ground is None or self.reduced is None or not self.reduced.m:
+        if self.ground is None or self.reduced is None or not self.reduced.m:
             return []
         entry = e.Entry("wheel tracks", "tracks", e.GREY)
         wheels = self.poses.wheels(first, self._floor)

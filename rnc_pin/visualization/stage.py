@@ -32,6 +32,9 @@ class Stage:
             self.root[name].set_property("visible", False)
         self.keyframes = None if rate is None else Keyframes(rate)
         self.frame = 0
+        self._offset = np.zeros(3)
+        self._offsets: list[list[float]] = []
+        self._pitch = 1.0
 
     # ------------------------------------------------------------------ what moves
 
@@ -58,6 +61,9 @@ class Stage:
     def play(self) -> None:
         """Put the recorded motion on the stage."""
         if self.keyframes is not None:
+            if self._offset.any():
+                track = {"offsets": self._offsets, "rate": self.keyframes.rate}
+                self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)
             self.window.post(self.keyframes.command(), single=True)
 
     # ------------------------------------------------------------------ what is there
@@ -67,6 +73,17 @@ class Stage:
         far = max(100.0, 10.0 * float(np.linalg.norm(camera - target)))
         gaze = {"position": camera.tolist(), "target": target.tolist(), "fov": FIELD_OF_VIEW, "far": far}
         self.window.post({"type": "look", "path": "/Cameras", **gaze})
+
+    def follow(self, offset: np.ndarray) -> None:
+        """Let the camera have moved by this, (3,) [m], since ``look``; what a user does with it stays."""
+        if self.keyframes is not None:
+            self._offsets.append(offset.tolist())
+        elif not np.array_equal(offset, self._offset):
+            self.window.post({"type": "follow", "path": "/Cameras", "offset": offset.tolist()})
+            floor = np.eye(4)
+            floor[:2, 3] = np.round(offset[:2] / self._pitch) * self._pitch  # or it would end somewhere
+            self.place("ground", floor)
+        self._offset = offset
 
     def hide(self, name: str) -> None:
         """Switch a part off; the viewer's controls switch it on again."""
@@ -98,6 +115,7 @@ class Stage:
     def grid(self, height: float, center: np.ndarray, half: float) -> None:
         """Draw a square grid on the ground."""
         pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
+        self._pitch = pitch
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
 
     def board(

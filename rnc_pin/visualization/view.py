@@ -26,14 +26,15 @@ class View:
         trail: frames whose paths are drawn; by default those that have goals.
         camera: position of the camera in the world [m]; by default where the whole motion is in the picture.
         target: point that the camera looks at [m].
-        ground: height of the grid and of wheel tracks [m]; None for neither.
+        ground: height of the grid and of wheel tracks [m]; None for neither; "auto" for 0, or neither where a robot
+            floats in space.
         hide: layers that are off at first; the legend and the controls of the viewer switch them on.
     """
 
     trail: Sequence[str] = ()
     camera: Point | None = None
     target: Point = (0.0, 0.0, 0.0)
-    ground: float | None = 0.0
+    ground: float | Literal["auto"] | None = "auto"
     hide: Sequence[Layer] = ("constraint directions", "null motion")
 
     def __post_init__(self) -> None:

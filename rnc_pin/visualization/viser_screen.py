@@ -11,7 +11,8 @@ from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import RunInfo
-from rnc_pin.visualization.camera import GAZE, fitting_camera, with_plan
+from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, with_plan
+from rnc_pin.visualization.floor import floor_of
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
@@ -64,6 +65,8 @@ class ViserScreen:
         self._visualizer: BaseVisualizer = _Visualizer(robot.model, pin.GeometryModel(), robot.visual_model)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
+        self._ground = floor_of(view, subject)
+        self._follower: Follower | None = None
         self._poses, self._view, self._plan = Poses(robot), view, info.provenance.path
         self._trails = {frame: self._poses.point(frame) for frame in view.trail}
         self._points: dict[str, list[np.ndarray]] = {frame: [] for frame in view.trail}
@@ -85,6 +88,7 @@ class ViserScreen:
         if not self._placed:
             self._place(state)
         self._visualizer.display(state.q)
+        self._follow(state)
         self._figures.content = f"time {state.time:.2f} s, singularity margin {state.margin:.3f}"
         for (frame, point), color in zip(self._trails.items(), _COLORS * len(self._trails), strict=False):
             points = self._points[frame]
@@ -97,16 +101,31 @@ class ViserScreen:
 
     def _place(self, state: State) -> None:
         view = self._view
-        points = with_plan(self._poses.corners(state.q), self._plan, view.ground or 0.0)
+        points = with_plan(self._poses.corners(state.q), self._plan, self._ground or 0.0)
         camera, target = fitting_camera(points, np.array(GAZE))
         if view.camera is not None:
             camera, target = np.array(view.camera, dtype=float), np.array(view.target, dtype=float)
         self._server.initial_camera.position = camera
         self._server.initial_camera.look_at = target
-        if view.ground is not None:
-            height = (float(target[0]), float(target[1]), view.ground)
+        if self._ground is not None:
+            height = (float(target[0]), float(target[1]), self._ground)
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
+        close = view.camera is None and self._plan is None
+        self._follower = Follower(camera, target, self._poses.middle(state.q), close)
         self._placed = True
+
+    def _follow(self, state: State) -> None:
+        """Move cameras along with the robot, each from where its user has brought it."""
+        if self._follower is None:
+            return
+        before = self._follower.offset
+        step = self._follower.follow(self._poses.middle(state.q)) - before
+        if not step.any():
+            return
+        first = self._server.initial_camera
+        first.position, first.look_at = np.array(first.position) + step, np.array(first.look_at) + step
+        for client in self._server.get_clients().values():
+            client.camera.position = client.camera.position + step  # takes its target along
 
     def close(self) -> None:
         """Stop serving."""

@@ -24,6 +24,23 @@ viewer.gui.domElement.style.zIndex = 1;
     viewer.controls.update();
     const [x, y, z] = command.target;
     node("/Lights").object.position.set(x, y, z);
+    followed = [0, 0, 0];
+  }
+
+  // What the user has done with the camera stays: it is moved along, not put somewhere.
+  let followed = [0, 0, 0], way = null;
+
+  function follow(offset) {
+    const [x, y, z] = offset.map((value, k) => value - followed[k]);
+    if (x === 0 && y === 0 && z === 0) return;
+    followed = offset;
+    for (const each of [viewer.camera.position, viewer.controls.target]) {
+      each.set(each.x + x, each.y + z, each.z - y);
+    }
+    viewer.controls.update();
+    const lights = node("/Lights").object.position;
+    lights.set(lights.x + x, lights.y + y, lights.z + z);
+    viewer.set_dirty();
   }
 
   function copy(command) {
@@ -98,7 +115,12 @@ viewer.gui.domElement.style.zIndex = 1;
     });
   }
 
-  const own = { look, copy, board, figures: (command) => figures(command.values, command.chips) };
+  const own = {
+    look, copy, board,
+    follow: (command) => follow(command.offset),
+    track: (command) => { way = command; },
+    figures: (command) => figures(command.values, command.chips),
+  };
   const theirs = viewer.handle_command.bind(viewer);
   viewer.handle_command = (command) => {
     if (own[command.type]) {
@@ -150,6 +172,7 @@ viewer.gui.domElement.style.zIndex = 1;
       if (animator.time !== shown) {
         shown = animator.time;
         slider.value = shown;
+        if (way) follow(way.offsets[Math.min(Math.round(shown * way.rate), way.offsets.length - 1)]);
         clock.value = shown.toFixed(2) + " / " + animator.duration.toFixed(2) + " s";
         if (series) {
           const frame = Math.min(Math.round(shown * series.rate), series.frames.length - 1);
