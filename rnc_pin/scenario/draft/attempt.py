@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -82,7 +82,7 @@ class Attempt:
             self._try_out(scenario)
             return write_draft(self.robot.name, scenario, remarks, self.mobility)
         failures: list[str] = []
-        trackers = _TRACKERS
+        trackers: Sequence[tuple[str, float]] = _TRACKERS
         if self._is_loaded():
             trackers = trackers[2:]
             failures.append("gravity loads the robot, which it takes long to learn")
@@ -182,7 +182,7 @@ class Attempt:
                 "vertical": [entry for entry in mobility.vertical if entry not in outputs],
             },
             "task": {"primary": names},
-            "initial": {"q": initial, **({"v2": mobility.v2} if mobility.v2 else {})},
+            "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
             "reference": {"primary": {"minimum_jerk": {"by": steps, "duration": 5}}},
             "view": view,
         }

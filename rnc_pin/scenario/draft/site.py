@@ -44,8 +44,9 @@ class Site:
     @cached_property
     def own_base(self) -> tuple[str, ...]:
         """Joints of the file that let the base move over the ground: two slides and a turn, with nothing between."""
-        model, joints, index = self.robot.model, [], 0
-        slides, turns = 0, 0
+        model = self.robot.model
+        joints: list[str] = []
+        index, slides, turns = 0, 0, 0
         while len(model.children[index]) == 1 and len(joints) < 3:
             index = int(model.children[index][0])
             if model.joints[index].nv != 1:
