@@ -32,7 +32,8 @@ from rnc_pin.simulation import Outcome
 
 _APART = 1e-3  # sine of the angle from the rows before it, below which an output adds no motion; wheels are small
 _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]
-_SHORT, _LONG = 0.1, 6.0  # how long a draft is tried out, and how long where that does not take long [s]
+_LEAN = 0.05  # [rad]
+_SHORT, _LONG = 0.1, 6  # how long a draft is tried out, and how long where that does not take long [s]
 _PATIENCE = 20.0  # [s]
 _TRACKERS = (("adaptive", 0.002), ("adaptive", 0.001), ("computed_torque", 0.002))
 
@@ -65,8 +66,10 @@ class Attempt:
     def q0(self) -> np.ndarray:
         """Where it starts (nq,), wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
-        system = self._system(self.mobility.actuators)
-        return system.assembled(q, list(self.start) if self.mobility.initial else ())
+        if self.mobility.lean is not None:
+            pitched = pin.AngleAxis(_LEAN, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
+        return self._system(self.mobility.actuators).assembled(q)
 
     def text(self) -> str:
         """The scenario, which has run as it is.
@@ -183,9 +186,10 @@ class Attempt:
             },
             "task": {"primary": names},
             "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
-            "reference": {"primary": {"minimum_jerk": {"by": steps, "duration": 5}}},
             "view": view,
         }
+        if not mobility.v2:
+            scenario["reference"] = {"primary": {"minimum_jerk": {"by": steps, "duration": 5}}}
         return scenario, {}
 
     def _actuated(self) -> tuple[NonholonomicSystem, list[tuple[Entry, str]]]:

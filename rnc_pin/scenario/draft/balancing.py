@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
 from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
 from rnc_pin.scenario.draft.shapes import shapes
@@ -18,8 +16,7 @@ _SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot
 _BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
 _TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is built to balance
 _NEAR = 0.3  # how far above the ground something that carries may be, in radii
-_LEAN = 0.05  # at the start [rad]
-_DRIVEN = 0.5  # [m]
+_DRIVEN, _TURNED = 0.5, 0.2  # how far the reference goes [m, rad]
 _FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
 
 
@@ -47,12 +44,15 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
         result.actuators.append((wheel.joint, ""))
     ahead = site.along(wheels[0].heading)
     speed, tilt, yaw = _upright_outputs(result, ahead, ahead)
-    result.outputs.append(({"frame_yaw": site.frame}, 0.2))
+    result.outputs.append(({"frame_yaw": site.frame}, _TURNED))
     result.feedback = {
         "type": "state_feedback",
-        "coordinates": [tilt],
+        "coordinates": [{"frame_tilt": {"frame": site.frame, "axis": ahead}}],
         "rates": [speed, tilt, yaw],
+        "state_cost": {tilt: 100, speed: 4, f"{tilt}_dot": 1, f"{yaw}_dot": 10},
+        "input_cost": _input_cost(chassis, site),
     }
+    result.lean = wheels[0].axle
     result.alone = True
     result.notes.append(
         "two wheels and nothing else at the ground: it has to be balanced, about the equilibrium near the start; "
@@ -90,9 +90,12 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     result.outputs.append(({"joint": steering}, 0.0))
     result.feedback = {
         "type": "state_feedback",
-        "coordinates": [tilt, steering],
+        "coordinates": [{"frame_tilt": {"frame": site.frame, "axis": across}}, steering],
         "rates": [speed, tilt, steering],
+        "state_cost": {tilt: 100, steering: 10, speed: 4, f"{tilt}_dot": 1, f"{steering}_dot": 1},
+        "input_cost": _input_cost(chassis, site),
     }
+    result.lean = rear.heading
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
     forward = site.placement.rotation[:, "xyz".index(site.along(rear.heading))]
     sense = 1.0 if forward @ ahead > 0 else -1.0
@@ -158,11 +161,8 @@ def _is_supported(chassis: Chassis, site: Site) -> bool:
     return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
 
 
-def start_leaning(result: Mobility, axis: np.ndarray) -> None:
-    """Lean the start about an axis (3,) of the world."""
-    turn = pin.Quaternion(pin.AngleAxis(_LEAN, axis / np.linalg.norm(axis)))
-    place = result.initial["root_joint"]
-    place[3:] = [round(float(each), 6) for each in turn.coeffs()]
-
-
-Entry = dict[str, Json]
+def _input_cost(chassis: Chassis, site: Site) -> float:
+    """One over the square of the torque that holds a body which leans by a tenth of a radian [1/(N m)^2]."""
+    above, _ = _center_of_mass(chassis, site)
+    weight = 9.81 * sum(inertia.mass for inertia in site.robot.model.inertias)
+    return float(f"{(0.1 * weight * max(above, chassis.fixed[0].radius)) ** -2:.2g}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.wheels import Wheel
 
@@ -33,7 +35,8 @@ class Mobility:
         alone: whether the other joints are held still: the controller is for the base.
         feedback: settings of a controller that the base needs, or nothing.
         initial: values at the start besides those of joints, by joint.
-        v2: rates of outputs at the start.
+        lean: horizontal axis of the world (3,) about which the base leans at the start, a little; or None.
+        v2: rates of outputs at the start, which are kept: there is no other reference then.
     """
 
     base: str | None
@@ -51,6 +54,7 @@ class Mobility:
     alone: bool = False
     feedback: Mapping[str, Json] | None = None
     initial: dict[str, list[float]] = field(default_factory=dict)
+    lean: np.ndarray | None = None
     v2: dict[str, float] = field(default_factory=dict)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:

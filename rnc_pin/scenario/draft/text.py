@@ -38,8 +38,8 @@ class Drafted(TypedDict):
     outputs: DraftedOutputs
     task: Mapping[str, Json]
     initial: DraftedStart
-    reference: Mapping[str, Json]
     view: Mapping[str, Json]
+    reference: NotRequired[Mapping[str, Json]]
     controller: NotRequired[Mapping[str, Json]]
     simulation: NotRequired[Mapping[str, Json]]
 
@@ -78,11 +78,10 @@ def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility:
             *_remark("joints whose range does not contain zero start in its middle"),
             f"initial: {_flow(scenario['initial'])}",
         ]
+    if "reference" in scenario:
+        words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
+        lines += [*_remark(f"a gentle motion, {words}"), f"reference: {_flow(scenario['reference'])}"]
     lines += [
-        *_remark(
-            "a gentle motion, displacements in the order of task.primary: m along the ground or a slide, rad for angles"
-        ),
-        f"reference: {_flow(scenario['reference'])}",
         *_remark(remarks.get("controller", "adaptive: knows no inertia; tracker: computed_torque knows them all")),
         f"controller: {_flow(scenario['controller'])}",
         f"simulation: {_flow(scenario['simulation'])}",
