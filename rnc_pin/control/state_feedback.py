@@ -86,7 +86,8 @@ class StateFeedback(Spelled):
                 x[place] = -seen.error[k]
             for k, place in self._rates:
                 x[place] = -seen.error_rate[k]
-            x2_desired = spread(point.position, of, v2.shape)
+            known = [k for k, _ in self._values]  # of the others only the rate matters
+            x2_desired = spread(point.position[known], of[known], v2.shape)
             v2_desired = linear.v2.copy()
             v2_desired[of] = seen.velocity
         return Command(T=linear.T - self.K @ x, v2_desired=v2_desired, x2_desired=x2_desired), None
