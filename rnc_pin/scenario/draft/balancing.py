@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
 from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
 from rnc_pin.scenario.draft.shapes import shapes
@@ -16,7 +17,8 @@ _SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot
 _BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
 _TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is built to balance
 _NEAR = 0.3  # how far above the ground something that carries may be, in radii
-_DRIVEN, _TURNED = 0.5, 0.2  # how far the reference goes [m, rad]
+_DRIVEN = 0.5  # how far the reference goes [m]
+_FAR, _FAST = 0.05, 0.5  # what counts as much as a lean of a tenth of a radian [m, m/s]
 _FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
 
 
@@ -35,21 +37,31 @@ def balances(chassis: Chassis, site: Site) -> bool:
 
 
 def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
-    """A free base on an axle: forward speed, pitch and heading of it, two wheels to hold all three."""
+    """A free base on an axle: two wheels hold the angles of both and the pitch.
+
+    Angles of wheels, not the way and heading: of a wheel that is not balanced the motion depends on them.
+    """
     wheels = chassis.fixed
     result = Mobility("free", "2 wheels under a body that balances", site.frame)
     _lie_down(result, wheels, site)
+    ahead = site.along(wheels[0].heading)
+    tilt = f"{site.frame}_tilt_{ahead}"
+    leaning: dict[str, Json] = {"frame_tilt": {"frame": site.frame, "axis": ahead}}
+    forward = site.placement.rotation[:, "xyz".index(ahead)]
+    cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": 1}
     for wheel in wheels:
         result.constraints.append((rolls(wheel), measured(wheel)))
         result.actuators.append((wheel.joint, ""))
-    ahead = site.along(wheels[0].heading)
-    speed, tilt, yaw = _upright_outputs(result, ahead, ahead)
-    result.outputs.append(({"frame_yaw": site.frame}, _TURNED))
+        way = float(np.sign(wheel.heading @ forward)) * _DRIVEN / wheel.radius
+        result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
+        cost[wheel.joint] = float(f"{(wheel.radius / _FAR) ** 2:.2g}")
+        cost[f"{wheel.joint}_dot"] = float(f"{(wheel.radius / _FAST) ** 2:.2g}")
+    result.outputs.append((leaning, 0.0))
+    result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
     result.feedback = {
         "type": "state_feedback",
-        "coordinates": [{"frame_tilt": {"frame": site.frame, "axis": ahead}}],
-        "rates": [speed, tilt, yaw],
-        "state_cost": {tilt: 100, speed: 4, f"{tilt}_dot": 1, f"{yaw}_dot": 10},
+        "coordinates": [*(wheel.joint for wheel in wheels), leaning],
+        "state_cost": cost,
         "input_cost": _input_cost(chassis, site),
     }
     result.lean = wheels[0].axle
@@ -85,19 +97,22 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     result.passive.add(front.joint)
     ahead = _ahead(fork, rear)
     across = site.along(rear.axle)
-    speed, tilt, _ = _upright_outputs(result, site.along(rear.heading), across)
-    steering = fork.pivot.joint
-    result.outputs.append(({"joint": steering}, 0.0))
+    along, steering = site.along(rear.heading), fork.pivot.joint
+    speed, tilt = f"{site.frame}_speed_{along}", f"{site.frame}_tilt_{across}"
+    leaning: dict[str, Json] = {"frame_tilt": {"frame": site.frame, "axis": across}}
+    driven: dict[str, Json] = {"frame_speed": {"frame": site.frame, "axis": along}}
+    result.outputs += [(driven, 0.0), (leaning, 0.0), ({"joint": steering}, 0.0)]
+    result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
     result.feedback = {
         "type": "state_feedback",
-        "coordinates": [{"frame_tilt": {"frame": site.frame, "axis": across}}, steering],
+        "coordinates": [leaning, steering],
         "rates": [speed, tilt, steering],
         "state_cost": {tilt: 100, steering: 10, speed: 4, f"{tilt}_dot": 1, f"{steering}_dot": 1},
         "input_cost": _input_cost(chassis, site),
     }
     result.lean = rear.heading
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
-    forward = site.placement.rotation[:, "xyz".index(site.along(rear.heading))]
+    forward = site.placement.rotation[:, "xyz".index(along)]
     sense = 1.0 if forward @ ahead > 0 else -1.0
     result.v2 = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.alone = True
@@ -110,16 +125,6 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
 def _ahead(fork: Carriage, rear: Wheel) -> np.ndarray:
     along = fork.wheels[0].center - rear.center
     return np.asarray(along / np.linalg.norm(along))
-
-
-def _upright_outputs(result: Mobility, along: str, leaning: str) -> tuple[str, str, str]:
-    frame = result.frame
-    result.outputs += [
-        ({"frame_speed": {"frame": frame, "axis": along}}, _DRIVEN),
-        ({"frame_tilt": {"frame": frame, "axis": leaning}}, 0.0),
-    ]
-    result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
-    return f"{frame}_speed_{along}", f"{frame}_tilt_{leaning}", f"{frame}_yaw"
 
 
 def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
