@@ -167,6 +167,7 @@ class Attempt:
         mobility = self.mobility
         system, actuators = self._actuated()
         outputs, names, steps = self._outputs(system)
+        primary = [name for name in names if name not in mobility.untracked]
         initial: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
         if mobility.initial:
             values = self.robot.joint_values(self.q0)
@@ -184,12 +185,15 @@ class Attempt:
                 "reducing": outputs,
                 "vertical": [entry for entry in mobility.vertical if entry not in outputs],
             },
-            "task": {"primary": names},
+            "task": {"primary": primary},
             "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
             "view": view,
         }
+        if len(primary) < len(names):
+            scenario["task"] = {"primary": primary, "redundant": [name for name in names if name not in primary]}
         if not mobility.v2:
-            scenario["reference"] = {"primary": {"minimum_jerk": {"by": steps, "duration": 5}}}
+            way = [step for name, step in zip(names, steps, strict=True) if name in primary]
+            scenario["reference"] = {"primary": {"minimum_jerk": {"by": way, "duration": 5}}}
         return scenario, {}
 
     def _actuated(self) -> tuple[NonholonomicSystem, list[tuple[Entry, str]]]:

@@ -57,6 +57,7 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
         cost[wheel.joint] = float(f"{(wheel.radius / _FAR) ** 2:.2g}")
         cost[f"{wheel.joint}_dot"] = float(f"{(wheel.radius / _FAST) ** 2:.2g}")
     result.outputs.append((leaning, 0.0))
+    result.untracked.add(tilt)
     result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
     result.feedback = {
         "type": "state_feedback",

@@ -35,6 +35,7 @@ class Mobility:
         alone: whether the other joints are held still: the controller is for the base.
         feedback: settings of a controller that the base needs, or nothing.
         initial: values at the start besides those of joints, by joint.
+        untracked: outputs that have no reference.
         lean: horizontal axis of the world (3,) about which the base leans at the start, a little; or None.
         v2: rates of outputs at the start, which are kept: there is no other reference then.
     """
@@ -54,6 +55,7 @@ class Mobility:
     alone: bool = False
     feedback: Mapping[str, Json] | None = None
     initial: dict[str, list[float]] = field(default_factory=dict)
+    untracked: set[str] = field(default_factory=set)
     lean: np.ndarray | None = None
     v2: dict[str, float] = field(default_factory=dict)
 
