@@ -100,9 +100,10 @@ def published_row(name: str) -> str:
         found = published.measured(name, Path(folder))
     if robot.remedy and not found.ran:
         with tempfile.TemporaryDirectory() as folder:
-            after = published.measured(name, Path(folder), robot.remedy)
-        refusal, found = published.shortened(found.refusal), after
-        ran = f"refused: {refusal}; with `{' '.join(robot.remedy)}`: {'yes' if after.ran else after.refusal}"
+            after = published.measured(name, Path(folder), remedied=True)
+        refusal, found = found.refusal.rpartition("/")[2], after
+        old, new = (each.replace("\\", "") for each in robot.remedy)
+        ran = f"refused: {refusal}; `{new}` for `{old}`: {'yes' if after.ran else after.refusal}"
     else:
         ran = "yes" if found.ran else f"{list(found.statuses)[-1]}: {found.refusal}"
     doubts = f"{found.doubts}: {published.shortened(found.doubt)}" if found.doubts else "0"

@@ -29,15 +29,15 @@ class Published:
         package: on PyPI.
         module: the folder that the package installs.
         path: inside that folder; of example-robot-data the robot's name.
-        remedy: options of ``init`` that its refusal asks for.
-        complaint: what ``init`` says without them.
+        complaint: what ``init`` says, where it refuses the file.
+        remedy: pattern in the file and what to write instead, as the complaint asks for.
     """
 
     package: str
     module: str
     path: str
-    remedy: tuple[str, ...] = ()
     complaint: str = ""
+    remedy: tuple[str, str] | None = None
 
     def file(self) -> Path | None:
         """The file, or None where the package is not installed; nothing of the package is imported."""
@@ -120,10 +120,22 @@ ROBOTS: dict[str, Published] = {
             "vision60": "quadruped/vision60.urdf",
             "aliengo": "aliengo/aliengo.urdf",
             "mini_cheetah": "mini_cheetah/mini_cheetah.urdf",
-            "humanoid": "humanoid/humanoid.urdf",
-            "biped2d": "biped/biped2d_pybullet.urdf",
             "cartpole": "cartpole.urdf",
         },
+    ),
+    "humanoid": Published(
+        "pybullet",
+        "pybullet_data",
+        "humanoid/humanoid.urdf",
+        complaint="of type 'spherical'; expected one of: fixed, revolute",
+        remedy=('type="spherical"', 'type="fixed"'),
+    ),
+    "biped2d": Published(
+        "pybullet",
+        "pybullet_data",
+        "biped/biped2d_pybullet.urdf",
+        complaint="lower value (-1.57.) is not a valid float",
+        remedy=(r"1\.57\.", "1.57"),
     ),
     **_in(
         "rtb-data",
@@ -167,23 +179,26 @@ ROBOTS: dict[str, Published] = {
 }
 
 
-def measured(name: str, folder: Path, options: tuple[str, ...] = ()) -> Finding:
+def measured(name: str, folder: Path, remedied: bool = False) -> Finding:
     """Draft, inspect and run a robot, without its meshes where it is a URDF, each by its own process.
 
     Args:
         name: in ROBOTS; its package is installed.
         folder: empty, to work in.
-        options: of ``init``.
+        remedied: after what the refusal asks for was done to the file.
     """
-    source = ROBOTS[name].file()
+    robot = ROBOTS[name]
+    source = robot.file()
     assert source is not None
     if source.suffix == ".urdf":
         text = _MESH.sub(r"\1package://gone/", source.read_text(errors="replace"))
+        if remedied and robot.remedy:
+            text = re.sub(*robot.remedy, text)
         source = folder / source.name
         source.write_text(text)
     draft = folder / "draft.yaml"
     commands = {
-        "init": [str(source), "--out", str(draft), *options],
+        "init": [str(source), "--out", str(draft)],
         "inspect": [str(draft), "--samples", str(SAMPLES), "--json"],
         "run": [str(draft), "--out", str(folder / "out"), "--set", f"simulation.duration={DURATION}"],
     }
