@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.draft import Wishes, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings(
 def drafted(source, folder, **options):
     """(the scenario's content, its path)."""
     path = folder / "draft.yaml"
-    path.write_text(draft(str(source), folder, **options))
+    path.write_text(draft(str(source), folder, Wishes(**options)))
     return read_yaml(path), path
 
 
@@ -41,7 +41,11 @@ BASES = {  # wheels and their radii, how many outputs, the base's
         12,
         ["base_link_speed_x", "base_link_yaw"],
     ),
-    "tiago_pro": ({}, 20, ["base_link_x", "base_link_y", "base_link_yaw"]),
+    "tiago_pro": (
+        {f"wheel_{end}_{side}_link": 0.0762 for end in ("front", "rear") for side in ("left", "right")},
+        22,
+        ["base_link_x", "base_link_y", "base_link_yaw"],
+    ),
     "centauro": ({}, 18, ["pelvis_x", "pelvis_y", "pelvis_yaw"]),
 }
 
@@ -89,7 +93,7 @@ def test_casters_are_not_taken_for_driven_wheels(tmp_path):
             [{"no_side_slip": {"frame": f"{each}_axle", "axis": "y"}} for each in ("tractor", "front", "rear")],
             ["tractor_speed_x", "front_steering", "rear_steering"],
         ),
-        ("panda", [], [f"panda_joint{k}" for k in range(1, 8)]),
+        ("panda", [], [*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1"]),
     ],
 )
 def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, primary, tmp_path):
@@ -183,8 +187,11 @@ def test_a_car_is_steered(tmp_path):
         )
         front += wheel(f"front_{side}", "0 0 0", parent=f"knuckle_{side}")
     content, path = drafted(write(tmp_path, robot_of(PAIR, front)), tmp_path)
-    assert set(radii(content)) == {"left_link", "right_link", "front_l_link"}
-    assert set(content["robot"]["lock"]) == {"steer_r", "front_r"}
+    assert set(radii(content)) == {"left_link", "right_link", "front_l_link", "front_r_link"}
+    assert {"left": "steer_l", "right": "steer_r", "axle": "left_link"} in [
+        each.get("ackermann") for each in content["constraints"]
+    ]
+    assert "lock" not in content["robot"]
     assert content["actuators"] == ["left", "right", "steer_l"]
     assert content["task"]["primary"] == ["base_speed_x", "steer_l"]
     summary = outcome_of(path, 2.0)
@@ -192,13 +199,18 @@ def test_a_car_is_steered(tmp_path):
     assert abs(summary["final_output"]["base_yaw"]) > 0.005
 
 
-def test_of_several_axles_one_rolls(tmp_path):
+def test_wheels_in_two_axles_skid(tmp_path):
+    """The equivalent axle of a skid-steered base lies midway, where no frame is."""
     other = wheel("back_left", "-0.3 0.2 0") + wheel("back_right", "-0.3 -0.2 0")
     content, path = drafted(write(tmp_path, robot_of(PAIR, other)), tmp_path)
-    assert radii(content) == {"left_link": 0.1, "right_link": 0.1}
-    assert content["robot"]["lock"] == {"back_left": 0.0, "back_right": 0.0}
-    assert "several axles without steering" in path.read_text()
-    assert outcome_of(path, 0.5)["outcome"] == "completed"
+    assert len(radii(content)) == 4
+    assert {"no_side_slip": {"frame": "base", "axis": "y", "at": [-0.15, 0, 0]}} in content["constraints"]
+    assert all(not each["rolling_wheel"]["lateral"] for each in content["constraints"] if "rolling_wheel" in each)
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert "skid sideways" in path.read_text()
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    assert abs(summary["final_output"]["base_y"]) < 0.05
 
 
 def test_the_radius_of_a_mesh(tmp_path):

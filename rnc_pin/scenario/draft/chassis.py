@@ -13,6 +13,7 @@ from rnc_pin.scenario.draft.wheels import Pivot, Wheel
 _TRAILS = 0.2  # from a swivel's axis to the wheel, in radii, above which the wheel turns after the base by itself
 _AXLE = 1.0  # the same, of several wheels on one pivot, above which they carry a trailer
 _CASTER = re.compile("caster|castor|swivel")
+_GLIDES = re.compile("caster|castor|ball|support")
 _STEERED = re.compile("steer|knuckle")
 _TOWED = re.compile("hitch|trailer|kingpin|coupl|articul|drawbar|tow")
 
@@ -96,9 +97,11 @@ def are_parallel(one: Wheel, other: Wheel) -> bool:
 def chassis(wheels: list[Wheel]) -> Chassis:
     """Sort wheels by what they do."""
     result = Chassis()
-    for wheel in wheels:
-        if not wheel.pivots:
-            (result.balls if wheel.is_ball else result.fixed).append(wheel)
+    on_base = [wheel for wheel in wheels if not wheel.pivots]
+    others = any(not wheel.is_ball for wheel in on_base)  # where all are spheres, that is how wheels are drawn
+    for wheel in on_base:
+        glides = wheel.is_ball and (others or _GLIDES.search(wheel.words) is not None)
+        (result.balls if glides else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
     for wheel in wheels:
         if wheel.pivots:

@@ -44,7 +44,7 @@ def draft(source: str, folder: Path, wishes: Wishes | None = None) -> str:
 def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     robot, is_rigid = source.lying()
     source.remember_packages(robot)
-    site = Site(robot, start_values(robot), source.name, is_rigid)
+    site = Site(robot, start_values(robot), source.words(), is_rigid)
     failures: list[str] = []
     for way in _ways(site, asked, source):
         mobility = way()

@@ -19,13 +19,13 @@ class Site:
     Attributes:
         robot: it.
         start: values of joints with one degree of freedom.
-        source: what it was read from; names in it help.
+        named: names in its file besides those of the model.
         is_rigid: whether the file has no joint that moves, so that it was given a free base.
     """
 
     robot: Robot
     start: dict[str, float]
-    source: str
+    named: str
     is_rigid: bool = False
 
     @cached_property
@@ -95,4 +95,4 @@ class Site:
     def words(self) -> str:
         """Everything in the file that has a name."""
         model = self.robot.model
-        return " ".join([self.source, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()
+        return " ".join([self.named, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()

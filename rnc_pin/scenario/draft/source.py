@@ -12,7 +12,7 @@ from rnc_pin.plain import Json
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
-from rnc_pin.robots.urdf_files import example_urdfs, is_file, shipped_directory
+from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, is_file, shipped_directory
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot import RobotSource
 
@@ -106,6 +106,21 @@ class Source:
             return self.notes
         links = ", ".join(self.masses)
         return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
+
+    def words(self) -> str:
+        """Names in the file besides those of the model: of itself, its meshes and the plugins that drive it."""
+        path = self._path()
+        try:
+            root = None if path is None else parse_xml(path)
+        except ModelError:  # a xacro file may be no whole document
+            root = None
+        elements = () if root is None else [each for each in root.iter() if each.tag in ("mesh", "plugin", "robot")]
+        return " ".join([self.name, *(value for each in elements for value in each.attrib.values())]).lower()
+
+    def _path(self) -> Path | None:
+        if "example" in self.entry:
+            return example_urdfs()[str(self.entry["example"])]
+        return find_urdf(str(self.entry["urdf"]), self._folder) if "urdf" in self.entry else None
 
     def remember_packages(self, robot: Robot) -> None:
         """Record the packages that another shell would not find."""
