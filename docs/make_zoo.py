@@ -1,11 +1,18 @@
-"""Make ``docs/zoo.md`` again: every robot of example-robot-data, reduced and checked (``python docs/make_zoo.py``)."""
+"""Make ``docs/zoo.md`` again: every robot of example-robot-data, reduced and checked, and what init makes of others.
+
+``python docs/make_zoo.py`` makes all of it, which takes about an hour; ``python docs/make_zoo.py systems`` the first
+table only, ``python docs/make_zoo.py husky bike`` the rows of these in the second.
+"""
 
 import sys
+import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).parent
+PAGE = HERE / "zoo.md"
 sys.path.insert(0, str(HERE.parent / "tests"))
 
+import published  # noqa: E402
 import zoo  # noqa: E402
 
 HEAD = """# The zoo
@@ -37,6 +44,18 @@ EXCUSES = """
 | robot | constraint | reason |
 |---|---|---|
 """
+PUBLISHED = """## Published robots, by init, inspect and run
+
+Descriptions that others published, unchanged but for their meshes, which are hidden: `rnc-pin init`,
+`inspect --samples {samples}` and `run` for {duration:.0f} s, each as a process of its own.
+{ran} of {all} go through as they are. Kinds and doubts are in the words of the draft, which has all of them beside the
+lines that they concern. xacro files are read where they are, with their meshes. `tests/test_published.py` does some of
+it always and all of it with `pytest -m published`, where the packages are installed (`pip install '.[robots]'`; others
+by `pip install --no-deps`).
+
+| robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
+|---|---|---|---|---|---|---|---|
+"""
 
 
 def remarks(name: str, kind: str) -> str:
@@ -63,7 +82,7 @@ def row(found: zoo.Residuals) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def page() -> str:
+def systems() -> str:
     passing = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
     excuses = [(name, kind, reason) for (name, kind), (_, reason) in zoo.EXCUSED.items()]
     excuses += [(name, "all", reason) for name, reason in zoo.WITHOUT_URDF.items()]
@@ -74,5 +93,69 @@ def page() -> str:
     return head + rows + "\n" + EXCUSES + "".join(f"| {' | '.join(excuse)} |\n" for excuse in excuses)
 
 
+def published_row(name: str) -> str:
+    """One robot, by the three commands; of a refusal also what becomes of it when its remedy is followed."""
+    robot = published.ROBOTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        found = published.measured(name, Path(folder))
+    if robot.remedy and not found.ran:
+        with tempfile.TemporaryDirectory() as folder:
+            after = published.measured(name, Path(folder), remedied=True)
+        refusal, found = found.refusal.rpartition("/")[2], after
+        old, new = (each.replace("\\", "") for each in robot.remedy)
+        ran = f"refused: {refusal}; `{new}` for `{old}`: {'yes' if after.ran else after.refusal}"
+    else:
+        ran = "yes" if found.ran else f"{list(found.statuses)[-1]}: {found.refusal}"
+    doubts = f"{found.doubts}: {published.shortened(found.doubt)}" if found.doubts else "0"
+    rows = f"{found.kept} of {found.rows}"
+    cells = [
+        name,
+        robot.package,
+        found.kind.removeprefix("base "),
+        doubts,
+        rows,
+        found.r,
+        ran,
+        f"{found.seconds:.0f} s",
+    ]
+    return f"| {' | '.join(str(each).replace('|', '/') for each in cells)} |"
+
+
+def published_section(rows: dict[str, str]) -> str:
+    """The second table, of rows by robot."""
+    kept = [rows[name] for name in published.ROBOTS if name in rows]
+    ran = sum("| yes |" in each for each in kept)
+    head = PUBLISHED.format(ran=ran, all=len(kept), samples=published.SAMPLES, duration=published.DURATION)
+    return head + "".join(f"{each}\n" for each in kept)
+
+
+def published_rows(text: str) -> dict[str, str]:
+    """The rows of a page that was made before."""
+    lines = text.partition(PUBLISHED.splitlines()[0])[2].splitlines()
+    return {
+        line.split("|")[1].strip(): line
+        for line in lines
+        if line.split("|")[1:2] and line.split("|")[1].strip() in published.ROBOTS
+    }
+
+
+def write(first: str, rows: dict[str, str]) -> None:
+    PAGE.write_text(first.rstrip("\n") + "\n\n" + published_section(rows))
+
+
+def main(wanted: list[str]) -> None:
+    if not wanted or wanted == ["systems"]:
+        made = systems()
+        write(made, published_rows(PAGE.read_text()))
+    for name in [] if wanted == ["systems"] else wanted or published.ROBOTS:
+        if not published.ROBOTS[name].installed:
+            print(f"{name}: {published.ROBOTS[name].package} is not installed; its row stays as it is")
+            continue
+        made = published_row(name)
+        print(made, flush=True)
+        text = PAGE.read_text()
+        write(text.partition(PUBLISHED.splitlines()[0])[0], {**published_rows(text), name: made})
+
+
 if __name__ == "__main__":
-    (HERE / "zoo.md").write_text(page())
+    main(sys.argv[1:])

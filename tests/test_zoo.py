@@ -14,7 +14,7 @@ from rnc_pin.robots.urdf_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
 PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
-PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text()
+PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
 TABLE = {
     (cells[0], cells[1]): cells[2:]
     for cells in (

@@ -1,0 +1,78 @@
+"""Published robots by ``init``, ``inspect`` and ``run``, and the second table of docs/zoo.md, which tells of them."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+import published
+from rnc_pin.robots.urdf_files import example_urdfs
+
+PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text().partition("## Published robots")[2]
+TABLE = {
+    cells[0]: cells[1:]
+    for cells in (
+        [each.strip() for each in line.strip("|").split("|")] for line in PAGE.splitlines() if line[:2] == "| "
+    )
+    if cells[0] not in ("robot", "---")
+}
+
+# One of each kind, quick enough for every run of the tests, and the freedoms that such a robot has.
+QUICK = {
+    "tiago_no_hand": ("planar: 2 wheels", 2 + 10),  # it drives and turns, with ten joints above
+    "tiago_pro": ("planar: 4 Mecanum", 3 + 18),
+    "solo12": ("free: no wheels", 12),
+    "hextilt_flying_arm_5": ("free: no wheels", 5),
+    "iris": ("free: one rigid body", 6),
+    "upkie": ("free: 2 wheels under a body that balances", 3),
+}
+REST = [name for name in published.ROBOTS if name not in QUICK]
+
+
+def installed(name):
+    robot = published.ROBOTS[name]
+    if not robot.installed:
+        pytest.skip(f"{robot.package} is not installed")
+    return robot
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_each_kind_of_robot_goes_through_the_three_commands(name, tmp_path):
+    installed(name)
+    found = published.measured(name, tmp_path)
+    kind, r = QUICK[name]
+    assert found.ran, found.refusal
+    assert found.kind.startswith(f"base {kind}")
+    assert found.r == r
+
+
+@pytest.mark.published
+@pytest.mark.parametrize("name", REST)
+def test_a_published_robot_goes_through_or_its_remedy_works(name, tmp_path):
+    robot = installed(name)
+    found = published.measured(name, tmp_path)
+    if robot.remedy:
+        assert robot.complaint in found.refusal
+        (tmp_path / "after").mkdir()
+        found = published.measured(name, tmp_path / "after", remedied=True)
+    assert found.ran, found.refusal
+    assert found.kind.removeprefix("base ") == TABLE[name][1], "docs/zoo.md is old: python docs/make_zoo.py"
+    assert str(found.r) == TABLE[name][4]
+
+
+def test_the_page_lists_every_published_robot_and_nothing_else():
+    assert list(TABLE) == list(published.ROBOTS)
+
+
+def test_nine_of_ten_published_robots_go_through_as_they_are():
+    through = [name for name, cells in TABLE.items() if cells[5] == "yes"]
+    assert len(TABLE) >= 40
+    assert len(through) >= 0.9 * len(TABLE)
+
+
+def test_a_description_is_found_without_importing_its_package():
+    for robot in published.ROBOTS.values():
+        if robot.package == "example-robot-data":
+            assert robot.file() == example_urdfs()[robot.path]
+        elif importlib.util.find_spec(robot.module) is None:
+            assert robot.file() is None
