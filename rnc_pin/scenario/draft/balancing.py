@@ -19,6 +19,7 @@ _TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is
 _NEAR = 0.3  # how far above the ground something that carries may be, in radii
 _DRIVEN = 0.5  # how far the reference goes [m]
 _FAR, _FAST = 0.05, 0.5  # what counts as much as a lean of a tenth of a radian [m, m/s]
+_PUSHED = 0.1  # how fast a bicycle leans at the start [rad/s]; one that leans may as well ride in a circle
 _FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
 
 
@@ -104,18 +105,19 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     driven: dict[str, Json] = {"frame_speed": {"frame": site.frame, "axis": along}}
     result.outputs += [(driven, 0.0), (leaning, 0.0), ({"joint": steering}, 0.0)]
     result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
-    result.feedback = {
+    feedback: dict[str, Json] = {
         "type": "state_feedback",
         "coordinates": [leaning, steering],
         "rates": [speed, tilt, steering],
         "state_cost": {tilt: 100, steering: 10, speed: 4, f"{tilt}_dot": 1, f"{steering}_dot": 1},
         "input_cost": _input_cost(chassis, site),
     }
-    result.lean = rear.heading
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))
     forward = site.placement.rotation[:, "xyz".index(along)]
     sense = 1.0 if forward @ ahead > 0 else -1.0
-    result.v2 = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
+    rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
+    result.v2 = {**rolling, tilt: _PUSHED}
+    result.feedback = {**feedback, "v2": dict(rolling)}
     result.alone = True
     result.notes.append(
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
