@@ -18,6 +18,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.model.reduced_model import ReducedModel
 
 _STEP = 0.01
+_OTHER = 0.7  # of that step: what is found has to be there with both
+_AGREE = 0.2  # relative difference between the two; noise points anywhere, and cut-off terms shrink with the step
 # Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.
 _HALF_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 _STENCIL = tuple((sign * k, sign * weight) for k, weight in _HALF_STENCIL for sign in (1, -1))
@@ -25,7 +27,10 @@ _TOLERANCE = 1e-5  # of unit vectors; nested differences lose two digits a level
 _DEEPEST = 8
 _EMPTY_DRAWS = 2  # in a row, before a field's brackets count as exhausted
 
-Field = Callable[[np.ndarray], np.ndarray]
+_BLOCK = 256  # configurations at a time: stencils of stencils are many
+
+Field = Callable[[np.ndarray, float], np.ndarray]
+"""Vectors (k, nv) at configurations (k, nq), by differences of a step."""
 
 
 class Growth(NamedTuple):
@@ -79,7 +84,7 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
             empty = 0
             while basis.shape[1] < reduced.n and empty < _EMPTY_DRAWS:
                 candidate = brackets.of(generator.normal(size=reduced.r), field)
-                direction = _new_direction(basis, candidate(q))
+                direction = _found_twice(basis, candidate, q)
                 if direction is None:
                     empty += 1
                 else:
@@ -105,25 +110,33 @@ class _Brackets:
         """The bracket of two combinations of generators, exact."""
         columns = self.scaling @ np.column_stack([first, second])
 
-        def value(p: np.ndarray) -> np.ndarray:
-            here = self.reduced.at(p)
-            x, y = (here.R @ columns).T
+        def value(points: np.ndarray, step: float) -> np.ndarray:
+            here = self.reduced.at(points)
+            x, y = np.moveaxis(here.R @ columns, -1, 0)
             along_x, along_y = (here.moving(each).R_dot for each in (x, y))
             return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
 
-        return value
+        return _in_blocks(value)
 
     def of(self, combination: np.ndarray, field: Field) -> Field:
         """The bracket of a combination of generators with any field."""
         column = self.scaling @ combination
 
-        def value(p: np.ndarray) -> np.ndarray:
-            y = field(p)
-            here = self.reduced.at(p)
+        def value(points: np.ndarray, step: float) -> np.ndarray:
+            y = field(points, step)
+            here = self.reduced.at(points)
             x, along_y = here.R @ column, here.moving(y).R_dot
-            return _derivative(self.model, field, p, x) - along_y @ column + self.algebra(x, y)
+            return _derivative(self.model, field, points, x, step) - along_y @ column + self.algebra(x, y)
 
-        return value
+        return _in_blocks(value)
+
+
+def _in_blocks(field: Field) -> Field:
+    def value(points: np.ndarray, step: float) -> np.ndarray:
+        starts = range(0, len(points), _BLOCK)
+        return np.concatenate([field(points[start : start + _BLOCK], step) for start in starts])
+
+    return value
 
 
 def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray, list[Field]]:
@@ -150,30 +163,36 @@ def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray,
     return np.column_stack([basis, Q[:, :count]]), fields
 
 
-def _derivative(model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(x)
-    if length == 0:
-        return np.zeros_like(x)
-    step, total = x * (_STEP / length), np.zeros_like(x)
-    for k, weight in _STENCIL:
-        total += weight * field(pin.integrate(model, q, k * step))
-    return total * (length / _STEP)
+def _derivative(model: pin.Model, field: Field, points: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
+    """Rates (k, nv) of a field at configurations (k, nq) that move along x (k, nv)."""
+    length = np.linalg.norm(x, axis=-1, keepdims=True)
+    along = x * (step / np.where(length > 0, length, 1.0))
+    moved = [pin.integrate(model, q, k * dq) for k, _ in _STENCIL for q, dq in zip(points, along, strict=True)]
+    around = field(np.stack(moved), step).reshape(len(_STENCIL), *x.shape)
+    total = np.tensordot([weight for _, weight in _STENCIL], around, axes=1)
+    return np.asarray(total * (length / step))
 
 
-def _new_direction(basis: np.ndarray, vector: np.ndarray) -> np.ndarray | None:
-    """The unit vector by which a vector leads out of a basis (n, k), if it does."""
-    length = np.linalg.norm(vector)
-    if length < _TOLERANCE:
+def _found_twice(basis: np.ndarray, field: Field, q: np.ndarray) -> np.ndarray | None:
+    """The unit vector by which a field leads out of a basis at q (nq,), if differences of two steps say so."""
+    first = _rest(basis, field(q[None], _STEP)[0])
+    size = float(np.linalg.norm(first))
+    if size < _TOLERANCE:
         return None
-    rest: np.ndarray = vector / length
+    second = _rest(basis, field(q[None], _OTHER * _STEP)[0])
+    return first / size if np.linalg.norm(first - second) < _AGREE * size else None
+
+
+def _rest(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """What of a vector, scaled to one, leads out of a basis (n, k)."""
+    rest: np.ndarray = vector / max(float(np.linalg.norm(vector)), _TOLERANCE)
     for _ in range(2):  # twice is enough
         rest = rest - basis @ (basis.T @ rest)
-    size = float(np.linalg.norm(rest))
-    return rest / size if size > _TOLERANCE else None
+    return rest
 
 
 def frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Bracket of two tangent vectors as left-invariant fields: that of SE(2), SO(3) and SE(3) joints."""
+    """Bracket of tangent vectors (..., nv) as left-invariant fields: that of SE(2), SO(3) and SE(3) joints."""
     parts: list[tuple[slice, str]] = []
     for joint in list(model.joints)[1:]:
         kind = joint.shortname()
@@ -185,13 +204,15 @@ def frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.nda
     def bracket(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         result = np.zeros_like(x)
         for where, kind in parts:
-            a, b = x[where], y[where]
+            a, b, out = x[..., where], y[..., where], result[..., where]
             if kind == "JointModelPlanar":
-                result[where] = (b[2] * a[1] - a[2] * b[1], a[2] * b[0] - b[2] * a[0], 0.0)
+                out[..., 0] = b[..., 2] * a[..., 1] - a[..., 2] * b[..., 1]
+                out[..., 1] = a[..., 2] * b[..., 0] - b[..., 2] * a[..., 0]
             elif kind == "JointModelSpherical":
-                result[where] = np.cross(a, b)
+                out[...] = np.cross(a, b)
             else:
-                result[where] = pin.Motion(a).cross(pin.Motion(b)).vector
+                out[..., :3] = np.cross(a[..., 3:], b[..., :3]) + np.cross(a[..., :3], b[..., 3:])
+                out[..., 3:] = np.cross(a[..., 3:], b[..., 3:])
         return result
 
     return bracket

@@ -14,7 +14,8 @@ from rnc_pin.robots.sources.description import Body
 
 _TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 _SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix with ones on its diagonal
-_SUGGESTED = 0.1  # [kg] for a link that has none
+_SUGGESTED = 0.1  # [kg] for a link that has no mass and no size
+_DENSITY = 300.0  # [kg/m^3] of the boxes around links that have a size: robots are hollow
 _SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
 
 MOVES_NONE = "moves no mass"
@@ -174,7 +175,9 @@ def _is_wrong(body: Body, why: str) -> bool:
 
 
 def _mass(body: Body) -> float:
-    return body.mass if body.mass > 0 else _SUGGESTED
+    if body.mass > 0:
+        return body.mass
+    return float(f"{max(_DENSITY * body.volume, 0.01):.2g}") if body.volume else _SUGGESTED
 
 
 def _mend(model: pin.Model, each: Massless) -> None:

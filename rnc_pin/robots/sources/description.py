@@ -36,11 +36,19 @@ class Mimic(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A link by itself, as the file has it: mass [kg], rotational inertia (3, 3) [kg m^2], whether it has geometry."""
+    """A link by itself, as the file has it.
+
+    Attributes:
+        mass: [kg].
+        inertia: rotational, (3, 3) [kg m^2].
+        shaped: whether it has geometry.
+        volume: of the box around that where the link has no mass, else 0 [m^3].
+    """
 
     mass: float
     inertia: np.ndarray
     shaped: bool
+    volume: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,13 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
 
 def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
     """What each link of a file weighs, and whether it has geometry."""
-    return {str(link.get("name")): Body(*_inertia(link), bool(_shapes(link))) for link in root.findall("link")}
+    return {str(link.get("name")): _body(link) for link in root.findall("link")}
+
+
+def _body(link: ElementTree.Element) -> Body:
+    mass, inertia = _inertia(link)
+    shaped = bool(_shapes(link))
+    return Body(mass, inertia, shaped, float(np.prod(_box(link)[1])) if shaped and mass <= 0 else 0.0)
 
 
 def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:

@@ -33,6 +33,8 @@ from rnc_pin.simulation import Outcome
 _APART = 1e-3  # sine of the angle from the rows before it, below which an output adds no motion; wheels are small
 _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]
 _LEAN = 0.05  # [rad]
+_SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
+_PULLED = 0.1  # [m]
 _SHORT, _LONG = 0.1, 6  # how long a draft is tried out, and how long where that does not take long [s]
 _PATIENCE = 20.0  # [s]
 _TRACKERS = (("adaptive", 0.002), ("adaptive", 0.001), ("computed_torque", 0.002))
@@ -61,6 +63,21 @@ class Attempt:
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
+        self._spread()
+
+    def _spread(self) -> None:
+        """Pull slides out where the inertia matrix is singular at the start: two axes on one line."""
+        model = self.robot.model
+        for name, value in self.start.items():
+            M = pin.crba(model, model.createData(), self.robot.configuration(self.start))
+            size = np.sqrt(np.diag(M))
+            if np.linalg.eigvalsh(M / np.outer(size, size))[0] > _SINGULAR:
+                return
+            if self.robot.velocity_units[self.robot.velocity_indices(name).start] == "m/s":
+                low, high = joint_limits(self.robot, name)
+                self.start[name] = value + (_PULLED if value + _PULLED < high else -_PULLED)
+                if low < self.start[name] < high:
+                    self.mobility.notes.append(f"{name} starts pulled out: at zero axes lie on one line")
 
     @cached_property
     def q0(self) -> np.ndarray:

@@ -14,8 +14,8 @@ _TRAILS = 0.2  # from a swivel's axis to the wheel, in radii, above which the wh
 _AXLE = 1.0  # the same, of several wheels on one pivot, above which they carry a trailer
 _CASTER = re.compile("caster|castor|swivel")
 _GLIDES = re.compile("caster|castor|ball|support")
-_STEERED = re.compile("steer|knuckle")
-_TOWED = re.compile("hitch|trailer|kingpin|coupl|articul|drawbar|tow")
+_STEERED = re.compile("steer|knuckle|articul")
+_TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,11 @@ class Chassis:
         own = {each.pivot.joint for each in (*self.casters, *self.steered, *self.trailers)}
         beyond = (pivot.joint for wheel in self.wheels for pivot in wheel.pivots)
         return [joint for joint in dict.fromkeys(beyond) if joint not in own]
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether all fixed wheels have one heading."""
+        return all(are_parallel(self.fixed[0], wheel) for wheel in self.fixed)
 
     @property
     def axles(self) -> list[list[Wheel]]:

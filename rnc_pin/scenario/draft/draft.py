@@ -44,10 +44,13 @@ def draft(source: str, folder: Path, wishes: Wishes | None = None) -> str:
 def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     robot, is_rigid = source.lying()
     source.remember_packages(robot)
-    site = Site(robot, start_values(robot), source.words(), is_rigid)
+    site = Site(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
     for way in _ways(site, asked, source):
         mobility = way()
+        if site.loose:
+            mobility.lock.update(site.loose)
+            mobility.notes.append(f"held, because nothing drives them: {', '.join(site.loose)}")
         try:
             attempt = Attempt(mobility, source, site.start, folder)
             mobility.notes += source.remarks + failures
@@ -62,7 +65,7 @@ def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
     if asked in (None, "planar"):
         wheels = find_wheels(site.robot, site.q, site.root)
         if wheels:
-            yield from _ways_on_wheels(chassis(wheels), site, asked)
+            yield from _ways_on_wheels(chassis(wheels), site, asked, source.mass_of_base())
             return
         axles = find_drawn_axles(site.robot, site.q)
         if axles and not site.own_base:
@@ -72,15 +75,17 @@ def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
         yield lambda: without_wheels(site, "fixed", 0.0)
 
 
-def _ways_on_wheels(found: Chassis, site: Site, asked: str | None) -> Iterator[_Way]:
+def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, mass_of_base: float) -> Iterator[_Way]:
     if asked is None and balances(found, site):
         yield lambda: on_two_wheels(found, site)
     if asked is None and is_bicycle(found):
         yield lambda: on_a_bicycle(found, site)
     if has_rollers(found, site):
         yield lambda: on_rollers(found, site)
-    elif found.fixed:
+    elif found.fixed and found.is_straight:
         yield lambda: on_wheels(found, site)
+    elif found.fixed and not found.steered:  # discs at right angles that carry nothing
+        yield lambda: without_wheels(site, asked, mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
     if found.fixed:
         why = "these wheels cannot roll together as they are read"

@@ -47,7 +47,7 @@ class Mobility:
     actuators: list[tuple[Entry, str]] = field(default_factory=list)
     outputs: list[tuple[Mapping[str, Json], float]] = field(default_factory=list)
     vertical: list[Mapping[str, Json]] = field(default_factory=list)
-    lock: dict[str, float] = field(default_factory=dict)
+    lock: dict[str, float | list[float]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     passive: set[str] = field(default_factory=set)
     ground: float | None = None

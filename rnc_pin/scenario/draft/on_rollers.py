@@ -6,7 +6,7 @@ import numpy as np
 
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.chassis import Chassis, are_parallel
+from rnc_pin.scenario.draft.chassis import Chassis
 from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
@@ -24,15 +24,12 @@ def has_rollers(chassis: Chassis, site: Site) -> bool:
         return False
     if any(wheel.rollers for wheel in wheels):
         return True
-    parallel = all(are_parallel(wheels[0], wheel) for wheel in wheels)
-    named = any(word in site.words for word in _OMNIDIRECTIONAL)
-    return not parallel or (named and len(wheels) >= 3)
+    return not chassis.is_straight or any(word in site.words for word in _OMNIDIRECTIONAL)
 
 
 def on_rollers(chassis: Chassis, site: Site) -> Mobility:
     """Three rollers or more, each the row of one direction."""
-    wheels = chassis.fixed
-    parallel = all(are_parallel(wheels[0], wheel) for wheel in wheels)
+    wheels, parallel = chassis.fixed, chassis.is_straight
     angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
         return in_any_direction(chassis, site, "the rollers of these wheels do not hold the base")
@@ -118,13 +115,13 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> flo
 
 
 def _modelled_angle(wheel: Wheel, site: Site) -> float:
-    """The angle that the file's lowest roller has."""
+    """The angle that the file's rollers have: all the same to the axle, and the lowest one says to which side."""
     robot, data = site.robot, site.data
     lowest = min(wheel.rollers, key=lambda name: float(data.oMi[robot.joint_id(name)].translation[2]))
     axis = turning_axis(robot.model, data, robot.joint_id(lowest))
-    heading, across = wheel.heading, np.cross([0.0, 0.0, 1.0], wheel.heading)
-    angle = float(np.arctan2(axis @ across, axis @ heading))
-    return (angle + np.pi / 2) % np.pi - np.pi / 2  # an axis has no sense
+    side = (axis @ wheel.axle) * (axis @ wheel.heading)
+    angle = np.arcsin(min(abs(float(axis @ wheel.axle)), 1.0))
+    return float(angle if side >= 0 else -angle)
 
 
 def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:

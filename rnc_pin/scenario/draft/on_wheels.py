@@ -33,6 +33,7 @@ def on_wheels(chassis: Chassis, site: Site) -> Mobility:
         if len(chassis.fixed) == 1:
             torque: dict[str, Json] = {"torque": {"frame": site.frame, "axis": "z"}}
             result.actuators.append((torque, "turns the base: one wheel cannot"))
+            result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
         result.outputs.append(({"frame_yaw": site.frame}, TURNED))
     for carriage in chassis.casters:
         for wheel in carriage.wheels:
@@ -55,8 +56,11 @@ def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
         result.notes.append(
             f"the file's own joints let the base move over the ground, its wheels drive it: {', '.join(site.own_base)}"
         )
+    elif site.holds_own_joint:
+        result.lock.update(site.own_joint)
+        result.notes.append(f"a planar base takes the place of the file's own {', '.join(site.own_joint)}")
     elif site.root:
-        result.base = "planar"
+        result.base = "fixed" if site.is_urdf else "planar"
     result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
     return result
 
@@ -140,24 +144,24 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
     first, *others = chassis.steered
     axle = chassis.fixed[0]
     beside = [each for each in others if _side_by_side(first, each, axle)]
-    coupled = {frozenset((each.joint, each.of)) for each in site.robot.mimics}
+    leader = site.leader(first.pivot.joint)
     for wheel in first.wheels:
         result.constraints.append((rolls(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
-    result.actuators.append((first.pivot.joint, "steering"))
-    result.outputs.append(({"joint": first.pivot.joint}, BENT))
-    result.passive |= {wheel.joint for wheel in first.wheels}
+    result.actuators.append((leader, "steering"))
+    result.outputs.append(({"joint": leader}, BENT))
+    result.passive |= {first.pivot.joint, *(wheel.joint for wheel in first.wheels)} - {leader}
     for other in beside[:1]:
         pair = [first.pivot.joint, other.pivot.joint]
-        together = frozenset(pair) in coupled
+        together = site.leader(pair[1]) == leader
         if together:
             result.notes.append(f"{pair[0]} and {pair[1]} turn by one angle, so that the wheel of the second skids")
         else:
             ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
-            result.constraints.append(({"ackermann": ackermann}, "both front wheels turn about one point"))
+            result.constraints.append(({"ackermann": ackermann}, "both steered wheels turn about one point"))
         for wheel in other.wheels:
             entry = rolls(wheel, lateral=False) if together else rolls(wheel)
             result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
-        result.passive |= {other.pivot.joint, *(wheel.joint for wheel in other.wheels)}
+        result.passive |= {other.pivot.joint, *(wheel.joint for wheel in other.wheels)} - {leader}
     straight = [each for each in others if each not in beside[:1]]
     for each in straight:
         for wheel in each.wheels:

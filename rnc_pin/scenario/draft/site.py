@@ -20,12 +20,14 @@ class Site:
         robot: it.
         start: values of joints with one degree of freedom.
         named: names in its file besides those of the model.
+        is_urdf: whether it was read from a URDF, whose free joints a base cannot replace.
         is_rigid: whether the file has no joint that moves, so that it was given a free base.
     """
 
     robot: Robot
     start: dict[str, float]
     named: str
+    is_urdf: bool = True
     is_rigid: bool = False
 
     @cached_property
@@ -64,7 +66,42 @@ class Site:
         """Index of the joint that carries the base; 0 where it is fixed to the world."""
         if self.own_base:
             return self.robot.joint_id(self.own_base[-1])
-        return 1 if self.robot.model.joints[1].nv > 1 else 0
+        model = self.robot.model
+        return 1 if model.joints[1].nv > 1 and len(model.children[0]) == 1 else 0
+
+    @property
+    def holds_own_joint(self) -> bool:
+        """Whether the base hangs on a free joint of a URDF, in whose place a planar base can come if it is locked."""
+        return bool(self.is_urdf and self.root and self.robot.model.joints[self.root].nv == 6) and not self.is_rigid
+
+    @property
+    def own_joint(self) -> dict[str, list[float]]:
+        """The joint that carries the base, where it is."""
+        return {str(self.robot.model.names[self.root]): self.several_values(self.root)}
+
+    @property
+    def loose(self) -> dict[str, list[float]]:
+        """Joints of several degrees of freedom besides the base's, where they are."""
+        joints = list(self.robot.model.joints)
+        return {
+            str(self.robot.model.names[index]): self.several_values(index)
+            for index in range(1, len(joints))
+            if joints[index].nv > 1 and index != self.root
+        }
+
+    def several_values(self, index: int) -> list[float]:
+        """Values of a joint with several degrees of freedom at the start."""
+        values = self.robot.joint_values(self.q)[str(self.robot.model.names[index])]
+        return values if isinstance(values, list) else [values]
+
+    def leader(self, joint: str) -> str:
+        """The joint that a joint follows in the end, or itself."""
+        follows = {each.joint: each.of for each in self.robot.mimics if each.of in self.robot.joint_names}
+        seen = {joint}
+        while joint in follows and follows[joint] not in seen:
+            joint = follows[joint]
+            seen.add(joint)
+        return joint
 
     @cached_property
     def frame(self) -> str:

@@ -7,16 +7,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
+
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.plain import Json
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, is_file, shipped_directory
+from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot import RobotSource
 
+Lock = Mapping[str, float | list[float]]
+
 _BASE = "root_joint"  # one without mass is given some, not held
+_DENSITY = 300.0  # [kg/m^3] of the box around a base that has no mass
 
 
 @dataclass(frozen=True)
@@ -65,16 +72,21 @@ class Source:
         self.held = dict(wishes.lock or {})
         self.notes: list[str] = []
 
-    def load(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
+    def load(self, base: str | None, lock: Lock | None = None) -> Robot:
         """The robot; joints of it that move no mass are held or given some, once and for all."""
         while True:
             try:
-                return self.as_it_is(base, lock)
+                robot = self.as_it_is(base, lock)
             except UselessInertia as error:
                 if not self._mend(error.joints):
                     raise
+                continue
+            link = None if base in (None, "fixed") else _weightless_base(robot)
+            if link is None or link in self.masses:
+                return robot
+            self.masses[link] = float(f"{_DENSITY * _volume(robot):.2g}")
 
-    def as_it_is(self, base: str | None, lock: Mapping[str, float] | None = None) -> Robot:
+    def as_it_is(self, base: str | None, lock: Lock | None = None) -> Robot:
         """The robot, or an error where a joint of it moves no mass."""
         raw = {**self.described(base), "lock": {**self.held, **(lock or {})}}
         return admitted(RobotSource, raw, "robot").build(self._folder)
@@ -150,6 +162,24 @@ class Source:
         if held:
             self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
         return bool(held)
+
+
+def _weightless_base(robot: Robot) -> str | None:
+    """The first link of a base that moves but has no mass, where it has a shape."""
+    if robot.model.inertias[1].mass > 0 or not _volume(robot):
+        return None
+    frames = (frame for frame in robot.model.frames if frame.parentJoint == 1 and frame.type == pin.FrameType.BODY)
+    return next((str(frame.name) for frame in frames), None)
+
+
+def _volume(robot: Robot) -> float:
+    """Of the box around the shapes of the base [m^3]."""
+    parts = [each for each in shapes(robot, "collision", robot.configuration()) if each.joint == 1]
+    if not parts:
+        return 0.0
+    low = np.min([each.points.min(axis=0) - each.margin for each in parts], axis=0)
+    high = np.max([each.points.max(axis=0) + each.margin for each in parts], axis=0)
+    return float(np.prod(high - low))
 
 
 def _entry(source: str, folder: Path) -> dict[str, Json]:

@@ -20,7 +20,8 @@ _WIDEST = 8.0  # width of a wheel in radii
 _ROLLERS = 4  # so many joints on a rim are rollers
 _SIZES = (0.01, 1.5)  # radii that are believed where nothing was measured [m]
 _WHEEL = re.compile("wheel|tire|tyre|caster|castor")
-_NO_WHEEL = re.compile("reaction|flywheel|momentum|steering_?wheel|rotor|prop|pulley|gear")
+_NO_WHEEL = re.compile("reaction|flywheel|momentum|steering_?wheel")
+_PART = re.compile("rotor|prop|pulley|gear|diff_|ring|spider")
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class _Candidate:
     center: np.ndarray
     named: bool
     parts: dict[str, list[Shape]]
+    rollers: tuple[int, ...]
 
 
 def find_wheels(robot: Robot, q: np.ndarray, root: int) -> list[Wheel]:
@@ -106,12 +108,26 @@ def find_wheels(robot: Robot, q: np.ndarray, root: int) -> list[Wheel]:
     geometry = {kind: shapes(robot, kind, q) for kind in ("collision", "visual")}
     floor = _floor(robot, data, root)
     found: list[_Found] = []
-    for candidate in _candidates(robot, data, geometry, root):
+    unmeasured: list[_Candidate] = []
+    candidates = list(_candidates(robot, data, geometry, root))
+    rollers = {each for candidate in candidates for each in candidate.rollers}
+    for candidate in candidates:
         size = _measured(robot, data, candidate, floor)
+        if candidate.index in rollers:
+            continue
         if size is not None:
             wheel = _wheel(robot, data, candidate, size, root)
             found.append(_Found(wheel, size.bottom, candidate.named))
-    return _on_the_ground(found, geometry["collision"] or geometry["visual"], root)
+        elif candidate.named:
+            unmeasured.append(candidate)
+    wheels = _on_the_ground(found, geometry["collision"] or geometry["visual"], root)
+    for candidate in unmeasured if wheels else ():
+        ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
+        height = float(candidate.center[2] - ground)
+        if _believed(height) and height < 2 * max(wheel.radius for wheel in wheels):
+            wheels.append(_wheel(robot, data, candidate, _Size(height, ground, "height"), root))
+    carriers = {joint for wheel in wheels for joint in wheel.carriers}
+    return [wheel for wheel in wheels if wheel.joint not in carriers]
 
 
 @dataclass(frozen=True)
@@ -138,27 +154,34 @@ def _candidates(robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], 
     model = robot.model
     for index in range(root + 1, model.njoints):
         joint, name = model.joints[index], model.names[index]
-        rollers = [int(each) for each in model.children[index]]
-        if joint.nv != 1 or not _are_rollers(model, rollers):
+        if joint.nv != 1:
             continue
         axle, frame = turning_axis(model, data, index), body_frame(robot, index)
         named, other = _called(name, frame)
+        rollers = [int(each) for each in model.children[index]]
+        if not _are_rollers(model, rollers):
+            if not named:
+                continue
+            rollers = []  # gears and hubs that a wheel carries
         span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
         turns = joint.nq == 2 or not np.isfinite(span) or span <= 0 or span > _TURNS + 1e-6
         if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named) or other:
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in geometry.items()}
-        yield _Candidate(index, frame, axle, data.oMi[index].translation.copy(), named, parts)
+        yield _Candidate(index, frame, axle, data.oMi[index].translation.copy(), named, parts, tuple(rollers))
 
 
 def _called(joint: str, link: str) -> tuple[bool, bool]:
     """Whether names say wheel, and whether they say something else; the joint's name counts for more."""
-    for name in (joint.lower(), link.lower()):
-        if _NO_WHEEL.search(name):
-            return False, True
+    names = joint.lower(), link.lower()
+    if any(_NO_WHEEL.search(name) for name in names):
+        return False, True
+    for name in names:
         if _WHEEL.search(name):
             return True, False
+        if _PART.search(name):
+            return False, True
     return False, False
 
 
@@ -214,8 +237,9 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
     if sure:
         ground = min(each.bottom for each in sure)
         lowest = min((shape.bottom for shape in everything), default=ground)
-        if lowest < ground - 2 * max(each.wheel.radius for each in sure):
-            return []  # called wheels, but in the air
+        level = sum(each.touches(ground) for each in sure)  # a fork or a skirt may reach lower than two wheels
+        if level < 2 and lowest < ground - 2 * max(each.wheel.radius for each in sure):
+            return []  # called a wheel, but in the air
     else:
         bottoms = [shape.bottom for shape in everything if shape.joint <= root]
         ground = min([*bottoms, *(each.bottom for each in found)], default=0.0)
@@ -248,7 +272,7 @@ def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, roo
         axle=candidate.axle,
         pivots=tuple(pivots),
         carriers=tuple(carriers),
-        rollers=tuple(str(model.names[each]) for each in model.children[candidate.index]),
+        rollers=tuple(str(model.names[each]) for each in candidate.rollers),
         is_ball=size.is_ball,
     )
 

@@ -16,7 +16,7 @@ _HEAVY = 0.5  # share of the mass in the first link above which arms move it rat
 _AFLOAT = re.compile(
     "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
 )
-_WHEEL = re.compile("wheel|tire|tyre")
+_WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
@@ -42,7 +42,7 @@ def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobili
         elif asked is None:
             result.notes.append("if it floats, as in space: --base free; if it drives: --base planar")
         return _doubting_wheels(result, site)
-    return _afloat(site, None if own and asked is None else "free", why)
+    return _doubting_wheels(_afloat(site, None if own and asked is None else "free", why), site)
 
 
 def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
@@ -50,7 +50,9 @@ def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
     frames = site.robot.model.frames
     named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
     if named:
-        result.notes.append(f"links that are called wheels do not turn on level axles at the ground: {few(named)}")
+        result.notes.append(
+            f"links that are called wheels or tracks do not roll on the ground as they are read: {few(named)}"
+        )
     return result
 
 
