@@ -115,13 +115,13 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> flo
 
 
 def _modelled_angle(wheel: Wheel, site: Site) -> float:
-    """The angle that the file's rollers have: all the same to the axle, and the lowest one says to which side."""
-    robot, data = site.robot, site.data
-    lowest = min(wheel.rollers, key=lambda name: float(data.oMi[robot.joint_id(name)].translation[2]))
-    axis = turning_axis(robot.model, data, robot.joint_id(lowest))
-    side = (axis @ wheel.axle) * (axis @ wheel.heading)
+    """The angle that the file's rollers have: all the same to the axle, and to the same side along the rim."""
+    joint = site.robot.joint_id(wheel.rollers[0])
+    axis = turning_axis(site.robot.model, site.data, joint)
+    out = site.data.oMi[joint].translation - wheel.center
+    along_rim = np.cross(out, wheel.axle)  # the wheel's heading, where the roller is at the bottom
     angle = np.arcsin(min(abs(float(axis @ wheel.axle)), 1.0))
-    return float(angle if side >= 0 else -angle)
+    return float(angle if (axis @ wheel.axle) * (axis @ along_rim) >= 0 else -angle)
 
 
 def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
