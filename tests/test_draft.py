@@ -304,3 +304,22 @@ def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
     content = read_yaml(tmp_path / "cart.yaml")
     assert radii(content) == {"left_link": 0.15, "right_link": 0.15}
     assert content["robot"]["xacro_arguments"] == {"size": 0.15}
+
+
+def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
+    wheels = "".join(
+        f'<link name="w{k}"><visual><geometry><cylinder radius="0.1" length="0.04"/></geometry></visual></link>'
+        f'<joint name="j{k}" type="fixed"><parent link="base"/><child link="w{k}"/>'
+        f'<origin xyz="{x} {y} 0.1" rpy="1.570796 0 0"/></joint>'
+        for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.1, 0.2), (-0.1, -0.2)])
+    )
+    mass = '<mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    arm = '<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>'
+    links = "".join(f'<link name="{name}"><inertial>{mass}</inertial></link>' for name in ("base", "arm"))
+    urdf = tmp_path / "cart.urdf"
+    urdf.write_text(f'<robot name="cart">{links}{wheels}{arm}</robot>')
+    content, path = drafted(urdf, tmp_path)
+    assert content["constraints"] == [{"no_side_slip": {"frame": "base", "axis": "y", "at": [0.1, 0.0, 0.0]}}]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "a"]
+    assert "2 axles of one body cannot all roll in a turn" in path.read_text()
+    assert outcome_of(path, 0.5)["outcome"] == "completed"

@@ -24,6 +24,7 @@ class DrawnAxle:
         joint: index of the joint that carries it.
         radius: of the wheels [m].
         axle: in the world (3,).
+        center: between the wheels, in the world (3,) [m].
     """
 
     frame: str
@@ -31,6 +32,7 @@ class DrawnAxle:
     joint: int
     radius: float
     axle: np.ndarray
+    center: np.ndarray
 
 
 def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
@@ -55,7 +57,8 @@ def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
                 continue
             place = _frame_on(robot, data, one.joint, one.points.mean(axis=0), axle)
             if place is not None and all(place[0] != each.frame for each in axles):
-                axles.append(DrawnAxle(*place, one.joint, radii[0], axle))
+                center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
+                axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
     return axles
 
 

@@ -70,17 +70,34 @@ def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
     result = planar(site, f"wheels are drawn on {count}, and no joint turns them", [])
     result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
-    for each in axles:
-        result.constraints.append(({"no_side_slip": {"frame": each.frame, "axis": each.axis}}, "knife edge"))
+    bodies = list(dict.fromkeys(each.joint for each in axles))
+    for body in bodies:
+        there = [each for each in axles if each.joint == body]
+        edge: dict[str, Json] = {"frame": there[0].frame, "axis": there[0].axis}
+        if len(there) > 1:
+            if body == site.root:
+                edge = _midway(site, there[0].axle, np.mean([each.center for each in there], axis=0))
+            result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
+        result.constraints.append(({"no_side_slip": edge}, "knife edge"))
     own = [each for each in axles if each.joint == site.root] or axles[:1]
     along = site.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
     frame = site.frame
     result.actuators.append(({"force": {"frame": frame, "axis": along}}, "drives the base"))
-    if len(axles) == 1:
+    if len(bodies) == 1:
         result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base"))
     result.outputs += [({"frame_speed": {"frame": frame, "axis": along}}, DRIVEN), ({"frame_yaw": frame}, TURNED)]
     result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
     return result
+
+
+def _midway(site: Site, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
+    """The knife edge of a body that does not slip along its axles (3,) at a point of the world (3,) amid them."""
+    edge: dict[str, Json] = {"frame": site.frame, "axis": site.along(axle)}
+    height = float(site.placement.translation[2])
+    at = site.own_point(np.array([middle[0], middle[1], height]))
+    if any(at):
+        edge["at"] = at
+    return edge
 
 
 def _kind(chassis: Chassis) -> str:
@@ -106,12 +123,7 @@ def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
         nearby = min(distances) < 0.1 * guide[0].radius
         if not chassis.steered and not nearby:
             guide = []
-            axis = site.along(chassis.fixed[0].axle)
-            edge: dict[str, Json] = {"frame": site.frame, "axis": axis}
-            height = float(site.placement.translation[2])
-            at = site.own_point(np.array([middle[0], middle[1], height]))
-            if any(at):
-                edge["at"] = at
+            edge = _midway(site, chassis.fixed[0].axle, middle)
             result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
         result.notes.append(
             f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
