@@ -17,7 +17,7 @@ from rnc_pin.scenario.draft.on_wheels import on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.source import Source, Wishes
 from rnc_pin.scenario.draft.wheels import find_wheels
-from rnc_pin.scenario.draft.without_wheels import without_wheels
+from rnc_pin.scenario.draft.without_wheels import held_fast, without_wheels
 
 _Way = Callable[[], Mobility]
 
@@ -56,8 +56,10 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
             mobility.notes += source.remarks + failures
             return attempt.text()
         except RncError as error:
-            failures.append(f"not '{mobility.kind}', which does not run: {error}")
-    raise ConfigurationError(f"no scenario can be drafted for '{robot.name}': {failures[0]}")
+            if not any(str(error) in each for each in failures):
+                failures.append(f"not '{mobility.kind}', which does not run: {error}")
+    hint = "hold joints with --lock JOINT, or say how it stands with --base"
+    raise ConfigurationError(f"no scenario can be drafted for '{robot.name}': {failures[0]}; {hint}")
 
 
 def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
@@ -73,6 +75,7 @@ def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
     yield lambda: without_wheels(site, asked, source.mass_of_base())
     if asked is None:
         yield lambda: without_wheels(site, "fixed", 0.0)
+        yield lambda: held_fast(site)
 
 
 def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, mass_of_base: float) -> Iterator[_Way]:

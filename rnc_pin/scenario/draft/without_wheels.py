@@ -45,6 +45,15 @@ def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobili
     return _doubting_wheels(_afloat(site, None if own and asked is None else "free", why), site)
 
 
+def held_fast(site: Site) -> Mobility:
+    """A bolted robot whose joints without effort are held: what falls when nothing drives it."""
+    model = site.robot.model
+    result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
+    weak = [name for name in site.start if model.upperEffortLimit[site.robot.velocity_indices(name).start] == 0]
+    result.hold(weak, site.start, "effort 0 in the file, and the rest falls or diverges without them: held")
+    return _doubting_wheels(result, site)
+
+
 def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
     """Say where links are called wheels and do not turn."""
     frames = site.robot.model.frames
