@@ -174,7 +174,9 @@ def _weightless_base(robot: Robot) -> str | None:
 
 def _volume(robot: Robot) -> float:
     """Of the box around the shapes of the base [m^3]."""
-    parts = [each for each in shapes(robot, "collision", robot.configuration()) if each.joint == 1]
+    q = robot.configuration()
+    everything = [[each for each in shapes(robot, kind, q) if each.joint == 1] for kind in ("collision", "visual")]
+    parts = next((each for each in everything if each), [])
     if not parts:
         return 0.0
     low = np.min([each.points.min(axis=0) - each.margin for each in parts], axis=0)

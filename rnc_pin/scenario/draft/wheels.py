@@ -156,7 +156,8 @@ def _candidates(robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], 
         joint, name = model.joints[index], model.names[index]
         if joint.nv != 1:
             continue
-        axle, frame = turning_axis(model, data, index), body_frame(robot, index)
+        axle = turning_axis(model, data, index)
+        frame, center = _on_axle(robot, data, index, axle)
         named, other = _called(name, frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(model, rollers):
@@ -169,20 +170,24 @@ def _candidates(robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], 
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in geometry.items()}
-        yield _Candidate(index, frame, axle, data.oMi[index].translation.copy(), named, parts, tuple(rollers))
+        yield _Candidate(index, frame, axle, center, named, parts, tuple(rollers))
+
+
+def _on_axle(robot: Robot, data: pin.Data, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+    """The frame of a wheel and where it is (3,): a link on the axle that is called one, or the joint's own."""
+    origin = data.oMi[joint].translation
+    for index, frame in enumerate(robot.model.frames):
+        called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
+        if called and np.abs(_beside(data.oMf[index].translation - origin, axle)).max() < 1e-6:
+            return str(frame.name), data.oMf[index].translation.copy()
+    return body_frame(robot, joint), origin.copy()
 
 
 def _called(joint: str, link: str) -> tuple[bool, bool]:
-    """Whether names say wheel, and whether they say something else; the joint's name counts for more."""
-    names = joint.lower(), link.lower()
-    if any(_NO_WHEEL.search(name) for name in names):
-        return False, True
-    for name in names:
-        if _WHEEL.search(name):
-            return True, False
-        if _PART.search(name):
-            return False, True
-    return False, False
+    """Whether names say wheel, and whether they say something else."""
+    words = f"{joint} {link}".lower()
+    named = _WHEEL.search(words) is not None
+    return named, _NO_WHEEL.search(words) is not None or (not named and _PART.search(words) is not None)
 
 
 def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
@@ -254,7 +259,10 @@ def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, roo
     parent = model.parents[candidate.index]
     while parent > root and model.joints[parent].nv == 1:
         joint, axis = model.joints[parent], turning_axis(model, data, parent)
-        if springs and abs(axis[2]) > _UPRIGHT:
+        along = candidate.center - data.oMi[parent].translation
+        if axis.any() and max(np.abs(_beside(axis, candidate.axle)).max(), np.abs(_beside(along, axis)).max()) < 1e-6:
+            pass  # a gear on its axle turns it and does not move it
+        elif springs and abs(axis[2]) > _UPRIGHT:
             span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
             free = joint.nq == 2 or not 0 < span < 2 * np.pi - 1e-3
             point = data.oMi[parent].translation.copy()
@@ -275,6 +283,11 @@ def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, roo
         rollers=tuple(str(model.names[each]) for each in candidate.rollers),
         is_ball=size.is_ball,
     )
+
+
+def _beside(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """What of a vector (3,) is not along an axis (3,) of length one."""
+    return np.asarray(vector - (vector @ axis) * axis)
 
 
 def _floor(robot: Robot, data: pin.Data, root: int) -> float | None:
