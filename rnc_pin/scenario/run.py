@@ -178,17 +178,37 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
 
 
 def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
-    """Write the numbers of a result: trajectories, summary and scenario."""
-    trajectory = result.trajectory
-    written = [folder.file("trajectory.npz")]
-    trajectory.save(written[0])
-    for label, other in result.comparisons.items():
-        path = folder.file(f"trajectory_{slug(label)}.npz")
-        other.save(path)
-        written.append(path)
-    written.append(folder.write_json("summary.json", result.summary))
-    written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
-    return written
+    """Write the numbers of a result: trajectories, summary and scenario.
+
+    Where nothing was before they stand in the folder at once, whatever becomes of their pictures.
+
+    Raises:
+        ConfigurationError: they cannot be written.
+    """
+    try:
+        written = [folder.file("trajectory.npz")]
+        result.trajectory.save(written[0])
+        for label, other in result.comparisons.items():
+            path = folder.file(_comparison_file(label))
+            other.save(path)
+            written.append(path)
+        written.append(folder.write_json("summary.json", result.summary))
+        written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder.path}: cannot be written: {error.strerror}") from None
+    folder.keep_so_far()
+    return [folder.path / path.name for path in written]
+
+
+def result_names(plan: Plan) -> list[str]:
+    """Names of the files that a run may write."""
+    pictures = [f"{name}.png" for name in plan.experiment.scenario.plots]
+    numbers = ["trajectory.npz", *map(_comparison_file, plan.comparisons), "summary.json", "scenario.yaml"]
+    return [*numbers, *pictures, "overview.png", "animation.html"]
+
+
+def _comparison_file(label: str) -> str:
+    return f"trajectory_{slug(label)}.npz"
 
 
 def _portable(plan: Plan) -> dict[str, Json]:

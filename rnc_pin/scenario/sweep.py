@@ -68,7 +68,9 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) 
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         try:
             result = execute(prepared)
-            write(prepared, result, OutputFolder(folder))
+            with OutputFolder(folder) as out:
+                write(prepared, result, out)
+                out.keep()
         except RncError as error:
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         summary = result.summary
@@ -83,6 +85,11 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) 
             "message": summary.get("message", ""),
         }
     return {**row, "outcome": "infeasible", "redrawn": redrawn, "message": str(failure)}
+
+
+def run_names(runs: int) -> list[str]:
+    """Names of the folders of a sweep's runs."""
+    return [f"run_{run:04d}" for run in range(runs)]
 
 
 def sweep(
@@ -107,7 +114,7 @@ def sweep(
         ConfigurationError: nothing to draw, or the scheduler cannot be reached.
     """
     drawn_keys(scenario, options)
-    folders = [out.folder(f"run_{run:04d}") for run in range(runs)]
+    folders = [out.folder(name) for name in run_names(runs)]
     calls = [joblib.delayed(one_run)(scenario, options, run, folder) for run, folder in enumerate(folders)]
     with _backend(scheduler, jobs) as parallel:
         yield from parallel(calls)

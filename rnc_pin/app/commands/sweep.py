@@ -13,7 +13,7 @@ from rnc_pin.app.tables import print_spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.sweep import drawn_keys, sweep
+from rnc_pin.scenario.sweep import drawn_keys, run_names, sweep
 from rnc_pin.scenario.sweep_table import Row, spread, write_table
 
 
@@ -32,16 +32,19 @@ def sweep_scenario(
         raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
     parsed = parse_options(options)
     drawn_keys(scenario, parsed)
-    folder = OutputFolder(out, force)
     rows: list[Row] = []
-    with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
-        for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
-            rows.append(row)
-            advance(len(rows))
-    write_table(rows, folder.file("sweep.csv"))
-    figures = spread(rows)
-    summary = {"scenario": scenario, **figures}
-    folder.write_json("sweep.json", summary)
+    names = [*run_names(runs), "sweep.csv", "sweep.json"]
+    bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
+    with OutputFolder(out, force, names) as folder:
+        with bar as advance:
+            for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
+                rows.append(row)
+                advance(len(rows))
+        write_table(rows, folder.file("sweep.csv"))
+        figures = spread(rows)
+        summary = {"scenario": scenario, **figures}
+        folder.write_json("sweep.json", summary)
+        folder.keep()
     if as_json:
         print_json(summary)
     else:
