@@ -6,7 +6,7 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -119,24 +119,32 @@ class OutputFolder:
 
     # ------------------------------------------------------------------ putting into place
 
-    def keep_so_far(self) -> None:
-        """Put into place what is written, where that replaces nothing; else it waits for ``keep``."""
-        if self._nothing_before:
-            self._put_into_place(removing=False)
+    def keep_so_far(self, without: Collection[str] = ()) -> None:
+        """Put into place what is written, where that replaces nothing; else it waits for ``keep``.
 
-    def keep(self) -> None:
+        Args:
+            without: names of what is still being written.
+        """
+        if self._nothing_before:
+            self._put_into_place(without, removing=False)
+
+    def keep(self, without: Collection[str] = ()) -> None:
         """Put the results into place: they are complete. What an earlier run wrote and this one did not is deleted.
+
+        Args:
+            without: names of what was not completed, and is dropped.
 
         Raises:
             ConfigurationError: somebody put something in the place of a result meanwhile, or there is no room; the
                 folder is as it was.
         """
-        self._put_into_place(removing=True)
+        self._put_into_place(without, removing=True)
 
-    def _put_into_place(self, removing: bool) -> None:
+    def _put_into_place(self, without: Collection[str], removing: bool) -> None:
         assert self._staging is not None
         try:
-            written = [name for name in self._names if os.path.lexists(self._staging / name)]
+            done = [name for name in self._names if name not in without]
+            written = [name for name in done if os.path.lexists(self._staging / name)]
             self._check(self._staging, written)
             folders = [name for name in written if kept_files.is_folder_name(name)]
             files = {name: [kept_files.fingerprint(self._staging / name)] for name in written if name not in folders}

@@ -59,6 +59,11 @@ class Result:
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run, or one that it is compared with, was ended by hand."""
+        return any(each.outcome is Outcome.INTERRUPTED for each in (self.trajectory, *self.comparisons.values()))
+
 
 def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     """Read a scenario and build everything in it.
@@ -132,6 +137,8 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
             if failure is not None:
                 compared["message"] = str(failure)
             summary.setdefault("comparisons", {})[label] = compared
+            if others[label].outcome is Outcome.INTERRUPTED:
+                break
     return Result(trajectory, summary, error, others)
 
 

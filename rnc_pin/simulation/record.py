@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
+from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
@@ -52,12 +53,14 @@ class Record:
         for name in ("v2_desired", "x1_desired", "x2_desired"):
             value = getattr(command, name)
             if value is not None:
+                _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
         for name in ("estimates", "prediction_error"):
             value = getattr(command, name)
             if value is not None:
                 if not a[name].shape[1]:
                     a[name] = np.full((self.capacity, np.size(value)), np.nan)
+                _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
         self.count += 1
 
@@ -124,6 +127,11 @@ def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -
         "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
         "singular_value": seen.smallest_singular_value,
     }
+
+
+def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
+    if np.shape(value) != shape:
+        raise InputError(f"the {name} of a command has shape {np.shape(value)}, expected {shape}")
 
 
 def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:

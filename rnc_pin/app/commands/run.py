@@ -12,6 +12,7 @@ from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_files, print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
+from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw
@@ -35,7 +36,7 @@ def run_scenario(
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file called "...yaml" is no reason to write into ".."
-    with OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
+    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
         result = _executed(prepared, show, speed, browser, host, quiet=as_json)
         try:
             written = write(prepared, result, folder)
@@ -53,7 +54,7 @@ def run_scenario(
         print_json(result.summary)
     else:
         print_files(folder.path, files)
-    if result.summary["outcome"] == "completed":
+    if result.summary["outcome"] == "completed" and not result.interrupted and not drawn.interrupted:
         return DONE
     complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
     return FAILED
