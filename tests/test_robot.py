@@ -384,5 +384,5 @@ def test_joints_that_are_not_added_branch_by_branch_are_refused():
 
     good = robot([("left", ""), ("hand", "left"), ("right", "")])
     assert good.nv == 3
-    with pytest.raises(rnc.ModelError, match="'right' was added between 'left' and 'hand'.*branch by branch"):
+    with pytest.raises(rnc.ModelError, match=r"'right' was added between 'left' and 'hand'.*branch by branch"):
         robot([("left", ""), ("right", ""), ("hand", "left")])

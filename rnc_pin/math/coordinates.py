@@ -109,9 +109,9 @@ class Coordinates:
         if about is None:
             smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
         else:
-            for column in np.flatnonzero(self.angular):  # one at a time: records are long
-                turns = np.round((about[:, column] - smooth[:, column]) / (2 * np.pi))
-                smooth[:, column] += 2 * np.pi * turns
+            for angle in np.flatnonzero(self.angular):  # one at a time: records are long
+                turns = np.round((about[:, angle] - smooth[:, angle]) / (2 * np.pi))
+                smooth[:, angle] += 2 * np.pi * turns
         for triple in self._triples:
             column = smooth[:, triple]
             for previous, vector in pairwise(column):
