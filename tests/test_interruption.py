@@ -14,6 +14,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.scenario import pictures
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
 LONG = ["--set", "simulation.duration=1000"]
@@ -229,6 +230,17 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):
     assert run.outcome is rnc.Outcome.INTERRUPTED
     assert len(run.time) > 10
     assert not [path for path in out.iterdir() if path.name.startswith(".rnc_pin_")]
+
+
+def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
+    monkeypatch.setattr(pictures, "plot_overview", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
+    for _ in range(2):  # the second time there is something to replace
+        status, _, error = call(*arguments)
+        assert status == 1
+        assert error.splitlines()[-1] == f"rnc-pin: error: interrupted; results so far are in {tmp_path}"
+        names = {path.name for path in tmp_path.iterdir()}
+        assert names == {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
 
 
 # ---------------------------------------------------------------------- sweeps
