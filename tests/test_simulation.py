@@ -14,6 +14,7 @@ from rnc_pin.control import Command
 from rnc_pin.simulation import record as record_module
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import Provenance
 from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
@@ -307,13 +308,13 @@ def test_the_end_of_a_run_takes_bounded_memory(monkeypatch):
     record = tiago_record(1000)
     kept = {name: array.copy() for name, array in record.arrays.items()}
     tracemalloc.start()
-    run = record.finish(0.01, rnc.Provenance())
+    run = record.finish(0.01, Provenance())
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 30e6  # it was 157 MB
     monkeypatch.setattr(record_module, "_ROOM", 1e12)
     record.arrays = kept
-    at_once = record.finish(0.01, rnc.Provenance())
+    at_once = record.finish(0.01, Provenance())
     for field in dataclasses.fields(run):
         if field.name != "info":
             values, whole = getattr(run, field.name), getattr(at_once, field.name)
