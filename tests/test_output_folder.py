@@ -1,6 +1,14 @@
-"""The folder of results: it cleans up after itself, and touches nothing else."""
+"""The folder of results: it replaces and deletes what runs left there, and touches nothing else."""
 
+import hashlib
 import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -27,36 +35,143 @@ def refusal(call):
     return message
 
 
+def run(folder, force=False, **files):
+    """What a run does: writes files, then keeps them."""
+    names = [name.replace("_", ".") for name in files]
+    with OutputFolder(folder, force, names) as out:
+        for name, text in zip(names, files.values(), strict=True):
+            out.file(name).write_text(text)
+        out.keep()
+
+
+def sweep(folder, runs, text):
+    names = [f"run_{k:04d}" for k in range(runs)]
+    with OutputFolder(folder, names=[*names, "sweep.csv"]) as out:
+        for name in names:
+            run(out.folder(name), summary_json=text)
+        out.file("sweep.csv").write_text(text)
+        out.keep()
+
+
+def digest(text):
+    return [hashlib.sha256(text.encode()).hexdigest()]
+
+
+def forge(folder, files, folders=()):
+    (folder / MARK).write_text(json.dumps({"files": files, "folders": list(folders)}))
+
+
+# ---------------------------------------------------------------------- what a run does
+
+
 def test_a_new_folder_is_made_with_its_parents_and_marked(tmp_path):
-    folder = OutputFolder(tmp_path / "runs" / "first")
-    folder.file("a.txt").write_text("a")
-    folder.write_json("b.json", {"x": [1, 2]})
-    folder.write_yaml("c.yaml", {"z": 1, "a": 2})
-    folder.folder("run_0").mkdir()
-    mark = json.loads((tmp_path / "runs" / "first" / MARK).read_text())
-    assert mark == {"files": ["a.txt", "b.json", "c.yaml", "run_0"]}
-    written = contents(tmp_path / "runs" / "first")
-    assert json.loads(written.pop("b.json")) == {"x": [1, 2]}
-    assert written == {"a.txt": "a", "c.yaml": "z: 1\na: 2\n"}  # keys stay in their order
+    place = tmp_path / "runs" / "first"
+    with OutputFolder(place) as folder:
+        folder.file("a.png").write_text("a")
+        folder.write_json("summary.json", {"x": [1, 2]})
+        folder.write_yaml("scenario.yaml", {"z": 1, "a": 2})
+        folder.folder("run_0000").mkdir()
+        folder.keep()
+    mark = json.loads((place / MARK).read_text())
+    assert list(mark["files"]) == ["a.png", "summary.json", "scenario.yaml"]
+    assert mark["files"]["a.png"] == digest("a")
+    assert mark["folders"] == ["run_0000"]
+    written = contents(place)
+    assert json.loads(written.pop("summary.json")) == {"x": [1, 2]}
+    assert written == {"a.png": "a", "scenario.yaml": "z: 1\na: 2\n"}  # keys stay in their order
+    assert sorted(path.name for path in place.iterdir()) == [
+        MARK, "a.png", "run_0000", "scenario.yaml", "summary.json"
+    ]  # fmt: skip
 
 
 def test_an_empty_folder_may_be_used(tmp_path):
-    OutputFolder(tmp_path).file("a.txt").write_text("a")
-    assert contents(tmp_path) == {"a.txt": "a"}
+    run(tmp_path, a_png="a")
+    assert contents(tmp_path) == {"a.png": "a"}
+
+
+def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
+    with OutputFolder(tmp_path / "out") as folder:
+        folder.file("a.png").write_text("a")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
-    first = OutputFolder(tmp_path)
-    first.file("old.txt").write_text("old")
-    first.folder("run_0").mkdir()
-    (tmp_path / "run_0" / "inside.txt").write_text("old")
-    first.file("never written.txt")
+    sweep(tmp_path, 2, "old")
+    run(tmp_path / "run_0001", a_png="later")  # somebody ran into that folder again
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "robot.txt").write_text("mine")
-    OutputFolder(tmp_path).file("new.txt").write_text("new")
-    assert contents(tmp_path) == {"new.txt": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
-    assert not (tmp_path / "run_0").exists()
+    run(tmp_path, new_png="new")
+    assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
+    assert not (tmp_path / "run_0000").exists()
+
+
+def test_a_sweep_leaves_what_is_not_its_own_in_the_folders_of_its_runs(tmp_path):
+    sweep(tmp_path, 3, "old")
+    for name in ("run_0000", "run_0002"):
+        (tmp_path / name / "notes.txt").write_text("mine")
+    sweep(tmp_path, 2, "new")
+    assert contents(tmp_path) == {
+        "run_0000/notes.txt": "mine", "run_0000/summary.json": "new", "run_0001/summary.json": "new",
+        "run_0002/notes.txt": "mine", "sweep.csv": "new",
+    }  # fmt: skip
+    sweep(tmp_path, 3, "more")
+    assert contents(tmp_path)["run_0002/summary.json"] == "more"
+    assert contents(tmp_path)["run_0002/notes.txt"] == "mine"
+
+
+def test_what_was_there_before_stays_until_the_new_results_are_complete(tmp_path):
+    run(tmp_path, summary_json="old", overview_png="old")
+    with OutputFolder(tmp_path) as folder:
+        folder.file("summary.json").write_text("new")
+        folder.keep_so_far()
+        assert (tmp_path / "summary.json").read_text() == "old"
+        assert (tmp_path / "overview.png").read_text() == "old"
+        folder.keep()
+    assert contents(tmp_path) == {"summary.json": "new"}
+
+
+def test_where_nothing_was_before_results_stand_as_they_come(tmp_path):
+    with OutputFolder(tmp_path) as folder:
+        folder.file("summary.json").write_text("new")
+        folder.keep_so_far()
+        assert (tmp_path / "summary.json").read_text() == "new"
+        folder.file("overview.png").write_text("new")
+    assert contents(tmp_path) == {"summary.json": "new"}
+    run(tmp_path)  # it is known as ours
+    assert contents(tmp_path) == {}
+
+
+KILLED = """
+import os, signal, sys
+from rnc_pin.scenario import output
+from rnc_pin.scenario.output import OutputFolder
+folder, fatal = sys.argv[1], int(sys.argv[2])
+moved = []
+def move(source, target, move=output._move):
+    if len(moved) == fatal:
+        os.kill(os.getpid(), signal.SIGKILL)
+    moved.append(target)
+    move(source, target)
+output._move = move
+with OutputFolder(folder) as out:
+    for name in ("summary.json", "scenario.yaml", "trajectory.npz"):
+        out.file(name).write_text("new")
+    out.keep()
+"""
+
+
+@pytest.mark.parametrize("fatal", range(3))
+def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, tmp_path):
+    run(tmp_path, summary_json="old", scenario_yaml="old", overview_png="old")
+    process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=60)
+    assert process.returncode == -signal.SIGKILL
+    run(tmp_path, summary_json="newer")
+    assert contents(tmp_path) == {"summary.json": "newer"}
+    assert {path.name for path in tmp_path.iterdir()} == {MARK, "summary.json"}
+
+
+# ---------------------------------------------------------------------- what is somebody else's
 
 
 def test_somebody_elses_folder_is_refused_and_left_alone(tmp_path):
@@ -71,52 +186,114 @@ def test_somebody_elses_folder_is_refused_and_left_alone(tmp_path):
 def test_force_replaces_only_files_of_the_same_names(tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     (tmp_path / "summary.json").write_text("mine")
-    OutputFolder(tmp_path, force=True).write_json("summary.json", {})
-    assert contents(tmp_path) == {"summary.json": "{}\n", "thesis.txt": "mine"}
+    run(tmp_path, force=True, summary_json="{}")
+    assert contents(tmp_path) == {"summary.json": "{}", "thesis.txt": "mine"}
     # The folder is marked now, and still only what was written into it is ours.
-    OutputFolder(tmp_path)
+    run(tmp_path)
     assert contents(tmp_path) == {"thesis.txt": "mine"}
 
 
+def test_a_result_that_was_edited_is_not_replaced_without_force(tmp_path):
+    run(tmp_path, summary_json="old", overview_png="old")
+    (tmp_path / "summary.json").write_text("edited")
+    message = refusal(lambda: run(tmp_path, summary_json="new"))
+    assert "summary.json is not as a run of rnc-pin left it" in message
+    assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "old"}
+    run(tmp_path, force=True, overview_png="new")  # not of the same name
+    assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "new"}
+    run(tmp_path, force=True, summary_json="new")
+    assert contents(tmp_path) == {"summary.json": "new"}
+
+
+def test_a_file_that_comes_while_a_run_goes_on_stays_and_so_do_the_results(tmp_path):
+    run(tmp_path, overview_png="old")
+    with OutputFolder(tmp_path) as folder:
+        folder.file("summary.json").write_text("new")
+        (tmp_path / "summary.json").write_text("mine")
+        message = refusal(folder.keep)
+    aside = Path(message.split("are in ")[1])
+    assert contents(tmp_path)["summary.json"] == "mine"
+    assert (aside / "summary.json").read_text() == "new"
+
+
 FORGED = {
-    "parent": ["../precious.txt"],
-    "parent folder": [".."],
-    "folder itself": [".", ""],
-    "through a subfolder": ["sub/../../precious.txt"],
-    "folder beside": ["../beside"],
-    "link to a folder": ["link"],
-    "inside a link": ["link/inside.txt"],
-    "zero byte": ["\0"],
-    "other things": [1, None, {}, []],
-    "a number for a list": 3,
-    "nothing for a list": None,
-    "text for a list": "notes.txt",
+    "parent": "../precious.txt",
+    "parent folder": "..",
+    "folder itself": ".",
+    "nothing": "",
+    "through a subfolder": "sub/../../precious.txt",
+    "folder beside": "../beside",
+    "link to a folder": "link",
+    "inside a link": "link/summary.json",
+    "zero byte": "\0",
+    "other names": "data.csv",
+    "a repository": ".git",
+    "sources": "src",
+    "a run with no mark": "run_0000",
+    "a linked run": "run_0001",
 }
 
 
-@pytest.mark.parametrize("files", FORGED.values(), ids=FORGED)
-def test_a_forged_mark_leads_nowhere(files, tmp_path):
+@pytest.mark.parametrize("shape", ["files", "folders", "names"])
+@pytest.mark.parametrize("name", FORGED.values(), ids=FORGED)
+def test_a_forged_mark_leads_nowhere(name, shape, tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     (tmp_path / "beside").mkdir()
-    (tmp_path / "beside" / "inside.txt").write_text("mine")
+    (tmp_path / "beside" / "summary.json").write_text("mine")
+    forge(tmp_path / "beside", {"summary.json": digest("mine")})
     target = tmp_path / "out"
-    target.mkdir()
-    (target / "notes.txt").write_text("mine")
+    for folder in (".git", "src", "run_0000"):
+        (target / folder).mkdir(parents=True)
+        (target / folder / "summary.json").write_text("mine")
+    (target / "data.csv").write_text("mine")
     (target / "link").symlink_to(tmp_path / "beside", target_is_directory=True)
-    if isinstance(files, list):
-        files = [*files, str(tmp_path / "precious.txt")]
-    (target / MARK).write_text(json.dumps({"files": files}))
+    (target / "run_0001").symlink_to(tmp_path / "beside", target_is_directory=True)
+    if shape == "names":  # as marks were before they had hashes
+        (target / MARK).write_text(json.dumps({"files": [name]}))
+    else:
+        forge(target, {name: digest("mine")} if shape == "files" else {}, [name] if shape == "folders" else [])
     before = contents(tmp_path)
-    OutputFolder(target)
-    assert contents(tmp_path) == before
+    run(target, force=True, overview_png="new")
+    assert contents(tmp_path) == {**before, "out/overview.png": "new"}
+    assert (target / "link").is_symlink()
 
 
-@pytest.mark.parametrize("mark", [b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"'])
+@pytest.mark.parametrize(
+    "mark",
+    [b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"', b"[" * 100_000, b'{"files": 3}', b'{"files": {"a": [1]}}'],
+)
 def test_a_mark_that_cannot_be_read_removes_nothing(mark, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / MARK).write_bytes(mark)
-    OutputFolder(tmp_path).file("new.txt").write_text("new")
-    assert contents(tmp_path) == {"new.txt": "new", "notes.txt": "mine"}
+    run(tmp_path, new_png="new")
+    assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine"}
+
+
+KINDS = {
+    "link": lambda path, other: path.symlink_to(other),
+    "pipe": lambda path, other: os.mkfifo(path),
+    "folder": lambda path, other: path.mkdir(),
+    "broken link": lambda path, other: path.symlink_to(other.with_name("none")),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["summary.json", MARK])
+def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, kind, tmp_path):
+    other, out = tmp_path / "other.txt", tmp_path / "out"
+    other.write_text("mine")
+    run(out, summary_json="old")
+    (out / name).unlink()
+    KINDS[kind](out / name, other)
+    refusal(lambda: run(out, summary_json="new"))
+    if kind == "folder" or name == MARK:
+        refusal(lambda: run(out, force=True, summary_json="new"))
+    else:
+        run(out, force=True, summary_json="new")
+        assert (out / "summary.json").read_text() == "new"
+        assert not (out / "summary.json").is_symlink()
+    assert other.read_text() == "mine"
+    assert not other.with_name("none").exists()
 
 
 def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
@@ -135,3 +312,102 @@ def test_a_folder_that_cannot_be_made_is_refused(below, tmp_path):
 def test_a_folder_that_cannot_be_written_is_refused():
     # Not even the administrator, as whom tests may run, can write there.
     assert "--out /proc/rnc_pin: cannot be written" in refusal(lambda: OutputFolder("/proc/rnc_pin"))
+
+
+# ---------------------------------------------------------------------- commands
+
+SHORT = ["run", "space-robot", "--set", "simulation.duration=0.02", "--set", "comparisons={}", "--set", "plots={}"]
+
+
+@pytest.mark.parametrize("name", ["..yaml", "...yaml"])
+def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(name, tmp_path, monkeypatch, call):
+    call(*SHORT, "--out", tmp_path / "first")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "here" / name).write_text((tmp_path / "first" / "scenario.yaml").read_text())
+    assert call("run", name)[0] == 0
+    assert {path.name for path in (tmp_path / "here").iterdir()} == {name, "runs"}
+    assert [path.name for path in (tmp_path / "here" / "runs").iterdir()] == ["scenario"]
+
+
+def test_a_pipe_for_a_trajectory_is_refused(tmp_path, call):
+    os.mkfifo(tmp_path / "trajectory.npz")
+    status, _, error = call("replay", tmp_path)
+    assert status == 2
+    assert "no plain file" in error
+
+
+FULL = """
+import resource, signal, sys
+from rnc_pin.app.command_line import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
+main()
+"""
+
+
+@pytest.mark.parametrize("room", [100, 2000, 30_000])
+def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call):
+    out = tmp_path / "out"
+    assert call(*SHORT, "--out", out)[0] == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    arguments = [str(room), *SHORT, "--out", str(out)]
+    process = subprocess.run([sys.executable, "-c", FULL, *arguments], capture_output=True, text=True, timeout=120)
+    assert "Traceback" not in process.stderr
+    if room < 30_000:
+        (line,) = process.stderr.splitlines()
+        assert line.startswith(f"rnc-pin: error: --out {out}: cannot be written: File too large")
+        assert process.returncode == 1
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert not [path for path in out.rglob("*") if "partial" in path.name or path.name.startswith(".rnc_pin_")]
+
+
+def test_a_trajectory_that_cannot_be_written_leaves_nothing(tmp_path):
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    motion = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+    usual, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            motion.save(tmp_path / "run.npz")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "other").write_text("mine")
+    (tmp_path / "run.npz.partial").symlink_to(tmp_path / "other")
+    motion.save(tmp_path / "run.npz")
+    assert (tmp_path / "other").read_text() == "mine"
+
+
+# ---------------------------------------------------------------------- one run at a time
+
+HOLDING = """
+import sys
+from rnc_pin.scenario.output import OutputFolder
+with OutputFolder(sys.argv[1]):
+    print("mine", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_run_into_a_folder_is_refused_until_the_first_is_over(tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", textwrap.dedent(HOLDING), out]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "mine\n"
+        for force in (False, True):
+            message = refusal(lambda force=force: OutputFolder(out, force))
+            assert message.startswith(f"--out {out}: another run is writing there")
+        process.kill()
+    run(out, summary_json="new")  # whoever is killed holds nothing
+    assert {path.name for path in out.iterdir()} == {MARK, "summary.json"}
+
+
+def test_a_second_command_into_a_folder_is_refused(tmp_path, call):
+    with OutputFolder(tmp_path / "out"):
+        status, out, error = call(*SHORT, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert "another run is writing there" in error
+    assert len(error.splitlines()) == 1

@@ -369,3 +369,20 @@ def test_a_link_called_as_its_joint_is_the_link():
     frame = robot.model.frames[robot.frame_id("gripperStator")]
     assert frame.type == pin.FrameType.BODY
     assert [each.name for each in robot.model.frames].count("gripperStator") == 2
+
+
+def test_joints_that_are_not_added_branch_by_branch_are_refused():
+    """Pinocchio's composite rigid body algorithm takes the joints of a branch to be numbered one after the other."""
+
+    def robot(order):
+        model = pin.Model()
+        places = {"": 0}
+        for name, parent in order:
+            places[name] = model.addJoint(places[parent], pin.JointModelRY(), pin.SE3(np.eye(3), np.ones(3)), name)
+            model.appendBodyToJoint(places[name], pin.Inertia.FromSphere(1.0, 0.2), pin.SE3(np.eye(3), np.ones(3)))
+        return rnc.Robot(model)
+
+    good = robot([("left", ""), ("hand", "left"), ("right", "")])
+    assert good.nv == 3
+    with pytest.raises(rnc.ModelError, match=r"'right' was added between 'left' and 'hand'.*branch by branch"):
+        robot([("left", ""), ("right", ""), ("hand", "left")])

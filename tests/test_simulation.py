@@ -1,6 +1,8 @@
 """The sampled loop and the integrator under it."""
 
+import dataclasses
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import Command
+from rnc_pin.simulation import record as record_module
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import Provenance
 from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
@@ -280,3 +285,37 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     assert end.value.trajectory.q.max() <= 1.0
     with pytest.raises(rnc.InputError, match="has to be positive, found 0"):
         rnc.Stop(speed=0)
+
+
+def tiago_record(samples):
+    """A run of TIAGo on its base, all joints turning, as its record has it at the end; nothing is simulated."""
+    robot = rnc.Robot.from_example("tiago", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base_footprint")], []).reduce()
+    record = Record(reduced, samples, np.zeros(reduced.r, dtype=bool))
+    random = np.random.default_rng(0)
+    for name, array in record.arrays.items():
+        if not name.endswith("desired"):
+            array[:] = 0.1 * random.normal(size=array.shape)
+    record.arrays["time"][:] = 0.01 * np.arange(samples)
+    steps = record.arrays["v"]
+    record.arrays["q"][:] = [pin.integrate(robot.model, robot.configuration(), step) for step in steps]
+    record.arrays["v2_desired"][:] = record.arrays["v2"]
+    record.count = samples
+    return record
+
+
+def test_the_end_of_a_run_takes_bounded_memory(monkeypatch):
+    record = tiago_record(1000)
+    kept = {name: array.copy() for name, array in record.arrays.items()}
+    tracemalloc.start()
+    run = record.finish(0.01, Provenance())
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 30e6  # it was 157 MB
+    monkeypatch.setattr(record_module, "_ROOM", 1e12)
+    record.arrays = kept
+    at_once = record.finish(0.01, Provenance())
+    for field in dataclasses.fields(run):
+        if field.name != "info":
+            values, whole = getattr(run, field.name), getattr(at_once, field.name)
+            np.testing.assert_allclose(values, whole, rtol=1e-9, atol=1e-9 * np.abs(whole[:1]).max(initial=1.0))

@@ -8,14 +8,17 @@ import pinocchio as pin
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
 
-_STEP = 5e-4
+_STEP = 5e-4  # of the differences, along the velocity's direction
 
 
-def lemma_1_residuals(reduced: ReducedModel, configurations: np.ndarray, seed: int = 0) -> dict[str, float]:
+def lemma_1_residuals(
+    reduced: ReducedModel, configurations: np.ndarray, seed: int = 0, step: float = _STEP
+) -> dict[str, float]:
     """Worst residuals at configurations (count, nq) with seeded random velocities.
 
     ``A R`` with unit rows and columns; ``H - H^T`` and ``Hdot - V - V^T`` relative to their size, with
-    Hdot by fourth-order differences; the smallest eigenvalue of H relative to its largest; ``V(2 v2) - 2 V(v2)``.
+    Hdot by fourth-order differences of this step; the smallest eigenvalue of H relative to its largest;
+    ``V(2 v2) - 2 V(v2)``.
     """
     count = len(configurations)
     v2 = np.random.default_rng(seed).uniform(-1, 1, (count, reduced.r))
@@ -23,9 +26,9 @@ def lemma_1_residuals(reduced: ReducedModel, configurations: np.ndarray, seed: i
     speeds = np.linalg.norm(terms.v, axis=-1, keepdims=True)
     directions = terms.v / speeds
     far_behind, behind, ahead, far_ahead = (
-        reduced.inertia(_moved(reduced, configurations, k * _STEP * directions)) for k in (-2, -1, 1, 2)
+        reduced.inertia(_moved(reduced, configurations, k * step * directions)) for k in (-2, -1, 1, 2)
     )
-    H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * _STEP) * speeds[..., None]
+    H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
     V = terms.V
     # Affine in v2, and not linear, where constraints are.
     resting = reduced.terms(configurations, 0 * v2).V if reduced.affine else 0.0

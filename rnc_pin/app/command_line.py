@@ -7,6 +7,7 @@ import traceback
 
 import click
 
+from rnc_pin.app.interruption import endings_as_ctrl_c
 from rnc_pin.app.messages import complain, told_warnings
 from rnc_pin.app.status import DONE, FAILED, USAGE
 from rnc_pin.app.usage import cli
@@ -16,7 +17,7 @@ from rnc_pin.errors import RncError
 def main() -> None:
     """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
     try:
-        with told_warnings():
+        with endings_as_ctrl_c(), told_warnings():
             status = cli.main(standalone_mode=False)
     except click.exceptions.Abort:
         complain("interrupted")

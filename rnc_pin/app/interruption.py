@@ -1,4 +1,4 @@
-"""Ctrl-C while something is imported: one line and an exit status, whatever it was that was being imported."""
+"""Requests to end: all of them as Ctrl-C; and while something is imported, one line and an exit status."""
 
 from __future__ import annotations
 
@@ -12,29 +12,43 @@ from types import FrameType
 
 from rnc_pin.app.status import FAILED
 
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _WORDS = "rnc-pin: error: interrupted\n"
 
 
 @contextmanager
 def interruptible_imports() -> Iterator[None]:
-    """End the process at once on Ctrl-C inside.
+    """End the process at once on Ctrl-C inside, and on other requests to end.
 
     An exception would not do: libraries written in C turn it into an error of their own or print a traceback. Nothing
     is lost, for nothing has been computed while modules are still being imported.
     """
-    usual = threading.current_thread() is threading.main_thread() and (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else somebody else sees to it
-    )
-    if usual:
-        signal.signal(signal.SIGINT, _end)
+    main = threading.current_thread() is threading.main_thread()
+    usual = [number for number in _ENDING if main and signal.getsignal(number) is signal.default_int_handler]
+    for number in usual:  # of others somebody else sees to it
+        signal.signal(number, _end)
     try:
         yield
     except KeyboardInterrupt:
         sys.stderr.write(_WORDS)
         sys.exit(FAILED)
     finally:
-        if usual:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in usual:
+            signal.signal(number, signal.default_int_handler)
+
+
+@contextmanager
+def endings_as_ctrl_c() -> Iterator[None]:
+    """Let a command end on SIGTERM, and when its terminal is closed, as it does on Ctrl-C: results so far are kept."""
+    main = threading.current_thread() is threading.main_thread()
+    usual = [number for number in _ENDING if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in usual:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in usual:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _end(number: int, frame: FrameType | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from rnc_pin.app.messages import warn
+from rnc_pin.interruption import interruptible
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation import Provenance, RunInfo
 from rnc_pin.visualization.live import LiveView
@@ -22,7 +23,8 @@ def live_view(
     live = LiveView(reduced, view, info, speed, browser, host, title, chosen_screen())
     click.echo(f"showing on {live.url}", err=True)
     try:
-        live.wait_for_browser(10.0)
+        with interruptible():
+            live.wait_for_browser(10.0)
     except BaseException:
         live.close()
         raise

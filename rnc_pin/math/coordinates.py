@@ -109,8 +109,9 @@ class Coordinates:
         if about is None:
             smooth[:, self.angular] = np.unwrap(smooth[:, self.angular], axis=0)
         else:
-            turns = np.round((about - smooth)[:, self.angular] / (2 * np.pi))
-            smooth[:, self.angular] += 2 * np.pi * turns
+            for angle in np.flatnonzero(self.angular):  # one at a time: records are long
+                turns = np.round((about[:, angle] - smooth[:, angle]) / (2 * np.pi))
+                smooth[:, angle] += 2 * np.pi * turns
         for triple in self._triples:
             column = smooth[:, triple]
             for previous, vector in pairwise(column):

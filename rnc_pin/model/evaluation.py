@@ -120,7 +120,7 @@ class Evaluation:
         if E.ndim == 2:
             # The product of Frobenius norms bounds what any row's dependence can be: one cheap test on the hot path.
             rows, columns = E.ravel("K"), E_inverse.ravel("K")
-            if (rows.dot(rows) + parts.quick_length) * columns.dot(columns) < parts.quick_limit:
+            if (float(rows.dot(rows)) + parts.quick_length) * float(columns.dot(columns)) < parts.quick_limit:
                 self.__dict__["E_inverse"], self.__dict__["R"] = E_inverse, E_inverse[parts.basis]
                 return E, E_inverse, True
         with np.errstate(invalid="ignore", over="ignore"):

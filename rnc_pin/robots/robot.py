@@ -424,13 +424,26 @@ class Robot(Printed):
     # ------------------------------------------------------------------ checks
 
     def _check(self) -> None:
-        """Refuse what cannot be simulated: no joints, two of one name, and bad inertias."""
+        """Refuse what cannot be simulated: no joints, two of one name, branches that are mixed, and bad inertias."""
         if self.nv == 0:
             raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
         for name in self.joint_names:
             if self.joint_names.count(name) > 1:
                 raise ModelError(f"robot '{self.name}' has two joints named '{name}'")
+        self._check_order()
         check_inertias(self.model)
+
+    def _check_order(self) -> None:
+        """Pinocchio takes the joints behind a joint for those numbered next; else its inertia matrix is wrong."""
+        names = list(self.model.names)
+        for joint, behind in enumerate(list(self.model.subtrees)[1:], start=1):
+            for number, other in enumerate(behind, start=joint):
+                if number != other:
+                    raise ModelError(
+                        f"robot '{self.name}': joint '{names[number]}' was added between '{names[joint]}' and "
+                        f"'{names[other]}' behind it, for which Pinocchio's inertia matrix is wrong; "
+                        "add joints branch by branch"
+                    )
 
 
 class _Locked:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from rnc_pin.errors import RncError, few
+from rnc_pin.interruption import interruptible
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result
@@ -24,10 +25,12 @@ class Drawn:
     Attributes:
         written: the pictures.
         failures: pictures that failed, by name, and what went wrong.
+        interrupted: whether drawing was ended by hand.
     """
 
     written: list[Path] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
+    interrupted: bool = False
 
     def __str__(self) -> str:
         """What failed, in one line."""
@@ -46,8 +49,13 @@ def draw(plan: Plan, result: Result, folder: OutputFolder) -> Drawn:
     for name, make in _pictures(plan, result) if len(result.trajectory.time) > 1 else ():
         path = folder.file(name)
         try:
-            if make(path):
+            with interruptible():
+                something = make(path)
+            if something:
                 drawn.written.append(path)
+        except KeyboardInterrupt:
+            path.unlink(missing_ok=True)
+            return replace(drawn, interrupted=True)
         except Exception as error:
             path.unlink(missing_ok=True)
             kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "

@@ -59,6 +59,11 @@ class Result:
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run, or one that it is compared with, was ended by hand."""
+        return any(each.outcome is Outcome.INTERRUPTED for each in (self.trajectory, *self.comparisons.values()))
+
 
 def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     """Read a scenario and build everything in it.
@@ -132,6 +137,8 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
             if failure is not None:
                 compared["message"] = str(failure)
             summary.setdefault("comparisons", {})[label] = compared
+            if others[label].outcome is Outcome.INTERRUPTED:
+                break
     return Result(trajectory, summary, error, others)
 
 
@@ -178,17 +185,37 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
 
 
 def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
-    """Write the numbers of a result: trajectories, summary and scenario."""
-    trajectory = result.trajectory
-    written = [folder.file("trajectory.npz")]
-    trajectory.save(written[0])
-    for label, other in result.comparisons.items():
-        path = folder.file(f"trajectory_{slug(label)}.npz")
-        other.save(path)
-        written.append(path)
-    written.append(folder.write_json("summary.json", result.summary))
-    written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
-    return written
+    """Write the numbers of a result: trajectories, summary and scenario.
+
+    Where nothing was before they stand in the folder at once, whatever becomes of their pictures.
+
+    Raises:
+        ConfigurationError: they cannot be written.
+    """
+    try:
+        written = [folder.file("trajectory.npz")]
+        result.trajectory.save(written[0])
+        for label, other in result.comparisons.items():
+            path = folder.file(_comparison_file(label))
+            other.save(path)
+            written.append(path)
+        written.append(folder.write_json("summary.json", result.summary))
+        written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder.path}: cannot be written: {error.strerror}") from None
+    folder.keep_so_far()
+    return [folder.path / path.name for path in written]
+
+
+def result_names(plan: Plan) -> list[str]:
+    """Names of the files that a run may write."""
+    pictures = [f"{name}.png" for name in plan.experiment.scenario.plots]
+    numbers = ["trajectory.npz", *map(_comparison_file, plan.comparisons), "summary.json", "scenario.yaml"]
+    return [*numbers, *pictures, "overview.png", "animation.html"]
+
+
+def _comparison_file(label: str) -> str:
+    return f"trajectory_{slug(label)}.npz"
 
 
 def _portable(plan: Plan) -> dict[str, Json]:

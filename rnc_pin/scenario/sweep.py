@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
 import joblib
 import numpy as np
+from joblib.externals.loky import get_reusable_executor
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.plain import Json
@@ -16,6 +18,7 @@ from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.run import execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
+from rnc_pin.scenario.worker import end_with
 
 _MOST_DRAWS = 20  # tasks tried for one run, before its ranges count as infeasible
 
@@ -52,11 +55,20 @@ def draw(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[
         yield {"preflight": "refuse", **options, "comparisons": {}, "seed": seed, **values}
 
 
-def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) -> Row:
+def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, parent: int | None = None) -> Row:
     """A row of the table: what was drawn, how the run ended, its errors. Results stand in a folder of its own.
 
     A task that preflight refuses, or that no gains suit, is drawn again; ``redrawn`` says how often.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+        run: its number.
+        folder: for its results.
+        parent: process without which there is no use for this one.
     """
+    if parent is not None:
+        end_with(parent)
     for redrawn, candidate in enumerate(islice(draw(scenario, options, run), _MOST_DRAWS)):
         row = {"run": run, **{key: value for key, value in candidate.items() if isinstance(value, float)}}
         try:
@@ -68,7 +80,11 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) 
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         try:
             result = execute(prepared)
-            write(prepared, result, OutputFolder(folder))
+            if result.interrupted:
+                raise KeyboardInterrupt
+            with OutputFolder(folder) as out:
+                write(prepared, result, out)
+                out.keep()
         except RncError as error:
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         summary = result.summary
@@ -83,6 +99,11 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path) 
             "message": summary.get("message", ""),
         }
     return {**row, "outcome": "infeasible", "redrawn": redrawn, "message": str(failure)}
+
+
+def run_names(runs: int) -> list[str]:
+    """Names of the folders of a sweep's runs."""
+    return [f"run_{run:04d}" for run in range(runs)]
 
 
 def sweep(
@@ -107,8 +128,9 @@ def sweep(
         ConfigurationError: nothing to draw, or the scheduler cannot be reached.
     """
     drawn_keys(scenario, options)
-    folders = [out.folder(f"run_{run:04d}") for run in range(runs)]
-    calls = [joblib.delayed(one_run)(scenario, options, run, folder) for run, folder in enumerate(folders)]
+    folders = [out.folder(name) for name in run_names(runs)]
+    parent = os.getpid() if scheduler is None else None
+    calls = [joblib.delayed(one_run)(scenario, options, run, folder, parent) for run, folder in enumerate(folders)]
     with _backend(scheduler, jobs) as parallel:
         yield from parallel(calls)
 
@@ -136,3 +158,6 @@ class _backend:
     def __exit__(self, *error: object) -> None:
         if self._client is not None:
             self._client.close()
+        elif error[0] is not None and self._jobs != 1:
+            # Workers would go on with what they have begun, and this process wait for them.
+            get_reusable_executor().shutdown(wait=False, kill_workers=True)

@@ -8,17 +8,19 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
-from rnc_pin.errors import DivergenceError, InputError, SimulationError, SingularityError
+from rnc_pin.errors import DivergenceError, InputError, SingularityError
+from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
+from rnc_pin.simulation.ending import ending, outcome_of
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.moving_plant import MovingPlant
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Outcome, Provenance
-from rnc_pin.simulation.simulate import OUTCOMES, assembled_start
+from rnc_pin.simulation.simulate import assembled_start
 from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
 from rnc_pin.simulation.trajectory import Trajectory
 
@@ -59,7 +61,8 @@ def free_motion(
         meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Raises:
-        SingularityError, DivergenceError: with the run so far in ``error.trajectory``.
+        RncError: whatever ends the motion early, with the run so far in ``error.trajectory``: a SingularityError or
+            DivergenceError; a SimulationError where the feedback raises, with what it raised as its cause.
         InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
             satisfy the holonomic rows.
         ConfigurationError: ``meta`` has something else than is expected under a key that is known.
@@ -105,17 +108,20 @@ def free_motion(
     record = Record(reduced, len(times), moving.carries)
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
     outcome, t = Outcome.COMPLETED, 0.0
-    try:
-        for t, q_t, y_t in integrator.run(times, start.q, y):
-            state = moving.seen(q_t, y_t)
-            watch.check(t, state)
-            T = at(t, state)
-            record.add(t, state, moving.integrals(y_t), Command(T=T), T, y_t[-1])
-    except SimulationError as error:
-        if isinstance(error, SingularityError) and error.time is None:
-            error.time = t
-        error.trajectory = record.finish(dt, provenance, OUTCOMES[type(error)], str(error))
-        raise
-    except KeyboardInterrupt:
-        outcome = Outcome.INTERRUPTED
-    return record.finish(dt, provenance, outcome)
+    with uninterrupted():
+        try:
+            with interruptible():
+                for t, q_t, y_t in integrator.run(times, start.q, y):
+                    state = moving.seen(q_t, y_t)
+                    watch.check(t, state)
+                    T = at(t, state)
+                    record.add(t, state, moving.integrals(y_t), Command(T=T), T, y_t[-1])
+        except KeyboardInterrupt:
+            outcome = Outcome.INTERRUPTED
+        except Exception as error:
+            told = ending(error, "the feedback" if feedback else "the model", t)
+            told.trajectory = record.finish(dt, provenance, outcome_of(told), str(told))
+            if told is error:
+                raise
+            raise told from error
+        return record.finish(dt, provenance, outcome)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterator
 from importlib.metadata import version
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
+from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
@@ -17,7 +19,9 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
-_BLOCK = 1000  # samples
+_BLOCK = 1000  # samples, at most
+_ROOM = 16e6  # for the matrices of a block [bytes]
+_MATRICES = 8  # of the size of the inertia, (n, n), that a sample takes on the way
 
 
 class Record:
@@ -52,12 +56,14 @@ class Record:
         for name in ("v2_desired", "x1_desired", "x2_desired"):
             value = getattr(command, name)
             if value is not None:
+                _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
         for name in ("estimates", "prediction_error"):
             value = getattr(command, name)
             if value is not None:
                 if not a[name].shape[1]:
                     a[name] = np.full((self.capacity, np.size(value)), np.nan)
+                _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
         self.count += 1
 
@@ -99,8 +105,7 @@ class Record:
             "energy": (), "constraint_residual": (), "position_residual": (), "singular_value": (),
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
-        for start in range(0, N, _BLOCK):
-            block = slice(start, start + _BLOCK)
+        for block in _blocks(N, _MATRICES * reduced.n**2):
             for name, values in _block(reduced, q[block], v[block], T[block]).items():
                 derived[name][block] = values
         return derived
@@ -126,12 +131,34 @@ def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -
     }
 
 
+def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
+    if np.shape(value) != shape:
+        raise InputError(f"the {name} of a command has shape {np.shape(value)}, expected {shape}")
+
+
+def _blocks(samples: int, numbers: int) -> Iterator[slice]:
+    """Pieces of a run that are computed at once, so that its end takes no more memory the longer it is.
+
+    Args:
+        samples: of the run.
+        numbers: that a sample takes on the way.
+    """
+    length = max(1, min(_BLOCK, int(_ROOM / (8 * max(numbers, 1)))))
+    for start in range(0, samples, length):
+        yield slice(start, min(start + length, samples))
+
+
 def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Where values (N, k) should be by their rates, (N, k), by the trapezoidal rule."""
-    if not len(values):
-        return values.copy()
-    steps = 0.5 * np.diff(time)[:, None] * (rates[1:] + rates[:-1])
-    return values[:1] + np.vstack([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+    whole = np.empty_like(values)
+    whole[:1] = 0.0
+    for block in _blocks(len(values) - 1, 4 * values.shape[1]):
+        after = slice(block.start + 1, block.stop + 1)
+        steps = 0.5 * np.diff(time[block.start : block.stop + 1])[:, None] * (rates[after] + rates[block])
+        steps[0] += whole[block.start]
+        np.cumsum(steps, axis=0, out=whole[after])
+    whole += values[:1]
+    return whole
 
 
 def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray, dt: float) -> None:
@@ -139,9 +166,10 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
     if not len(x2):
         return
     columns = np.isnan(x2_desired).all(axis=0) & ~np.isnan(v2_desired).any(axis=0)
-    rates = v2_desired[:, columns]
-    steps = 0.5 * dt * (rates[1:] + rates[:-1])
-    x2_desired[:, columns] = x2[0, columns] + np.vstack([np.zeros(rates.shape[1]), np.cumsum(steps, axis=0)])
+    for column in np.flatnonzero(columns):
+        rates, start = v2_desired[:, column], x2[0, column]
+        x2_desired[0, column] = start
+        x2_desired[1:, column] = start + np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]))
 
 
 def output_names(reduced: ReducedModel) -> OutputNames:

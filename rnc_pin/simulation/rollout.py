@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
-from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation.ending import ending
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
@@ -36,6 +36,7 @@ def kinematic_rollout(
     Raises:
         SingularityError, DivergenceError: the reference runs into a singular configuration, or asks for rates without
             bound next to one; says when, with the roll-out so far in ``error.trajectory``.
+        SimulationError: the target raises; the same, with what it raised as the cause.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -68,8 +69,10 @@ def kinematic_rollout(
             state, t = state_next, sample * dt
             times.append(t)
             path.append(q)
-    except (SingularityError, DivergenceError) as error:
-        error.time = t
-        error.trajectory = Rollout(np.array(times), np.stack(path))
-        raise
+    except Exception as error:
+        told = ending(error, "the target", t)
+        told.trajectory = Rollout(np.array(times), np.stack(path))
+        if told is error:
+            raise
+        raise told from error
     return Rollout(np.array(times), np.stack(path))

@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.protocol import Command, Controller, State
-from rnc_pin.errors import ConstraintError, DivergenceError, InputError, LimitError, SimulationError, SingularityError
+from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
+from rnc_pin.simulation.ending import ending, outcome_of
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.moving_plant import MovingPlant
@@ -38,7 +40,7 @@ class Sample(NamedTuple):
 
 
 Observer = Callable[[Sample], None]
-OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
+_MODEL = "the model"
 
 
 def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
@@ -94,11 +96,12 @@ def simulate(
         meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
 
     Returns:
-        The run. Ctrl-C ends it early, with outcome "interrupted".
+        The run. Ctrl-C ends it early, with outcome "interrupted", and so does a second and a third.
 
     Raises:
-        SingularityError, DivergenceError, LimitError: with the run so far in ``error.trajectory``.
-        ConstraintError: the actuators cannot produce what the controller asks for.
+        RncError: whatever ends the run early, with the run so far in ``error.trajectory``: a SingularityError,
+            DivergenceError or LimitError; a ConstraintError where the actuators cannot produce what the controller asks
+            for; a SimulationError where the controller or the observer raises, with what it raised as its cause.
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
         ConfigurationError: ``meta`` has something else than is expected under a key that is known.
@@ -128,36 +131,42 @@ def simulate(
         state_of_controller = controller.initial_state(start.measure(moving.integrals(y)))
     integrator = LieRungeKutta4(reduced.robot)
     record = Record(reduced, samples, moving.carries)
-    outcome, t = Outcome.COMPLETED, 0.0
-    try:
-        for sample in range(record.capacity):
-            t = sample * dt
-            if not np.isfinite(y).all():
-                raise DivergenceError("velocities have no bound", time=t)
-            state, y = moving.settled(q, y)
-            watch.check(t, state)
-            integrals = moving.integrals(y)
-            measurement = state.measure(integrals)
-            command, state_of_controller = controller.step(t, measurement, state_of_controller)
-            T = moving.saturate(_inputs(state, command))
-            record.add(t, state, integrals, command, T, y[-1])
-            if observer is not None:
-                observer(Sample(t, measurement, command, T))
-            if sample + 1 < record.capacity:
-                rate, first = moving.rate(T), moving.first_slope(state, T)
-                for substep in range(substeps):
-                    q, y = integrator.step(rate, q, y, dt / substeps, None if substep else first)
-                if closed and np.isfinite(q).all():  # else diverged, which the next sample says
-                    q = reduced.assembly.project(q)
-    except KeyboardInterrupt:
-        outcome = Outcome.INTERRUPTED
-    except (SimulationError, ConstraintError, InputError) as error:
-        if isinstance(error, SingularityError | DivergenceError) and error.time is None:
-            error.time = t
-        outcome = next((value for kind, value in OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
-        error.trajectory = record.finish(dt, provenance, outcome, str(error))
-        raise
-    return record.finish(dt, provenance, outcome)
+    outcome, t, culprit = Outcome.COMPLETED, 0.0, _MODEL
+    with uninterrupted():
+        try:
+            with interruptible():
+                for sample in range(record.capacity):
+                    t, culprit = sample * dt, _MODEL
+                    if not np.isfinite(y).all():
+                        raise DivergenceError("velocities have no bound", time=t)
+                    state, y = moving.settled(q, y)
+                    watch.check(t, state)
+                    integrals = moving.integrals(y)
+                    measurement = state.measure(integrals)
+                    culprit = "the controller"
+                    command, state_of_controller = controller.step(t, measurement, state_of_controller)
+                    culprit = "taking its command"
+                    T = moving.saturate(_inputs(reduced, state, command))
+                    record.add(t, state, integrals, command, T, y[-1])
+                    if observer is not None:
+                        culprit = "the observer"
+                        observer(Sample(t, measurement, command, T))
+                    culprit = _MODEL
+                    if sample + 1 < record.capacity:
+                        rate, first = moving.rate(T), moving.first_slope(state, T)
+                        for substep in range(substeps):
+                            q, y = integrator.step(rate, q, y, dt / substeps, None if substep else first)
+                        if closed and np.isfinite(q).all():  # else diverged, which the next sample says
+                            q = reduced.assembly.project(q)
+        except KeyboardInterrupt:
+            outcome = Outcome.INTERRUPTED
+        except Exception as error:
+            told = ending(error, culprit, t)
+            told.trajectory = record.finish(dt, provenance, outcome_of(told), str(told))
+            if told is error:
+                raise
+            raise told from error
+        return record.finish(dt, provenance, outcome)
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
@@ -173,9 +182,12 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     return reduced.assembled(q0)
 
 
-def _inputs(state: Evaluation, command: Command) -> np.ndarray:
+def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.ndarray:
     if (command.F is None) == (command.T is None):
         raise InputError("a command has to give either F or T")
     if command.T is None:
         return state.allocate(command.F)
-    return np.asarray(command.T, dtype=float)
+    T = np.asarray(command.T, dtype=float)
+    if T.shape != (reduced.p,):
+        raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
+    return T

@@ -131,9 +131,14 @@ class Trajectory(Printed):
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
         partial = path.with_name(path.name + ".partial")
-        with partial.open("wb") as file:
-            np.savez_compressed(file, **arrays, meta=np.array(json.dumps(self.meta)))
-        partial.replace(path)
+        partial.unlink(missing_ok=True)  # a link there would be written through
+        try:
+            with partial.open("xb") as file:
+                np.savez_compressed(file, **arrays, meta=np.array(json.dumps(self.meta)))
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
@@ -147,6 +152,8 @@ class Trajectory(Printed):
         """
         path = Path(path)
         names = [*_array_names(), "meta"]
+        if path.exists() and not path.is_file():  # reading a pipe would wait for whoever writes into it
+            raise ConfigurationError(f"{path}: not a trajectory: no plain file")
         try:
             with np.load(path, allow_pickle=False) as file:
                 missing = [name for name in names if name not in file.files]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-import socket
 import threading
 import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 import tornado.httpserver
+import tornado.ioloop
 import tornado.iostream
 import tornado.netutil
 import tornado.web
@@ -27,19 +27,26 @@ import umsgpack
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.page import VIEWER, bundle, live_page, recorded_page
 from rnc_pin.visualization.scene_store import Key, SceneStore, below, key_of
+from rnc_pin.visualization.visitors import Visitors, addresses_of
 
 LOOPBACK = "127.0.0.1"
 _GOODBYE = 0.5  # [s]
+_LONGEST_MESSAGE = 1024  # [bytes]; what browsers send is ignored
+_LIMITS = {
+    "max_header_size": 16_384,
+    "max_body_size": 1024,
+    "max_buffer_size": 262_144,
+    "idle_connection_timeout": 30.0,
+    "body_timeout": 10.0,
+}
+"""Of what one connection may cost [bytes, s]."""
 _PACKED_FLOAT = np.dtype([("mark", "u1"), ("value", ">f8")])  # of MessagePack
 
 
 def is_loopback(host: str) -> bool:
     """Whether nobody but this computer reaches an address; a name counts as what it stands for here."""
-    try:
-        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
-    except OSError:
-        return False
-    return all(ipaddress.ip_address(address).is_loopback for address in found)
+    found = addresses_of(host)
+    return bool(found) and all(ipaddress.ip_address(address).is_loopback for address in found)
 
 
 class Drawing(Protocol):
@@ -144,14 +151,17 @@ class SceneWindow:
         def run() -> None:
             self._loop = asyncio.new_event_loop()
             asyncio.set_event_loop(self._loop)
-            server = tornado.httpserver.HTTPServer(self._application())
+            server = tornado.httpserver.HTTPServer(self._application(Visitors(host)), **_LIMITS)
             server.add_sockets(sockets)
+            around = tornado.ioloop.IOLoop.current()
             self._loop.call_soon(ready.set)
             self._loop.run_forever()
             server.stop()
             self._loop.run_until_complete(self._say_goodbye())
             self._loop.run_until_complete(server.close_all_connections())
-            self._loop.close()
+            self._loop.run_until_complete(_end_tasks())
+            asyncio.set_event_loop(None)
+            around.close()  # and the loop; tornado would keep it until the next one is made
 
         self._thread = threading.Thread(target=run, name="meshcat", daemon=True)
         self._thread.start()
@@ -168,8 +178,11 @@ class SceneWindow:
             for task in stuck:
                 task.cancel()
             await asyncio.gather(*stuck, return_exceptions=True)
+        for browser in list(self._watching):
+            browser.hang_up()
+        self._watching.clear()
 
-    def _application(self) -> tornado.web.Application:
+    def _application(self, visitors: Visitors) -> tornado.web.Application:
         page = live_page(self.title).encode()
         return tornado.web.Application(
             [
@@ -177,7 +190,10 @@ class SceneWindow:
                 (r"/static/main.min.js", _Text, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
                 (r"/favicon.ico", _NoIcon),
                 (r"/", _Browser, {"store": self._store, "watching": self._watching}),
-            ]
+            ],
+            default_handler_class=_Nothing,
+            websocket_max_message_size=_LONGEST_MESSAGE,
+            visitors=visitors,
         )
 
     @property
@@ -198,7 +214,28 @@ class SceneWindow:
             self._loop = None
 
 
-class _Browser(tornado.websocket.WebSocketHandler):
+async def _end_tasks() -> None:
+    """Let nothing that waits for a browser hold on to it."""
+    waiting = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in waiting:
+        task.cancel()
+    await asyncio.gather(*waiting, return_exceptions=True)
+
+
+class _Checked(tornado.web.RequestHandler):
+    """Answers those who ask for this computer by a name of its own."""
+
+    def prepare(self) -> None:
+        visitors: Visitors = self.settings["visitors"]
+        headers = self.request.headers
+        if not visitors.admit(headers.get("Host"), headers.get("Origin")):
+            raise tornado.web.HTTPError(403)
+
+    def write_error(self, status_code: int, **more: object) -> None:
+        self.finish()
+
+
+class _Browser(_Checked, tornado.websocket.WebSocketHandler):
     """A browser that looks on. What it sends is ignored.
 
     One batch is under way to it at a time. Of what comes meanwhile only the last word on every part waits, so a
@@ -212,6 +249,7 @@ class _Browser(tornado.websocket.WebSocketHandler):
 
     def open(self) -> None:
         self._watching.add(self)
+        self._stream = self.ws_connection.stream if self.ws_connection is not None else None
         self.offer(self._store.items())
 
     def offer(self, commands: Iterable[tuple[Key, bytes]]) -> None:
@@ -233,6 +271,12 @@ class _Browser(tornado.websocket.WebSocketHandler):
         finally:
             self.sending = None
 
+    def hang_up(self) -> None:
+        """Close the connection, whatever the other end does."""
+        self.close()
+        if self._stream is not None:
+            self._stream.close()
+
     def on_message(self, message: str | bytes) -> None:
         pass
 
@@ -240,7 +284,7 @@ class _Browser(tornado.websocket.WebSocketHandler):
         self._watching.discard(self)
 
 
-class _Text(tornado.web.RequestHandler):
+class _Text(_Checked):
     """A file of the page."""
 
     def initialize(self, kind: str, text: bytes) -> None:
@@ -252,8 +296,16 @@ class _Text(tornado.web.RequestHandler):
         self.write(self._text)
 
 
-class _NoIcon(tornado.web.RequestHandler):
+class _NoIcon(_Checked):
     """Browsers ask for an icon; there is none, and that is no error."""
 
     def get(self) -> None:
         self.set_status(204)
+
+
+class _Nothing(_Checked):
+    """What is not there."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        raise tornado.web.HTTPError(404)

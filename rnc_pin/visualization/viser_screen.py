@@ -19,6 +19,8 @@ from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.state import State
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
+from rnc_pin.visualization.viser_guard import guarded
+from rnc_pin.visualization.visitors import Visitors
 
 _PIECE = 15  # pictures to a piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
@@ -48,7 +50,7 @@ class ViserScreen:
     """A page of viser, served by this process; see ``MeshcatScreen``.
 
     Raises:
-        ConfigurationError: viser is not installed.
+        ConfigurationError: viser is not installed, or serves in a way that cannot be guarded.
     """
 
     def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
@@ -60,7 +62,8 @@ class ViserScreen:
             ) from None
         robot = subject.robot
         check_drawable(robot)
-        self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
+        with guarded(Visitors(host)):
+            self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
         self._visualizer: BaseVisualizer = _Visualizer(robot.model, pin.GeometryModel(), robot.visual_model)
         self._visualizer.initViewer(viewer=self._server)

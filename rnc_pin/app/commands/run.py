@@ -11,11 +11,13 @@ from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_files, print_summary
 from rnc_pin.app.watching import close, live_view
+from rnc_pin.errors import RncError
+from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw
 from rnc_pin.scenario.replay import view_of
-from rnc_pin.scenario.run import execute, plan, write
+from rnc_pin.scenario.run import Plan, Result, execute, plan, result_names, write
 
 
 def run_scenario(
@@ -31,26 +33,20 @@ def run_scenario(
 ) -> int:
     """Run a scenario and write its folder; the exit status."""
     prepared = plan(scenario, parse_options(options))
-    experiment = prepared.experiment
-    folder = OutputFolder(out or Path("runs") / prepared.name, force)
-    for warning in experiment.warnings:
+    for warning in prepared.experiment.warnings:
         warn(warning)
-    live = None
-    if show:
-        title = experiment.scenario.title or prepared.name
-        live = live_view(
-            experiment.reduced, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host
-        )
-    try:
-        with ProgressBar(Console(stderr=True), prepared.total_duration, prepared.name, quiet=as_json) as advance:
-            result = execute(prepared, live, advance)
-    finally:
-        if live is not None:
-            close(live)
-    written = write(prepared, result, folder)
-    if not as_json:
-        print_summary(result.summary)
-    drawn = draw(prepared, result, folder)  # last: numbers are saved and said, whatever becomes of their pictures
+    name = prepared.name.strip(".") or "scenario"  # a file called "...yaml" is no reason to write into ".."
+    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
+        result = _executed(prepared, show, speed, browser, host, quiet=as_json)
+        try:
+            written = write(prepared, result, folder)
+            if not as_json:
+                print_summary(result.summary)
+            drawn = draw(prepared, result, folder)  # last: numbers are saved and said, whatever becomes of pictures
+            folder.keep()
+        except RncError as error:  # the scenario is all right, its results have no place
+            complain(str(error))
+            return FAILED
     if drawn.failures:
         warn(str(drawn))
     files = result.summary["files"] = [path.name for path in (*written, *drawn.written)]
@@ -58,7 +54,24 @@ def run_scenario(
         print_json(result.summary)
     else:
         print_files(folder.path, files)
-    if result.summary["outcome"] == "completed":
+    if result.summary["outcome"] == "completed" and not result.interrupted and not drawn.interrupted:
         return DONE
     complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
     return FAILED
+
+
+def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str, quiet: bool) -> Result:
+    """Run, with a live view and a progress bar where they are asked for."""
+    experiment = prepared.experiment
+    live = None
+    if show:
+        title = experiment.scenario.title or prepared.name
+        live = live_view(
+            experiment.reduced, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host
+        )
+    try:
+        with ProgressBar(Console(stderr=True), prepared.total_duration, prepared.name, quiet=quiet) as advance:
+            return execute(prepared, live, advance)
+    finally:
+        if live is not None:
+            close(live)

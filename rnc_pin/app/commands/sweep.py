@@ -6,15 +6,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rnc_pin.app.messages import print_json
+from rnc_pin.app.messages import complain, print_json
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_spread
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.sweep import drawn_keys, sweep
+from rnc_pin.scenario.sweep import drawn_keys, run_names, sweep
 from rnc_pin.scenario.sweep_table import Row, spread, write_table
+
+_TABLES = 100  # that are written on the way, so that little is lost however a sweep ends
 
 
 def sweep_scenario(
@@ -32,18 +35,34 @@ def sweep_scenario(
         raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
     parsed = parse_options(options)
     drawn_keys(scenario, parsed)
-    folder = OutputFolder(out, force)
     rows: list[Row] = []
-    with ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json) as advance:
-        for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
-            rows.append(row)
-            advance(len(rows))
-    write_table(rows, folder.file("sweep.csv"))
-    figures = spread(rows)
-    summary = {"scenario": scenario, **figures}
-    folder.write_json("sweep.json", summary)
+    names = [*run_names(runs), "sweep.csv", "sweep.json"]
+    with uninterrupted(), OutputFolder(out, force, names) as folder:
+        interrupted = False
+        bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
+        try:
+            with bar as advance, interruptible():
+                for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
+                    with uninterrupted():
+                        rows.append(row)
+                        if len(rows) % max(1, runs // _TABLES) == 0:
+                            write_table(rows, folder.file("sweep.csv"))
+                            folder.keep_so_far(without=names[len(rows) : runs])
+                    advance(len(rows))
+        except KeyboardInterrupt:
+            interrupted = True
+        if interrupted and not rows:
+            complain("interrupted before the first run was over")
+            return FAILED
+        write_table(rows, folder.file("sweep.csv"))
+        figures = spread(rows)
+        summary = {"scenario": scenario, **figures}
+        folder.write_json("sweep.json", summary)
+        folder.keep(without=names[len(rows) : runs])
     if as_json:
         print_json(summary)
     else:
         print_spread(scenario, figures, folder.path)
+    if interrupted:
+        complain(f"interrupted after {len(rows)} of {runs} runs; results so far are in {folder.path}")
     return DONE if figures["outcomes"].get("completed", 0) == runs else FAILED

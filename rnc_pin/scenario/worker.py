@@ -1,0 +1,31 @@
+"""Processes that work for another one, and end with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+_PATIENCE = 0.5  # [s]
+_watched: set[int] = set()
+
+
+def end_with(parent: int) -> None:
+    """Let this process end when its parent does, however that ends, and leave Ctrl-C to the parent.
+
+    Args:
+        parent: id of the process; nothing happens in that process itself.
+    """
+    if os.getpid() == parent or parent in _watched:
+        return
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both
+    _watched.add(parent)
+    threading.Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_PATIENCE)
+    os._exit(1)

@@ -1,0 +1,56 @@
+"""Viser answers whoever asks; here it answers those that ``Visitors`` admits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from typing import Any
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.visualization.visitors import Visitors
+
+_LONGEST_MESSAGE = 1_000_000  # [bytes]; of cameras and clicks
+
+
+@contextmanager
+def guarded(visitors: Visitors) -> Iterator[None]:
+    """Let a server of viser that is started inside ask who comes, before it answers.
+
+    Viser has no setting for it. It serves through ``websockets``, where a request can be refused before it is one; that
+    is asked for in viser's place while its server starts.
+
+    Raises:
+        ConfigurationError: the server started by another way.
+    """
+    from websockets.asyncio import server
+
+    usual, guards = server.serve, []
+
+    def serve(*arguments: Any, **settings: Any) -> Any:
+        guards.append(True)
+        inner = settings.pop("process_request", None)
+        settings["max_size"] = _LONGEST_MESSAGE
+        return usual(*arguments, **settings, process_request=_checked(visitors, inner))
+
+    server.serve = serve  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        server.serve = usual  # type: ignore[misc]
+    if not guards:
+        raise ConfigurationError(
+            "PINOCCHIO_VIEWER=viser: this version serves whoever asks; another version, or PINOCCHIO_VIEWER=meshcat, "
+            "does not"
+        )
+
+
+def _checked(visitors: Visitors, inner: Callable[..., Any] | None) -> Callable[..., Any]:
+    def check(connection: Any, request: Any) -> Any:
+        headers = request.headers
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or len(origins) > 1 or not visitors.admit(hosts[0], origins[0] if origins else None):
+            return connection.respond(HTTPStatus.FORBIDDEN, "")
+        return None if inner is None else inner(connection, request)
+
+    return check

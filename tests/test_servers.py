@@ -1,0 +1,226 @@
+"""Pages that are served: to whom, and what a connection may cost; asked with plain sockets."""
+
+import gc
+import os
+import socket
+import struct
+import threading
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.scene_server import SceneWindow
+from rnc_pin.visualization.visitors import Visitors
+
+PATIENCE = 20.0  # [s]
+
+
+def eventually(true):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def memory():
+    """Resident memory of this process [MB]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def sockets():
+    found = 0
+    for file in Path("/proc/self/fd").iterdir():
+        try:
+            found += os.readlink(file).startswith("socket:")
+        except FileNotFoundError:
+            continue
+    return found
+
+
+@pytest.fixture
+def port():
+    window = SceneWindow()
+    yield int(window.serve().split(":")[2].split("/")[0])
+    window.close()
+
+
+def asked(port, path, *headers, upgrade=False, version="1.1"):
+    """Connection and status of a request with these headers."""
+    lines = [f"GET {path} HTTP/{version}", *headers]
+    if upgrade:
+        lines += ["Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"]
+        lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="]
+    connection = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+    connection.sendall(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
+    answer = b""
+    while b"\r\n" not in answer:
+        piece = connection.recv(4096)
+        if not piece:
+            break
+        answer += piece
+    return connection, int(answer.split()[1]) if answer else None
+
+
+def status(*arguments, **options):
+    connection, code = asked(*arguments, **options)
+    connection.close()
+    return code
+
+
+OURS = ["127.0.0.1", "localhost", "LOCALHOST", "[::1]", "127.0.0.5"]
+OTHERS = [
+    "evil.com", "127.0.0.1.evil.com", "localhost.evil.com", "evil.com:80@127.0.0.1", "192.168.1.2", "[::1", "", "a b",
+    "localhost.", "127.0.0.1/evil.com", "127.1", "0.0.0.0",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("path", ["/static/", "/static/main.min.js", "/favicon.ico", "/nothing"])
+def test_a_page_is_served_to_those_who_ask_for_this_computer(path, port):
+    for name in OURS:
+        assert status(port, path, f"Host: {name}:{port}") in (200, 204, 404)
+    for name in OTHERS:
+        assert status(port, path, f"Host: {name}") in (400, 403), name
+    assert status(port, path, "Host: localhost", "Host: evil.com") in (400, 403)
+    assert status(port, path, version="1.0") in (400, 403)
+
+
+def test_a_web_socket_is_opened_for_our_own_page_alone(port):
+    for name in OURS:
+        host = f"{name}:{port}"
+        assert status(port, "/", f"Host: {host}", f"Origin: http://{host}", upgrade=True) == 101
+        assert status(port, "/", f"Host: {host}", upgrade=True) == 101  # no browser
+    origins = ["http://evil.com", "null", "", "file://", f"http://localhost:{port + 1}", "http://localhost", "x" * 5000]
+    for origin in origins:
+        code = status(port, "/", f"Host: localhost:{port}", f"Origin: {origin}", upgrade=True)
+        assert code == 403, origin
+        told = ["Sec-Fetch-Site: same-origin"]  # what it says of itself changes nothing
+        assert status(port, "/", f"Host: localhost:{port}", f"Origin: {origin}", *told, upgrade=True) == 403
+    assert status(port, "/", f"Host: evil.com:{port}", f"Origin: http://evil.com:{port}", upgrade=True) == 403
+
+
+def test_who_is_admitted_elsewhere():
+    everywhere, one = Visitors("0.0.0.0"), Visitors("192.0.2.7")
+    here = socket.gethostname()
+    for visitors, hosts in ((everywhere, ["192.0.2.9:80", "[2001:db8::1]:80", here]), (one, ["192.0.2.7:80"])):
+        assert all(visitors.admit(host, f"http://{host}") for host in hosts)
+        assert not visitors.admit("evil.com", "http://evil.com")
+        assert not visitors.admit("evil.com", None)
+        assert not visitors.admit(None, None)
+        assert not visitors.admit("", None)
+        assert not visitors.admit(hosts[0], "http://evil.com")
+    assert not one.admit("192.0.2.9", None)
+
+
+def frame(size, sent, opcode=2, final=True):
+    """The beginning of a web socket's frame that says it is of a size, masked with zeros."""
+    head = struct.pack("!BBQ", (0x80 if final else 0) | opcode, 0x80 | 127, size)
+    return head + bytes(4) + bytes(sent)
+
+
+def closed(connection):
+    """Whether the other end hangs up."""
+    connection.settimeout(PATIENCE)
+    try:
+        while connection.recv(65536):
+            pass
+    except ConnectionResetError:
+        pass
+    except TimeoutError:
+        return False
+    return True
+
+
+def test_messages_that_are_not_finished_cost_nothing(port):
+    headers = f"Host: localhost:{port}", f"Origin: http://localhost:{port}"
+    before, connections = memory(), []
+    for k in range(30):
+        connection, code = asked(port, "/", *headers, upgrade=True)
+        assert code == 101
+        connections.append(connection)
+        try:
+            if k % 2:
+                connection.sendall(frame(10_000_000, 9_900_000))
+            else:
+                for _ in range(200):
+                    connection.sendall(frame(50_000, 50_000, opcode=0 if _ else 2, final=False))
+        except (BrokenPipeError, ConnectionResetError):
+            pass
+    assert all(map(closed, connections))
+    assert memory() < before + 15
+    for connection in connections:
+        connection.close()
+
+
+def test_a_request_that_is_too_long_is_not_waited_for(port):
+    for text in (b"GET /" + b"a" * 1_000_000, b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 100_000):
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as connection:
+            try:
+                connection.sendall(text)
+            except (BrokenPipeError, ConnectionResetError):
+                continue
+            assert closed(connection)
+    body = f"POST /static/ HTTP/1.1\r\nHost: localhost:{port}\r\nContent-Length: 1000000000\r\n\r\n".encode()
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as connection:
+        connection.sendall(body)
+        assert closed(connection)
+
+
+def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+
+    def once():
+        live = LiveView(robot, open_browser=False)
+        port = int(live.url.split(":")[2].split("/")[0])
+        host = f"localhost:{port}"
+        watching, code = asked(port, "/", f"Host: {host}", f"Origin: http://{host}", upgrade=True)
+        assert code == 101
+        assert live.wait_for_browser(PATIENCE)
+        idle, code = asked(port, "/static/", f"Host: {host}")
+        assert code == 200
+        live.close()
+        assert closed(watching)
+        assert closed(idle)
+        watching.close()
+        idle.close()
+
+    for _ in range(3):
+        once()
+    gc.collect()
+    before, threads = sockets(), threading.active_count()
+    tracemalloc.start()
+    try:
+        for _ in range(10):
+            once()
+        gc.collect()
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert sockets() == before
+    assert threading.active_count() == threads
+    assert kept < 1e6  # it was 0.9 MB each
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+def test_viser_is_served_like_our_own_page(monkeypatch):
+    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
+    from rnc_pin.visualization.viser_screen import ViserScreen
+
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    live = LiveView(robot, open_browser=False, screen=ViserScreen)
+    try:
+        port = int(live.url.split(":")[2].split("/")[0])
+        ours = f"localhost:{port}"
+        assert status(port, "/", f"Host: {ours}", "Connection: close") == 200
+        assert status(port, "/", "Host: evil.com") == 403
+        assert status(port, "/", f"Host: {ours}", f"Origin: http://{ours}", upgrade=True) == 101
+        assert status(port, "/", f"Host: {ours}", "Origin: http://evil.com", upgrade=True) == 403
+        assert status(port, "/", f"Host: {ours}", "Origin: null", upgrade=True) == 403
+        assert status(port, "/", "Host: evil.com", "Origin: http://evil.com", upgrade=True) == 403
+    finally:
+        live.close()
