@@ -95,7 +95,7 @@ class Robot(Printed):
         read as it is meant; a ``ModelWarning`` says so where the model depends on it.
 
         Expressions in a xacro file only compute values: what could run a program is refused, see
-        ``rnc_pin.robots.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
+        ``rnc_pin.robots.sources.xacro``. A joint that the file says to mimic another is a joint of its own in
         the model, because Pinocchio's Coriolis matrix does not know such joints; it is listed in ``mimics``.
 
         Args:

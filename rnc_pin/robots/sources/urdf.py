@@ -24,7 +24,7 @@ from rnc_pin.robots.sources.mending import ENDLESS, mend
 from rnc_pin.robots.sources.meshes import Meshes
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.rounding import Roundings
-from rnc_pin.robots.sources.xacro_files import expand, has_macros, is_xacro
+from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
@@ -76,7 +76,7 @@ def read_urdf(
 def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
     root = None if is_xacro(path) else parse_xml(path)
     if root is None or has_macros(root, path):
-        root = ElementTree.fromstring(expand(path, xacro_arguments, packages))
+        root = expand(path, xacro_arguments, packages)
     elif xacro_arguments:
         raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro or that uses xacro")
     if root.tag != "robot":
