@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+_LONGEST_NAME, _MOST_NAMES = 100, 2000  # compared with others: it takes the square of the one, times the other
 
 
 class Motion(Protocol):
@@ -225,7 +229,9 @@ def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | Non
     A short word is often the part that a person remembers: ``wheel`` for ``wheel_left_joint``. So names that begin with
     it come first; with ``spelling``, those spelt nearly alike before those that have it in them, and others after.
     """
-    choices = list(valid)
+    choices = list(itertools.islice((each for each in valid if len(each) <= _LONGEST_NAME), _MOST_NAMES))
+    if len(name) > _LONGEST_NAME:
+        return None
     beginning = [choice for choice in choices if len(name) > 2 and choice.startswith(name)]
     part = [choice for choice in choices if len(name) > 2 and name in choice]
     alike = choices if spelling else []

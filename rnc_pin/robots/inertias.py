@@ -17,6 +17,9 @@ _SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix with ones on its d
 _SUGGESTED = 0.1  # [kg] for a link that has none
 _SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
 
+LARGEST = 256
+"""Most degrees of freedom: one evaluation in Pinocchio takes 32 bytes times their cube, 0.5 GB here."""
+
 MOVES_NONE = "moves no mass"
 NOT_POSITIVE = "rotational inertia is not positive"
 NO_MASS = "rotational inertia but zero mass"
@@ -55,6 +58,19 @@ class UselessInertia(ModelError):
     def __init__(self, what: str, joints: Sequence[Massless]) -> None:
         self.what, self.joints = what, tuple(joints)
         super().__init__(f"{what}: give the links behind it an inertia")
+
+
+def check_size(model: pin.Model) -> None:
+    """Refuse a model for which memory would not do.
+
+    Raises:
+        ModelError: it has more than ``LARGEST`` degrees of freedom.
+    """
+    if model.nv > LARGEST:
+        raise ModelError(
+            f"robot '{model.name}' has {model.nv} degrees of freedom, and at most {LARGEST} are taken: "
+            "the memory of an evaluation grows with their cube; make joints fixed in the file"
+        )
 
 
 def check_inertias(model: pin.Model, bodies: Mapping[str, Body] | None = None) -> None:

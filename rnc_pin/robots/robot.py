@@ -13,7 +13,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
-from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, massless, remedy
+from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, check_size, massless, remedy
 from rnc_pin.robots.names import ToldApart
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
@@ -156,6 +156,7 @@ class Robot(Printed):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
+        check_size(read.model)
         model = _Locked(read.model, lock).model if lock else read.model
         return massless(model, read.bodies)
 
@@ -208,6 +209,10 @@ class Robot(Printed):
                 raise ModelError(f"{path}: {error}") from None
 
         model = read.model
+        try:
+            check_size(model)
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
             try:
                 acceleration = np.asarray(gravity, dtype=float)
@@ -427,6 +432,7 @@ class Robot(Printed):
         """Refuse what cannot be simulated: no joints, two of one name, and bad inertias."""
         if self.nv == 0:
             raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
+        check_size(self.model)
         for name in self.joint_names:
             if self.joint_names.count(name) > 1:
                 raise ModelError(f"robot '{self.name}' has two joints named '{name}'")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,6 +27,7 @@ from rnc_pin.robots.sources.rounding import Roundings
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+_LONGEST_CHAIN = 1000
 _ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
@@ -145,7 +146,7 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
     """What urdfdom takes without a word: links it does not reach, and negative masses fixed to heavier links."""
-    links = [str(link.get("name")) for link in root.findall("link")]
+    links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
     for joint in root.findall("joint"):
@@ -162,21 +163,33 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
             raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' has no length")
-    for link in links:
-        seen = [link]
-        while seen[-1] in parents and parents[seen[-1]] not in seen:
-            seen.append(parents[seen[-1]])
-        if seen[-1] in parents:
-            raise ModelError(
-                f"{path}: no root link: link '{seen[-1]}' is in a ring of links, each the parent of the next"
-            )
-    roots = [f"[{link}]" for link in dict.fromkeys(links) if link not in parents]
+    _check_chains(links, parents, path)
+    roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
         raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
             _check_mass(element, link, path)
+
+
+def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) -> None:
+    """Refuse rings, and chains in which Pinocchio's recursion would end the process; each link is gone through once."""
+    depths: dict[str, int] = {}
+    for link in links:
+        walked: dict[str, None] = {}
+        while link in parents and link not in depths and link not in walked:
+            walked[link] = None
+            link = parents[link]
+        if link in walked:
+            ring = list(walked)[-1]
+            raise ModelError(f"{path}: no root link: link '{ring}' is in a ring of links, each the parent of the next")
+        depth = depths.get(link, 0)
+        for each in reversed(walked):
+            depth += 1
+            depths[each] = depth
+        if depth > _LONGEST_CHAIN:
+            raise ModelError(f"{path}: a chain of more than {_LONGEST_CHAIN} links, each the parent of the next")
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
@@ -193,7 +206,7 @@ def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
-    joints = [str(joint.get("name")) for joint in root.findall("joint")]
+    joints = dict.fromkeys(str(joint.get("name")) for joint in root.findall("joint"))
     mimics: list[Mimic] = []
     strangers: list[str] = []
     for joint in root.findall("joint"):
@@ -203,7 +216,8 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
         source = mimic.get("joint", "")
         if source not in joints or source == name:
             # Pinocchio takes such files, and some that people use are so.
-            strangers.append(f"'{name}' of '{source}'{nearest(source, [each for each in joints if each != name])}")
+            hint = "" if strangers else nearest(source, [each for each in joints if each != name])
+            strangers.append(f"'{name}' of '{source}'{hint}")
             continue
         factors = []
         for key, default in (("multiplier", "1"), ("offset", "0")):

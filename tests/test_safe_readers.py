@@ -1,0 +1,160 @@
+"""Files of strangers: what would hang, fill memory, be passed over or end in an error that is not ours."""
+
+import os
+import time
+from contextlib import contextmanager
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.errors import nearest
+from rnc_pin.scenario.files import parse_option, read_yaml
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+@contextmanager
+def within(seconds):
+    start = time.perf_counter()
+    yield
+    assert time.perf_counter() - start < seconds
+
+
+def tree(count, kind="fixed", parent=lambda k: k, inside=""):
+    """A robot of joints of one kind; joint k carries link k + 1."""
+    links = "".join(f'<link name="l{k}">{INERTIAL}</link>' for k in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="l{parent(k)}"/><child link="l{k + 1}"/><origin xyz="0.1 0 0"/>'
+        f'<axis xyz="0 0 1"/>{LIMIT}{inside}</joint>'
+        for k in range(count)
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+# ---------------------------------------------------------------------- what would hang
+
+
+def merges(depth, width=9):
+    lines = ["a0: &a0 {x: 1}"]
+    lines += [f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * width)}]}}" for k in range(depth)]
+    return "\n".join(lines)
+
+
+def aliases(depth, width=9):
+    lines = ["a0: &a0 [x]"]
+    lines += [f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * width)}]" for k in range(depth)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (merges(9), "stands for more than 100,000 values"),
+        (aliases(9), "stands for more than 100,000 values"),
+        ("a: &a [*a]", "inside itself"),
+        ("a: &a {<<: *a}", "inside itself"),
+        ("a: " + "[" * 50_000, "inside one another without end"),
+        ("a: 1\n" * 500_000, "longer than"),
+    ],
+)
+def test_a_scenario_that_would_not_end_is_refused(text, words, tmp_path):
+    with within(5), pytest.raises(rnc.ConfigurationError, match=words):
+        read_yaml(write(tmp_path / "s.yaml", text))
+
+
+@pytest.mark.parametrize(
+    "text", ["!!bool maybe", "!!int ''", "!!float {a: 1}", "!!timestamp no", "!!binary 'é'", "!!set [1]"]
+)
+def test_a_value_that_is_not_what_its_tag_says_is_refused(text, tmp_path):
+    with pytest.raises(rnc.ConfigurationError, match=r"s\.yaml"):
+        read_yaml(write(tmp_path / "s.yaml", f"title: {text}"))
+    with pytest.raises(rnc.ConfigurationError):
+        parse_option(f"title={text}")
+
+
+def test_aliases_and_merges_of_sensible_size_are_read(tmp_path):
+    content = read_yaml(write(tmp_path / "s.yaml", "a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}\nc: [*a, *a]"))
+    assert content == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}, "c": [{"x": 1, "y": 2}, {"x": 1, "y": 2}]}
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    for name in ("r.urdf", "r.xml", "s.yaml", "r.xacro"):
+        os.mkfifo(tmp_path / name)
+    with within(5):
+        for read, name in (
+            (rnc.Robot.from_urdf, "r.urdf"),
+            (rnc.Robot.from_urdf, "r.xacro"),
+            (rnc.Robot.from_mjcf, "r.xml"),
+            (read_yaml, "s.yaml"),
+        ):
+            with pytest.raises(rnc.RncError):
+                read(tmp_path / name)
+
+
+def test_thousands_of_links_are_read_in_time_that_grows_as_they_do(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(10_000, parent=lambda k: k // 10))
+    with within(30):
+        robot = rnc.Robot.from_urdf(path, base="planar")
+    assert robot.nv == 3
+
+
+def test_a_chain_in_which_recursion_would_end_the_process_is_refused(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(10_000))
+    with within(20), pytest.raises(rnc.ModelError, match="a chain of more than 1000 links"):
+        rnc.Robot.from_urdf(path, base="planar")
+
+
+def test_a_ring_of_many_links_is_found_at_once(tmp_path):
+    text = tree(5000).replace("</robot>", "")
+    text += '<joint name="back" type="fixed"><parent link="l5000"/><child link="l0"/></joint></robot>'
+    with within(10), pytest.raises(rnc.ModelError, match="in a ring of links"):
+        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+
+
+def test_more_joints_than_memory_is_for_are_refused(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(1000, "revolute"))
+    with within(10), pytest.raises(rnc.ModelError, match="1000 degrees of freedom, and at most 256"):
+        rnc.Robot.from_urdf(path)
+    with pytest.raises(rnc.ModelError, match="1000 degrees of freedom"):
+        rnc.Robot.massless_joints(path)
+
+
+@pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.xacro"])
+def test_xml_too_deep_is_refused(name, tmp_path):
+    path = write(tmp_path / name, "<robot name='r'>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>")
+    read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
+    with within(10), pytest.raises(rnc.ModelError, match="deep"):
+        read(path)
+
+
+def test_a_name_is_compared_with_others_in_bounded_time():
+    with within(3):
+        nearest("x" * 100_000, ["y" * 100_000, "z"])
+        nearest("joint_5", [f"joint_{k}" for k in range(100_000)])
+
+
+def test_many_mimics_of_nothing_are_told_at_once(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(200, "revolute", inside='<mimic joint="nobody"/>'))
+    with within(20), pytest.warns(rnc.ModelWarning, match="and 199 more"):
+        rnc.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("count", [2, 12])
+def test_a_loop_out_of_reach_is_refused_at_once(count, tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(count, "continuous")))
+    anchor = rnc.LoopClosure("universe", f"l{count}", "point", offset_a=(30.0, 0.0, 0.0))
+    with within(2), pytest.raises(rnc.ConstraintError, match="from 25 random configurations"):
+        rnc.NonholonomicSystem(robot, [anchor])
+
+
+def test_a_loop_within_reach_closes(tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(6, "continuous")))
+    anchor = rnc.LoopClosure("universe", "l6", "point", offset_a=(0.3, 0.1, 0.0))
+    system = rnc.NonholonomicSystem(robot, [anchor])
+    assert system.m == 2
