@@ -1,3 +1,4 @@
+# ruff: noqa: E501
 """Files of strangers: what would hang, fill memory, be passed over or end in an error that is not ours."""
 
 import os
@@ -9,6 +10,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.errors import nearest
 from rnc_pin.scenario.files import parse_option, read_yaml
+from rnc_pin.visualization.meshes import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
@@ -158,3 +160,143 @@ def test_a_loop_within_reach_closes(tmp_path):
     anchor = rnc.LoopClosure("universe", "l6", "point", offset_a=(0.3, 0.1, 0.0))
     system = rnc.NonholonomicSystem(robot, [anchor])
     assert system.m == 2
+
+
+# ---------------------------------------------------------------------- what was accepted without a word
+
+
+def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
+    inertial = f'<inertial><mass value="{mass}"/><inertia ixx="{moment}" iyy="{moment}" izz="{moment}"'
+    inertial += ' ixy="0" ixz="0" iyz="0"/></inertial>'
+    return (
+        f'<robot name="r"><link name="a">{INERTIAL}</link><link name="b">{inertial}{link}</link><joint name="j" '
+        f'type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}{inside}</joint></robot>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
+        (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
+        (arm(limit='<limit lower="2" upper="1" effort="1" velocity="1"/>'), "lower limit of joint 'j' is above"),
+        (arm(limit='<limit lower="0" upper="1" effort="-1" velocity="1"/>'), "effort of joint 'j' is negative"),
+        (arm(mass="1e308"), "more than 1e.15"),
+        (arm(moment="1e300"), "more than 1e.15"),
+    ],
+)
+def test_what_no_machine_is_is_refused(text, words, tmp_path):
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (arm(link=INERTIAL.replace('"1"', '"7"')), "a second <inertial>, which is left out: link b"),
+        (arm('<axis xyz="1 0 0"/>'), "a second <axis>, which is left out: joint j"),
+        (arm('<origin xyz="1 0 0"/><origin xyz="2 0 0"/>'), "a second <origin>, which is left out: joint j"),
+        (arm(LIMIT), "a second <limit>, which is left out: joint j"),
+    ],
+)
+def test_what_is_said_twice_is_warned_of(text, words, tmp_path):
+    with pytest.warns(rnc.ModelWarning, match=words):
+        robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+    assert robot.model.inertias[1].mass == 1
+
+
+# ---------------------------------------------------------------------- MJCF
+
+GEOM = '<geom size="1" mass="1"/>'
+HINGE = '<joint name="j" type="hinge"/>'
+
+
+def mjcf(body, head=""):
+    return f'<mujoco>{head}<worldbody><body name="b">{body}</body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (mjcf(f'{HINGE}<frame pos="1 0 0">{GEOM}</frame>'), "<frame> is not read"),
+        (mjcf(f'{HINGE}{GEOM}<replicate count="5"><body>{GEOM}</body></replicate>'), "<replicate> is not read"),
+        (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not read"),
+        (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
+        (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' ends before it begins"),
+        (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'), "more than one <inertial>"),
+        (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "settotalmass takes a number"),
+    ],
+)
+def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+def test_the_total_mass_is_what_the_file_sets(tmp_path):
+    body = f'{HINGE}{GEOM}<body name="c"><joint name="k"/><geom size="1" mass="2"/></body>'
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(body, '<compiler settotalmass="6"/>')))
+    plain = rnc.Robot.from_mjcf(write(tmp_path / "p.xml", mjcf(body)))
+    assert [inertia.mass for inertia in robot.model.inertias][1:] == [2, 4]
+    for one, other in zip(robot.model.inertias, plain.model.inertias, strict=True):
+        assert one.inertia == pytest.approx(2 * other.inertia)
+
+
+def test_springs_are_said_to_be_left_out(tmp_path):
+    text = mjcf(f'<joint name="j" type="hinge" stiffness="5"/>{GEOM}')
+    with pytest.warns(rnc.ModelWarning, match=r"springs .* are left out of the model: joint j"):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+# ---------------------------------------------------------------------- textures
+
+COLLADA = "http://www.collada.org/2005/11/COLLADASchema"
+
+
+def collada(image):
+    return (
+        f'<COLLADA xmlns="{COLLADA}" version="1.4.1"><asset/><library_images><image id="i"><init_from>{image}</init_from>'
+        '</image></library_images><library_geometries><geometry id="g"><mesh><source id="p"><float_array id="f" count="9">'
+        '0 0 0 1 0 0 0 1 0</float_array><technique_common><accessor source="#f" count="3" stride="3"><param name="X" '
+        'type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1"><input semantic="VERTEX" '
+        'source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry></library_geometries><library_visual_scenes>'
+        '<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes><scene>'
+        '<instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+
+
+PNG = b"\x89PNG\r\n\x1a\n" + b"pixels"
+
+
+@pytest.mark.parametrize(
+    ("image", "shown"),
+    [
+        ("robot/textures/skin.png", True),
+        ("robot/meshes/skin.png", True),
+        ("robot/meshes/secret.png", False),
+        ("elsewhere/secret.txt", False),
+        ("elsewhere/skin.png", False),
+        ("robot/meshes/link.png", False),
+        ("robot/meshes/missing.png", False),
+    ],
+)
+def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
+    for folder in ("robot/meshes", "robot/textures", "elsewhere"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in ("robot/textures/skin.png", "robot/meshes/skin.png", "elsewhere/skin.png"):
+        (tmp_path / name).write_bytes(PNG)
+    for name in ("robot/meshes/secret.png", "elsewhere/secret.txt"):
+        (tmp_path / name).write_text("hush")
+    (tmp_path / "robot/meshes/link.png").symlink_to(tmp_path / "elsewhere/skin.png")
+    write(tmp_path / "robot/meshes/m.dae", collada(tmp_path / image))
+    visual = '<visual><geometry><mesh filename="meshes/m.dae"/></geometry></visual>'
+    robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
+    visualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
+    (shape,) = robot.visual_model.geometryObjects
+    if shown:
+        drawn = visualizer.loadMeshFromFile(shape)
+        assert list(drawn.img_resources) == [str(tmp_path / image)]
+    else:
+        with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
+            drawn = visualizer.loadMeshFromFile(shape)
+        assert not hasattr(drawn, "img_resources")

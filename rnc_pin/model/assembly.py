@@ -125,7 +125,7 @@ class Assembly:
         here = self._kinematics.position(q)
         residual, stalls = self._residual(here), 0
         for _ in range(_STEPS):
-            if stalls == _STALLS or np.abs(residual[rows]).max() <= _EXACT:
+            if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
                 break
             step = self._step(here, residual, free, rows)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))

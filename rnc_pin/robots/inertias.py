@@ -20,6 +20,9 @@ _SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
 LARGEST = 256
 """Most degrees of freedom: one evaluation in Pinocchio takes 32 bytes times their cube, 0.5 GB here."""
 
+HEAVIEST = 1e15
+"""Largest mass [kg], moment of inertia [kg m^2] and distance [m]: those of no machine, and products stay finite."""
+
 MOVES_NONE = "moves no mass"
 NOT_POSITIVE = "rotational inertia is not positive"
 NO_MASS = "rotational inertia but zero mass"
@@ -152,6 +155,9 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
     tensor = inertia.inertia
     if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
         raise ModelError(f"inertia behind joint '{name}' is not finite")
+    largest = max(abs(inertia.mass), float(np.abs(tensor).max()), float(np.abs(inertia.lever).max()))
+    if largest > HEAVIEST:
+        raise ModelError(f"inertia behind joint '{name}' has {largest:g} in it, more than {HEAVIEST:g} [kg, m]")
     if inertia.mass < 0:
         message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
         return [_massless(model, joint, NEGATIVE, message, bodies)]

@@ -39,6 +39,7 @@ class Robot(Printed):
         locked: values of joints that were frozen [rad or m].
         packages: name to folder of the ROS packages that the file names and that were found.
         far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
+        folders: of the file and of those packages; pictures take textures from no others.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -72,6 +73,7 @@ class Robot(Printed):
         self.locked: dict[str, float] = {}
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
+        self.folders: tuple[Path, ...] = ()
         self._check()
 
     # ------------------------------------------------------------------ construction
@@ -234,6 +236,7 @@ class Robot(Printed):
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
         robot.packages, robot.far_packages = read.packages, read.far_packages
+        robot.folders = (path.parent, *read.packages.values())
         return robot
 
     @classmethod
@@ -303,6 +306,7 @@ class Robot(Printed):
         robot.mimics = (*self.mimics, *other.mimics)
         robot.locked = {**self.locked, **other.locked}
         robot.packages = {**other.packages, **self.packages}
+        robot.folders = (*self.folders, *other.folders)
         robot.far_packages = {**other.far_packages, **self.far_packages}
         return robot
 

@@ -23,6 +23,7 @@ from rnc_pin.robots.sources.masses import bodies_of, give_masses
 from rnc_pin.robots.sources.mending import ENDLESS, mend
 from rnc_pin.robots.sources.meshes import Meshes
 from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.plausible import check_values
 from rnc_pin.robots.sources.rounding import Roundings
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
@@ -55,7 +56,7 @@ def read_urdf(
     """
     packages = Packages(path.parent, package_dirs)
     root = _parsed(path, xacro_arguments, packages)
-    notes = mend(root, path)
+    notes = [*mend(root, path), *check_values(root, path)]
     meshes = Meshes(root, path, packages, [str(path.parent), *map(str, package_dirs)])
     if masses:
         give_masses(root, masses, path)
