@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+_LONGEST_LINE = 4000
 _LONGEST_NAME, _MOST_NAMES = 100, 2000  # compared with others: it takes the square of the one, times the other
 
 
@@ -43,6 +44,13 @@ class RncError(Exception):
     """
 
     trajectory: Motion | None = None
+
+    def __str__(self) -> str:
+        return printable(self._words())
+
+    def _words(self) -> str:
+        """What is wrong; names from files may stand in it as they are."""
+        return super().__str__()
 
 
 class ModelWarning(UserWarning):
@@ -156,7 +164,7 @@ class DivergenceError(SimulationError):
         self.what, self.time = what, time
         super().__init__(what)
 
-    def __str__(self) -> str:
+    def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"
         return f"diverged{when}: {self.what}"
 
@@ -214,13 +222,23 @@ class SingularityError(SimulationError):
         self.time = time
         super().__init__(what)
 
-    def __str__(self) -> str:
+    def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"
         where = ", ".join(f"{value:.4g}" for value in self.q)
         return (
             f"{self.what}{when}: rows {', '.join(self.rows)} are dependent "
             f"(condition {self.condition:.3g}) at q = [{where}]"
         )
+
+
+def printable(text: str, longest: int = _LONGEST_LINE) -> str:
+    """A text in one line of bounded length, with what terminals would obey spelled out: names come from files."""
+    if len(text) > longest:
+        text = f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
+    line = " ".join(text.split())
+    if line.isprintable():
+        return line
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
 
 
 def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | None:

@@ -1,14 +1,21 @@
 # ruff: noqa: E501
 """Files of strangers: what would hang, fill memory, be passed over or end in an error that is not ours."""
 
+import json
 import os
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
+import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.app.report import print_report
+from rnc_pin.app.tables import print_summary
+from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest
+from rnc_pin.plain import json_text
+from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
 from rnc_pin.visualization.meshes import MeshVisualizer
 
@@ -300,3 +307,117 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
+
+
+# ---------------------------------------------------------------------- errors that are not ours
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory):
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    path = tmp_path_factory.mktemp("run") / "trajectory.npz"
+    rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2).save(path)
+    return path
+
+
+def test_bits_flipped_in_a_run_end_in_errors_of_ours(run_file, tmp_path):
+    content, generator = run_file.read_bytes(), np.random.default_rng(0)
+    for k in range(300):
+        broken = bytearray(content)
+        for _ in range(1 + k % 5):
+            broken[generator.integers(len(broken))] ^= 1 << int(generator.integers(8))
+        (tmp_path / "t.npz").write_bytes(broken)
+        with suppress(rnc.RncError):
+            rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda meta: {**meta, "names": None},
+        lambda meta: {**meta, "names": {"x1": 3}},
+        lambda meta: {**meta, "names": {**meta["names"], "x2": ["a\n\x1b[31m" * 1000]}},
+        lambda meta: {**meta, "dt": "fast"},
+        lambda meta: {**meta, "config": [1]},
+        lambda meta: {**meta, "outcome": "\x1b[2J"},
+        lambda meta: {**meta, "task": {"primary": 5}},
+        lambda meta: {**meta, "path": {"frame": "a", "poses": [[1]]}},
+        lambda meta: {**meta, "rotations": {"x1": ["a"]}},
+        lambda meta: [],
+        lambda meta: 10**400,
+    ],
+)
+def test_meta_that_is_crafted_is_refused_in_a_line(change, run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    meta = json.dumps(change(json.loads(str(arrays.pop("meta")))))
+    np.savez(tmp_path / "t.npz", **arrays, meta=np.array(meta))
+    with pytest.raises(rnc.RncError) as raised:
+        rnc.Trajectory.load(tmp_path / "t.npz")
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 1000
+
+
+@pytest.mark.parametrize("meta", ["[" * 100_000, "{", "NaN", '{"names": ' * 5000])
+def test_meta_that_is_no_mapping_is_refused(meta, run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "t.npz", **{**arrays, "meta": np.array(meta)})
+    with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+        rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+def test_time_that_runs_backwards_is_refused(run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "t.npz", **{**arrays, "time": arrays["time"][::-1]})
+    with pytest.raises(rnc.ConfigurationError, match="runs backwards"):
+        rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+def test_every_error_is_one_printable_line_of_bounded_length():
+    for kind in (rnc.ModelError, rnc.ConfigurationError, rnc.DivergenceError):
+        text = str(kind("a\n\tb \x1b[31mred\x07 " + "x" * 100_000))
+        assert text.isprintable()
+        assert len(text) < 5000
+        assert "\\x1b[31mred" in text
+
+
+def test_json_has_no_infinity():
+    content = {"a": float("inf"), "b": [float("nan"), 1.5], "c": {"d": -float("inf")}}
+    assert json.loads(json_text(content)) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
+
+
+def test_an_actuator_that_is_named_twice_is_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    with pytest.raises(rnc.ConfigurationError, match="active actuator 'joint_1' is named twice"):
+        effective_inertia(reduced, robot.configuration(), np.array([0]), ["joint_1", "joint_2", "joint_1"])
+
+
+@pytest.mark.parametrize("value", ["1e300", "[0.1, 1e300]", "[[1e300]]", "1" + "0" * 400])
+def test_a_number_that_leaves_no_room_is_refused(value, call):
+    status, _, complaint = call("run", "space-robot", "--set", f"simulation.duration={value}", "--out", "never")
+    assert status == 2
+    assert complaint.count("\n") == 1
+    assert "Traceback" not in complaint
+
+
+NAMES = [r"$\frac$", "[/nope]", "$", "x" * 300, ":smile:", "[red]a"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
+    text = (shipped_directory() / "space_robot.urdf").read_text().replace('"joint_1"', f'"{name}"')
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
+        [rnc.JointPosition(n) for n in robot.joint_names]
+    )
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=0.1)
+    run.plot(title=name).savefig(tmp_path / "p.png", dpi=30)
+    print_summary(rnc.summarize(run))
+    task = rnc.Task.of(reduced, [name], [other for other in robot.joint_names if other != name])
+    print_report(name, reduced, task, rnc.analyze(reduced, samples=4))
+    printed = "".join(capsys.readouterr().out.split())
+    assert name[:5] in printed

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.plain import json_text
 
 _MARK = ".rnc_pin"
 
@@ -58,7 +59,7 @@ class OutputFolder:
     def write_json(self, name: str, content: Mapping[str, object]) -> Path:
         """Write JSON."""
         path = self.file(name)
-        path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        path.write_text(json_text(content) + "\n", encoding="utf-8")
         return path
 
     def write_yaml(self, name: str, content: Mapping[str, object]) -> Path:
