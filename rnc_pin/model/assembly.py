@@ -178,7 +178,10 @@ class Assembly:
 
     def _step(self, at: Position, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
         rows = self.jacobian(at)[which][:, free]
-        factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
+        try:
+            factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
+        except np.linalg.LinAlgError:
+            raise ConstraintError("the inertia matrix is not positive definite: masses are too far apart") from None
         # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
         scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
         reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]

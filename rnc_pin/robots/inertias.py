@@ -231,7 +231,8 @@ def _behind(
     """The first body that moves in a motion without energy: with an inertia it would have some."""
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
-    joint = next(index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    joint = next(moving, 1)  # none where placements are so far away that speeds are not finite
     if entry is not None:
         message = f"joint '{_entry_name(model, entry)}' moves no mass"
         return _massless(model, joint, MOVES_NONE, message, bodies)
