@@ -63,7 +63,7 @@ def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
     if id(node) in known:
         return known[id(node)]
     if id(node) in open_nodes:
-        raise yaml.constructor.ConstructorError(None, None, "it is inside itself", node.start_mark)
+        raise yaml.constructor.ConstructorError(None, None, "recursive: it is inside itself", node.start_mark)
     open_nodes.add(id(node))
     parts = [] if isinstance(node, yaml.ScalarNode) else node.value
     total = 1

@@ -421,3 +421,10 @@ def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
     print_report(name, reduced, task, rnc.analyze(reduced, samples=4))
     printed = "".join(capsys.readouterr().out.split())
     assert name[:5] in printed
+
+
+def test_a_pendulum_is_drafted(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "pendulum.urdf", arm())
+    status, _, complaint = call("init", "pendulum.urdf")
+    assert status == 0, complaint
