@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+_LONGEST_LINE = 4000
+_LONGEST_NAME, _MOST_NAMES = 100, 2000  # compared with others: it takes the square of the one, times the other
 
 
 class Motion(Protocol):
@@ -39,6 +44,13 @@ class RncError(Exception):
     """
 
     trajectory: Motion | None = None
+
+    def __str__(self) -> str:
+        return printable(self._words())
+
+    def _words(self) -> str:
+        """What is wrong; names from files may stand in it as they are."""
+        return super().__str__()
 
 
 class ModelWarning(UserWarning):
@@ -152,7 +164,7 @@ class DivergenceError(SimulationError):
         self.what, self.time = what, time
         super().__init__(what)
 
-    def __str__(self) -> str:
+    def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"
         return f"diverged{when}: {self.what}"
 
@@ -210,7 +222,7 @@ class SingularityError(SimulationError):
         self.time = time
         super().__init__(what)
 
-    def __str__(self) -> str:
+    def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"
         where = ", ".join(f"{value:.4g}" for value in self.q)
         return (
@@ -219,13 +231,25 @@ class SingularityError(SimulationError):
         )
 
 
+def printable(text: str, longest: int = _LONGEST_LINE) -> str:
+    """A text in one line of bounded length, with what terminals would obey spelled out: names come from files."""
+    if len(text) > longest:
+        text = f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
+    line = " ".join(text.split())
+    if line.isprintable():
+        return line
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
+
+
 def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | None:
     """The valid name that is most likely meant, or None.
 
     A short word is often the part that a person remembers: ``wheel`` for ``wheel_left_joint``. So names that begin with
     it come first; with ``spelling``, those spelt nearly alike before those that have it in them, and others after.
     """
-    choices = list(valid)
+    choices = list(itertools.islice((each for each in valid if len(each) <= _LONGEST_NAME), _MOST_NAMES))
+    if len(name) > _LONGEST_NAME:
+        return None
     beginning = [choice for choice in choices if len(name) > 2 and choice.startswith(name)]
     part = [choice for choice in choices if len(name) > 2 and name in choice]
     alike = choices if spelling else []

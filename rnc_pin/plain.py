@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
@@ -32,3 +34,18 @@ def plain(content: object, what: str) -> Json:
 def plain_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
     """The same of a mapping."""
     return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
+
+
+def json_text(content: object) -> str:
+    """JSON of plain content; numbers that JSON has no word for, infinities and NaN, are null."""
+    return json.dumps(_finite(content), indent=2, allow_nan=False)
+
+
+def _finite(content: object) -> object:
+    if isinstance(content, float):
+        return content if math.isfinite(content) else None
+    if isinstance(content, Mapping):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return content

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,22 +9,23 @@ from typing import TextIO
 
 import click
 
-from rnc_pin.errors import ModelWarning
+from rnc_pin.errors import ModelWarning, printable
+from rnc_pin.plain import json_text
 
 
 def print_json(content: object) -> None:
     """Print JSON on standard output."""
-    click.echo(json.dumps(content, indent=2))
+    click.echo(json_text(content))
 
 
 def complain(message: str) -> None:
     """Say in one line what is wrong."""
-    click.echo(f"rnc-pin: error: {' '.join(message.split())}", err=True)
+    click.echo(f"rnc-pin: error: {printable(message)}", err=True)
 
 
 def warn(message: str) -> None:
     """Say in one line what to look out for."""
-    click.echo(f"rnc-pin: warning: {' '.join(message.split())}", err=True)
+    click.echo(f"rnc-pin: warning: {printable(message)}", err=True)
 
 
 @contextmanager

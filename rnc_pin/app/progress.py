@@ -13,7 +13,7 @@ class ProgressBar:
 
     def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             TextColumn("{task.percentage:>3.0f} %"),
             TimeElapsedColumn(),

@@ -22,7 +22,7 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
         task: how its outputs are divided.
         report: what was found.
     """
-    console = Console()
+    console = Console(markup=False, emoji=False)
     title = f"{system} ({reduced.robot.name})"
     table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
     table.add_column(style="bold", no_wrap=True)
@@ -51,7 +51,7 @@ def _constraint_rows(report: Report) -> RenderableType:
     for name in report.kept_rows:
         rows.add_row(name, "integrable" if name in report.integrable_rows else "nonholonomic")
     for row in report.dropped_rows:
-        rows.add_row(f"[dim]{row.name}[/dim]", f"[dim]dropped: {row.reason}[/dim]")
+        rows.add_row(row.name, f"dropped: {row.reason}", style="dim")
     combinations = report.integrable_combinations
     if not report.kept_rows:
         return "none"

@@ -14,7 +14,7 @@ from rnc_pin.simulation import Summary
 
 def print_summary(summary: Summary) -> None:
     """Errors and invariants of a run."""
-    console = Console()
+    console = Console(markup=False, emoji=False)
     errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
     errors.add_column("output")
     for column in ("final error", "largest error", "rms error"):
@@ -46,12 +46,13 @@ def print_summary(summary: Summary) -> None:
 
 def print_files(folder: Path, names: Sequence[str]) -> None:
     """What was written, and where."""
-    Console().print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True, markup=False)
+    console = Console(markup=False, emoji=False)
+    console.print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
 
 
 def print_spread(scenario: str, summary: Spread, folder: Path) -> None:
     """Outcomes and errors of a sweep."""
-    console = Console()
+    console = Console(markup=False, emoji=False)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
     if summary["redrawn"]:
         outcomes += f" ({summary['redrawn']} tasks did not pass preflight and were drawn again)"

@@ -94,6 +94,9 @@ def _places(reduced: ReducedModel, active: Sequence[str], outputs: np.ndarray) -
     for name in active:
         if name not in names:
             raise ConfigurationError(f"no actuator '{name}'{nearest(name, names)}")
+    twice = [name for name in dict.fromkeys(active) if list(active).count(name) > 1]
+    if twice:
+        raise ConfigurationError(f"active actuator '{twice[0]}' is named twice")
     if len(active) < len(outputs):
         raise ConfigurationError(f"{len(active)} active actuators cannot drive {len(outputs)} outputs")
     return np.array([names.index(name) for name in active], dtype=int)

@@ -21,6 +21,8 @@ _DEPENDENT = 1e-9  # relative singular value below which a direction is not corr
 _LONGEST = 0.5  # step [rad or m]
 _STEPS, _HALVINGS, _TRIES = 100, 12, 100
 _SAMPLES = 4
+_STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # of the residual is left after a step; steps in a row; what is not small
+_ALIKE, _OF, _WITHIN = 20, 25, 1.01  # tries that end as far from zero, of so many: it is out of reach
 
 
 class Assembly:
@@ -92,23 +94,27 @@ class Assembly:
             raise InputError(
                 f"expected one configuration of {self.robot.nq} finite numbers, found shape {q.shape}: {q}"
             )
-        if not self._places:
-            return q
-        free = np.ones(self.robot.nv, dtype=bool)
-        for joint in hold:
-            free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self._leading)
-        if not self._leading.all() and not self._good(residual):
-            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool))
-            if np.abs(residual).max() <= _GOOD:
-                return found
-        elif self._good(residual):
+        found, residual, closed = self._closest(q, hold)
+        if closed:
             return found
         row = int(np.argmax(np.abs(residual)))
         raise ConstraintError(
             f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} is left "
             f"{abs(residual[row]):.3g} from zero"
         )
+
+    def _closest(self, q: np.ndarray, hold: Sequence[str] = ()) -> tuple[np.ndarray, np.ndarray, bool]:
+        """The configuration near q that satisfies the rows best, their residual (h,), and whether it does."""
+        if not self._places:
+            return q, np.zeros(0), True
+        free = np.ones(self.robot.nv, dtype=bool)
+        for joint in hold:
+            free[self.robot.velocity_indices(joint)] = False
+        found, residual = self._descended(q, free, self._leading)
+        if not self._leading.all() and not self._good(residual):
+            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool))
+            return found, residual, bool(np.abs(residual).max() <= _GOOD)
+        return found, residual, self._good(residual)
 
     def _good(self, residual: np.ndarray) -> bool:
         """Whether the rows are satisfied; those that only rounding makes independent, to what it leaves."""
@@ -117,9 +123,9 @@ class Assembly:
     def _descended(self, q: np.ndarray, free: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A configuration at which the residual of some rows (h,) is smallest near q, and that of all rows."""
         here = self._kinematics.position(q)
-        residual = self._residual(here)
+        residual, stalls = self._residual(here), 0
         for _ in range(_STEPS):
-            if np.abs(residual[rows]).max() <= _EXACT:
+            if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
                 break
             step = self._step(here, residual, free, rows)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
@@ -131,6 +137,8 @@ class Assembly:
                 step = 0.5 * step
             else:
                 break
+            before, after = (float(np.linalg.norm(each[rows])) for each in (residual, left))
+            stalls = stalls + 1 if after > max(_FAR, _STALLED * before) else 0
             here, q, residual = ahead, ahead.q, left
         return q, residual
 
@@ -140,13 +148,19 @@ class Assembly:
         Raises:
             ConstraintError: it failed too often.
         """
-        failure: ConstraintError | SingularityError | None = None
+        failures: list[float] = []
         for _ in range(_TRIES):
-            try:
-                return self.project(self.robot.random_configuration(generator, spread))
-            except (ConstraintError, SingularityError) as error:
-                failure = error
-        raise ConstraintError(f"constraints cannot be satisfied from any of {_TRIES} random configurations: {failure}")
+            with suppress(SingularityError):
+                found, residual, closed = self._closest(self.robot.random_configuration(generator, spread))
+                if closed:
+                    return found
+                failures.append(float(np.linalg.norm(residual)))
+                row = int(np.argmax(np.abs(residual)))
+                worst = f": {self.names[row]} is left {abs(residual[row]):.3g} from zero"
+            if len(failures) == _OF and _out_of_reach(failures):
+                break
+        tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
+        raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
     def jacobian(self, at: Position) -> np.ndarray:
         """The rows (h, nv) at one configuration; the rate of ``residual`` where that is zero."""
@@ -164,7 +178,10 @@ class Assembly:
 
     def _step(self, at: Position, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
         rows = self.jacobian(at)[which][:, free]
-        factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
+        try:
+            factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
+        except np.linalg.LinAlgError:
+            raise ConstraintError("the inertia matrix is not positive definite: masses are too far apart") from None
         # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
         scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
         reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]
@@ -205,3 +222,9 @@ class Assembly:
                 if all(np.isfinite(each).all() for each in whole):
                     samples.append(whole)
         return samples
+
+
+def _out_of_reach(failures: Sequence[float]) -> bool:
+    """Whether most tries ended equally far from what was asked for, as a loop does that is stretched to its end."""
+    least = min(failures)
+    return least > _FAR and sum(each <= _WITHIN * least for each in failures) >= _ALIKE

@@ -18,6 +18,12 @@ _SUGGESTED = 0.1  # [kg] for a link that has no mass and no size
 _DENSITY = 300.0  # [kg/m^3] of the boxes around links that have a size: robots are hollow
 _SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
 
+LARGEST = 256
+"""Most degrees of freedom: one evaluation in Pinocchio takes 32 bytes times their cube, 0.5 GB here."""
+
+HEAVIEST = 1e15
+"""Largest mass [kg], moment of inertia [kg m^2] and distance [m]: those of no machine, and products stay finite."""
+
 MOVES_NONE = "moves no mass"
 NOT_POSITIVE = "rotational inertia is not positive"
 NO_MASS = "rotational inertia but zero mass"
@@ -56,6 +62,19 @@ class UselessInertia(ModelError):
     def __init__(self, what: str, joints: Sequence[Massless]) -> None:
         self.what, self.joints = what, tuple(joints)
         super().__init__(f"{what}: give the links behind it an inertia")
+
+
+def check_size(model: pin.Model) -> None:
+    """Refuse a model for which memory would not do.
+
+    Raises:
+        ModelError: it has more than ``LARGEST`` degrees of freedom.
+    """
+    if model.nv > LARGEST:
+        raise ModelError(
+            f"robot '{model.name}' has {model.nv} degrees of freedom, and at most {LARGEST} are taken: "
+            "the memory of an evaluation grows with their cube; make joints fixed in the file"
+        )
 
 
 def check_inertias(model: pin.Model, bodies: Mapping[str, Body] | None = None) -> None:
@@ -137,6 +156,9 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
     tensor = inertia.inertia
     if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
         raise ModelError(f"inertia behind joint '{name}' is not finite")
+    largest = max(abs(inertia.mass), float(np.abs(tensor).max()), float(np.abs(inertia.lever).max()))
+    if largest > HEAVIEST:
+        raise ModelError(f"inertia behind joint '{name}' has {largest:g} in it, more than {HEAVIEST:g} [kg, m]")
     if inertia.mass < 0:
         message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
         return [_massless(model, joint, NEGATIVE, message, bodies)]
@@ -212,7 +234,8 @@ def _behind(
     """The first body that moves in a motion without energy: with an inertia it would have some."""
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
-    joint = next(index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    joint = next(moving, 1)  # none where placements are so far away that speeds are not finite
     if entry is not None:
         message = f"joint '{_entry_name(model, entry)}' moves no mass"
         return _massless(model, joint, MOVES_NONE, message, bodies)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pinocchio as pin
 
 
@@ -20,8 +22,9 @@ class ToldApart:
         self._names: dict[str, str] = {}
         for model in self.models:
             names = [frame.name for frame in model.frames]
+            counts = Counter(names)
             for index, frame in enumerate(model.frames):
-                if names.count(names[index]) > 1 and index and frame.type != pin.FrameType.JOINT:
+                if counts[names[index]] > 1 and index and frame.type != pin.FrameType.JOINT:
                     frame.name = f"{names[index]} (frame {index})"
                     self._names[frame.name] = names[index]
 

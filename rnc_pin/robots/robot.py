@@ -13,7 +13,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
-from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, massless, remedy
+from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, check_size, massless, remedy
 from rnc_pin.robots.names import ToldApart
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
@@ -39,6 +39,7 @@ class Robot(Printed):
         locked: values of joints that were frozen [rad or m].
         packages: name to folder of the ROS packages that the file names and that were found.
         far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
+        folders: of the file and of those packages; pictures take textures from no others.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -72,6 +73,7 @@ class Robot(Printed):
         self.locked: dict[str, float] = {}
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
+        self.folders: tuple[Path, ...] = ()
         self._check()
 
     # ------------------------------------------------------------------ construction
@@ -95,7 +97,7 @@ class Robot(Printed):
         read as it is meant; a ``ModelWarning`` says so where the model depends on it.
 
         Expressions in a xacro file only compute values: what could run a program is refused, see
-        ``rnc_pin.robots.sources.xacro_files``. A joint that the file says to mimic another is a joint of its own in
+        ``rnc_pin.robots.sources.xacro``. A joint that the file says to mimic another is a joint of its own in
         the model, because Pinocchio's Coriolis matrix does not know such joints; it is listed in ``mimics``.
 
         Args:
@@ -156,6 +158,7 @@ class Robot(Printed):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
+        check_size(read.model)
         model = _Locked(read.model, lock).model if lock else read.model
         return massless(model, read.bodies)
 
@@ -208,6 +211,10 @@ class Robot(Printed):
                 raise ModelError(f"{path}: {error}") from None
 
         model = read.model
+        try:
+            check_size(model)
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
             try:
                 acceleration = np.asarray(gravity, dtype=float)
@@ -229,6 +236,7 @@ class Robot(Printed):
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
         robot.packages, robot.far_packages = read.packages, read.far_packages
+        robot.folders = (path.parent, *read.packages.values())
         return robot
 
     @classmethod
@@ -298,6 +306,7 @@ class Robot(Printed):
         robot.mimics = (*self.mimics, *other.mimics)
         robot.locked = {**self.locked, **other.locked}
         robot.packages = {**other.packages, **self.packages}
+        robot.folders = (*self.folders, *other.folders)
         robot.far_packages = {**other.far_packages, **self.far_packages}
         return robot
 
@@ -427,6 +436,7 @@ class Robot(Printed):
         """Refuse what cannot be simulated: no joints, two of one name, branches that are mixed, and bad inertias."""
         if self.nv == 0:
             raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
+        check_size(self.model)
         for name in self.joint_names:
             if self.joint_names.count(name) > 1:
                 raise ModelError(f"robot '{self.name}' has two joints named '{name}'")

@@ -7,38 +7,20 @@ from __future__ import annotations
 
 import os.path
 import shlex
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from pathlib import Path
 
 import yaml
 
+from rnc_pin.bounded_yaml import load_bounded
 from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
 from rnc_pin.plain import Json
+from rnc_pin.regular_files import read_bytes
 from rnc_pin.robots.urdf_files import example_urdfs, shipped_directory
 
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
 _BUILT_IN = Path(__file__).resolve().parent / "builtin"
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that refuses a key given twice, where YAML would quietly keep the last."""
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, object]:
-    seen: set[Hashable] = set()
-    for key_node, _ in node.value:
-        if key_node.tag == "tag:yaml.org,2002:merge":
-            continue
-        key = loader.construct_object(key_node, deep=True)
-        if isinstance(key, Hashable):
-            if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is there twice", key_node.start_mark)
-            seen.add(key)
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
 def built_in_names() -> list[str]:
@@ -99,16 +81,16 @@ def read_yaml(path: Path) -> dict[str, Json]:
         ConfigurationError: cannot be read, is not YAML (says the line), or not a mapping.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from None
     try:
-        raw = yaml.load(text, Loader=_Loader)
+        raw = load_bounded(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f"line {mark.line + 1}" if mark else "somewhere"
         raise ConfigurationError(f"{path}, {line}: {error.problem or error.context}") from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+    except yaml.YAMLError as error:
         raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(raw, dict):
         raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot', found {describe(raw)}")
@@ -121,8 +103,8 @@ def parse_option(option: str) -> tuple[str, Json]:
     if not equals or not key.strip():
         raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
     try:
-        return key.strip(), yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, RecursionError, ValueError):
+        return key.strip(), load_bounded(text)
+    except yaml.YAMLError:
         raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
 
 

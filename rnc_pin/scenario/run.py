@@ -99,7 +99,8 @@ def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
         error.what = f"{source}: {error.what}"
         raise
     except RncError as error:
-        raise type(error)(f"{source}: {error}") from None
+        error.args = (f"{source}: {error}",)  # not a new one: some take more than words
+        raise error from None
 
 
 def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[float], None] | None = None) -> Result:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +15,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.plain import Json
+from rnc_pin.plain import Json, json_text
 from rnc_pin.printing import Item, Portrait, Printed
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
@@ -134,7 +133,7 @@ class Trajectory(Printed):
         partial.unlink(missing_ok=True)  # a link there would be written through
         try:
             with partial.open("xb") as file:
-                np.savez_compressed(file, **arrays, meta=np.array(json.dumps(self.meta)))
+                np.savez_compressed(file, **arrays, meta=np.array(json_text(self.meta)))
             partial.replace(path)
         except BaseException:
             partial.unlink(missing_ok=True)
@@ -165,12 +164,17 @@ class Trajectory(Printed):
             return cls(**arrays, info=info)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
+        except MemoryError:
+            raise ConfigurationError(f"{path}: not a trajectory: larger than memory") from None
         except json.JSONDecodeError as error:
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
         except _Unfit as error:
             raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
-        except (OSError, ValueError, EOFError, BadZipFile):
-            # What NumPy says here is about its own formats, and how to load them unsafely.
+        except ConfigurationError:
+            raise
+        except Exception:
+            # What NumPy says here is about its own formats, and how to load them unsafely; of broken files it and the
+            # libraries below raise whatever they come across.
             raise ConfigurationError(f"{path}: not a trajectory: cannot be read as .npz") from None
 
     def _portrait(self) -> Portrait:
@@ -226,6 +230,8 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise _Unfit("'meta' does not name the columns of 'T'")
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
         raise _Unfit("it holds values that are not finite")
+    if (np.diff(arrays["time"]) < 0).any():
+        raise _Unfit("its time runs backwards")
 
 
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

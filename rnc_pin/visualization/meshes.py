@@ -6,10 +6,15 @@ itself is mirrored and only the sizes of the factors are left to the placement.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
+
+from rnc_pin.visualization.textures import has_own_textures
 
 _RAW = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
 
@@ -35,9 +40,11 @@ class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
     Args:
         model: of the robot.
         visual_model: what is drawn.
+        folders: whose files a page may take along as textures.
     """
 
-    def __init__(self, model: pin.Model, visual_model: pin.GeometryModel) -> None:
+    def __init__(self, model: pin.Model, visual_model: pin.GeometryModel, folders: Sequence[Path] = ()) -> None:
+        self._folders = tuple(folders)
         self._shapes = {shape.name: shape for shape in visual_model.geometryObjects}
         drawn = visual_model.copy()
         for shape in drawn.geometryObjects:
@@ -52,7 +59,9 @@ class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
         path = shape.meshPath
         ending = path[path.rfind(".") :].lower()
         try:
-            if ending == ".dae":  # has colours of its own, so that it stays a file
+            if ending == ".dae" and has_own_textures(
+                Path(path), self._folders
+            ):  # has colours of its own, so that it stays a file
                 collada = DaeMeshGeometry(path)
                 collada.set_scale(signs)
                 return collada

@@ -32,6 +32,7 @@ _WIDENED = 3.0  # [inches] for a second column
 _BELOW = 4  # columns of a legend under its axes, at most
 _LETTERS = 90  # in a line of it, those that the sign of an entry takes included
 _SIGN = 9
+_LONGEST_NAME = 60
 _MARKS = 7  # markers on a line
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
@@ -88,7 +89,7 @@ def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, l
     """Draw the k-th of so many series: its colour, and its marker at places of its own."""
     step = max(1, len(time) // _MARKS)
     color, marker = look(k)
-    style: dict[str, Any] = {"color": color, "marker": marker, "label": label, **others}
+    style: dict[str, Any] = {"color": color, "marker": marker, "label": literal(label), **others}
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(time, values, markevery=(start, step), markeredgecolor="white", markeredgewidth=0.6, **style)[0]
 
@@ -129,7 +130,7 @@ def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
 
 def dashed(labels: Iterable[str], width: float) -> list[Line2D]:
     """Entries of a legend for runs that are compared."""
-    return [Line2D([], [], color="0.3", ls=style, lw=width, label=label) for style, label in dashes(labels)]
+    return [Line2D([], [], color="0.3", ls=style, lw=width, label=literal(label)) for style, label in dashes(labels)]
 
 
 def desired_entry() -> Line2D:
@@ -159,8 +160,15 @@ def legend_beside(axes: Axes, handles: Sequence[Line2D] | None = None) -> None:
 
 
 def words(name: str) -> str:
-    """A name as people read it."""
-    return name.replace("_", " ")
+    """A name as people read it; of a long one, its ends."""
+    if len(name) > _LONGEST_NAME:
+        name = f"{name[: _LONGEST_NAME // 2]}...{name[-_LONGEST_NAME // 2 :]}"
+    return name.replace("_", " ").strip()
+
+
+def literal(text: str) -> str:
+    """A text from a file, whose dollar signs are no formula."""
+    return text.replace("$", r"\$")
 
 
 def quantity(units: Sequence[str]) -> str:

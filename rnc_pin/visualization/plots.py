@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,6 +14,7 @@ from rnc_pin.errors import InputError
 from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.visualization import plot_style as ps
 
+_LONGEST_TITLE = 120
 _SMALLEST = 1e-8  # what an error axis shows
 
 
@@ -207,4 +209,4 @@ def _learning(axes: Axes, trajectory: Trajectory, quantity: str, others: Mapping
 
 def _title(axes: Axes, title: str | None) -> None:
     if title:
-        axes.set_title(title, loc="left")
+        axes.set_title(ps.literal(textwrap.shorten(title, _LONGEST_TITLE, placeholder="...")), loc="left")

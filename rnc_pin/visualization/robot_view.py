@@ -35,7 +35,7 @@ class RobotView:
 
     def __init__(self, robot: Robot, stage: Stage) -> None:
         check_drawable(robot)
-        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model)
+        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
         self.visualizer.initViewer(viewer=stage.root)
         self.visualizer.loadViewerModel(rootNodeName="robot")
         self.visualizer.viewer = _Placer(stage)

@@ -20,4 +20,4 @@ def list_scenarios(as_json: bool) -> None:
     table.add_column("what it shows")
     for name, title in titles.items():
         table.add_row(name, str(title))
-    Console().print(table)
+    Console(markup=False, emoji=False).print(table)

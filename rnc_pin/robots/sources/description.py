@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
+from rnc_pin.regular_files import read_bytes
 
 GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
@@ -73,6 +74,7 @@ class Description:
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
+_DEEPEST = 400  # of MJCF, whose bodies are inside one another
 _BLANK = b" \t\r\n\0"
 
 
@@ -86,16 +88,38 @@ def parse_xml(path: Path) -> ElementTree.Element:
         ModelError: cannot be read, or is not XML.
     """
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        return ElementTree.fromstring(content)
+        return _tree(content)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows among them
         again = _again(content, error)
         if again is not None:
             return again
         raise ModelError(f"{path}: not well-formed XML: {error}") from None
+
+
+class _Shallow(ElementTree.TreeBuilder):
+    """Refuses what is nested so deep that whatever walks through it would break."""
+
+    depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+        self.depth += 1
+        if self.depth > _DEEPEST:
+            raise ModelError(f"elements are more than {_DEEPEST} deep")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ElementTree.Element:
+        self.depth -= 1
+        return super().end(tag)
+
+
+def _tree(content: str | bytes) -> ElementTree.Element:
+    return ElementTree.fromstring(content, ElementTree.XMLParser(target=_Shallow()))
 
 
 def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
@@ -104,7 +128,7 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
     bare = _DECLARATION.sub(b"", content.strip(_BLANK), count=1)
     for encoding in ("utf-8", "latin-1"):
         try:
-            return ElementTree.fromstring(bare.decode(encoding))
+            return _tree(bare.decode(encoding))
         except (ElementTree.ParseError, ValueError):
             continue
     return None

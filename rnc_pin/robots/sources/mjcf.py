@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.errors import ModelError, ModelWarning, few, nearest
 from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
@@ -27,6 +27,8 @@ from rnc_pin.robots.sources.description import (
 from rnc_pin.robots.sources.rounding import Roundings
 
 _JOINTS = ("hinge", "slide", "ball", "free")
+_MAKERS = ("frame", "replicate", "composite", "flexcomp", "attach")
+_PARTS = ("body", "joint", "freejoint", "geom", "inertial", "composite", "flexcomp", "attach")
 _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
@@ -49,6 +51,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
     _check(root, path)
+    _check_unknown(root, path)
     bodies = root.findall("worldbody/body")
     if not bodies:
         raise ModelError(f"{path}: <worldbody> has no <body>")
@@ -72,6 +75,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
             raise ModelError(f"{path}: {brief(error)}") from None
     if isinstance(model, tuple):
         model = model[0]
+    _scale(model, root, path)
     option = root.find("option")
     gravity = None if option is None else option.get("gravity")
     if gravity is not None:
@@ -86,6 +90,48 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
         return full
 
     return Description(model, geometry, _couplings(root, path))
+
+
+def _check_unknown(root: ElementTree.Element, path: Path) -> None:
+    """Refuse what makes bodies and is not read; say what acts on joints and is left out.
+
+    Raises:
+        ModelError: a body is placed, repeated or made by an element that is not read; negative damping; a range that
+            ends before it begins; a body with two inertias.
+    """
+    for element in root.findall("worldbody//*"):
+        if element.tag in _MAKERS and any(each.tag in _PARTS for each in element.iter()):
+            raise ModelError(f"{path}: <{element.tag}> is not read: write out the bodies that it stands for")
+        if element.tag == "body" and len(element.findall("inertial")) > 1:
+            raise ModelError(f"{path}: body '{element.get('name')}' has more than one <inertial>")
+    springs = []
+    for joint in root.iter("joint"):
+        name = joint.get("name") or joint.get("class") or "of a default"
+        damping, stiffness, bounds = (read_numbers(joint.get(key, "")) for key in ("damping", "stiffness", "range"))
+        if damping is not None and (damping < 0).any():
+            raise ModelError(f"{path}: damping of joint '{name}' is negative: {joint.get('damping')}")
+        if bounds is not None and bounds.size == 2 and bounds[0] > bounds[1]:
+            raise ModelError(f"{path}: range of joint '{name}' ends before it begins: {joint.get('range')}")
+        if (stiffness is not None and stiffness.any()) or joint.get("springdamper"):
+            springs.append(name)
+    if springs:
+        text = f"{path.name}: springs (stiffness, springdamper) are left out of the model: joint {few(springs)}"
+        warnings.warn(text, ModelWarning, stacklevel=5)
+
+
+def _scale(model: pin.Model, root: ElementTree.Element, path: Path) -> None:
+    """Let all masses together be what ``settotalmass`` says, as MuJoCo does at the end."""
+    compiler = root.find("compiler")
+    numbers = None if compiler is None else read_numbers(compiler.get("settotalmass", ""))
+    if compiler is None or "settotalmass" not in compiler.attrib:
+        return
+    if numbers is None or numbers.size != 1:
+        raise ModelError(f"{path}: settotalmass takes a number, found '{compiler.get('settotalmass')}'")
+    total = sum(inertia.mass for inertia in model.inertias)
+    if numbers[0] > 0 and total > 0:
+        factor = float(numbers[0]) / total
+        for index, inertia in enumerate(model.inertias):
+            model.inertias[index] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
 
 
 def _snap(root: ElementTree.Element, path: Path) -> None:

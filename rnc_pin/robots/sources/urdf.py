@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,10 +23,12 @@ from rnc_pin.robots.sources.masses import bodies_of, give_masses
 from rnc_pin.robots.sources.mending import ENDLESS, mend
 from rnc_pin.robots.sources.meshes import Meshes
 from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.plausible import check_values
 from rnc_pin.robots.sources.rounding import Roundings
-from rnc_pin.robots.sources.xacro_files import expand, has_macros, is_xacro
+from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+_LONGEST_CHAIN = 1000
 _ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
@@ -54,7 +56,7 @@ def read_urdf(
     """
     packages = Packages(path.parent, package_dirs)
     root = _parsed(path, xacro_arguments, packages)
-    notes = mend(root, path)
+    notes = [*mend(root, path), *check_values(root, path)]
     meshes = Meshes(root, path, packages, [str(path.parent), *map(str, package_dirs)])
     if masses:
         give_masses(root, masses, path)
@@ -76,7 +78,7 @@ def read_urdf(
 def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
     root = None if is_xacro(path) else parse_xml(path)
     if root is None or has_macros(root, path):
-        root = ElementTree.fromstring(expand(path, xacro_arguments, packages))
+        root = expand(path, xacro_arguments, packages)
     elif xacro_arguments:
         raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro or that uses xacro")
     if root.tag != "robot":
@@ -145,7 +147,7 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
     """What urdfdom takes without a word: links it does not reach, and negative masses fixed to heavier links."""
-    links = [str(link.get("name")) for link in root.findall("link")]
+    links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
     for joint in root.findall("joint"):
@@ -162,21 +164,33 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
             raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' has no length")
-    for link in links:
-        seen = [link]
-        while seen[-1] in parents and parents[seen[-1]] not in seen:
-            seen.append(parents[seen[-1]])
-        if seen[-1] in parents:
-            raise ModelError(
-                f"{path}: no root link: link '{seen[-1]}' is in a ring of links, each the parent of the next"
-            )
-    roots = [f"[{link}]" for link in dict.fromkeys(links) if link not in parents]
+    _check_chains(links, parents, path)
+    roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
         raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
             _check_mass(element, link, path)
+
+
+def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) -> None:
+    """Refuse rings, and chains in which Pinocchio's recursion would end the process; each link is gone through once."""
+    depths: dict[str, int] = {}
+    for link in links:
+        walked: dict[str, None] = {}
+        while link in parents and link not in depths and link not in walked:
+            walked[link] = None
+            link = parents[link]
+        if link in walked:
+            ring = list(walked)[-1]
+            raise ModelError(f"{path}: no root link: link '{ring}' is in a ring of links, each the parent of the next")
+        depth = depths.get(link, 0)
+        for each in reversed(walked):
+            depth += 1
+            depths[each] = depth
+        if depth > _LONGEST_CHAIN:
+            raise ModelError(f"{path}: a chain of more than {_LONGEST_CHAIN} links, each the parent of the next")
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
@@ -193,7 +207,7 @@ def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
-    joints = [str(joint.get("name")) for joint in root.findall("joint")]
+    joints = dict.fromkeys(str(joint.get("name")) for joint in root.findall("joint"))
     mimics: list[Mimic] = []
     strangers: list[str] = []
     for joint in root.findall("joint"):
@@ -203,7 +217,8 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
         source = mimic.get("joint", "")
         if source not in joints or source == name:
             # Pinocchio takes such files, and some that people use are so.
-            strangers.append(f"'{name}' of '{source}'{nearest(source, [each for each in joints if each != name])}")
+            hint = "" if strangers else nearest(source, [each for each in joints if each != name])
+            strangers.append(f"'{name}' of '{source}'{hint}")
             continue
         factors = []
         for key, default in (("multiplier", "1"), ("offset", "0")):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import sys
 from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
@@ -10,6 +12,8 @@ from pydantic_core import PydanticCustomError
 
 from rnc_pin.errors import nearest
 from rnc_pin.model.values import Positive as Positive
+
+_LARGEST = 1e15  # of any number in a scenario, so that products stay finite
 
 Numbers = Annotated[list[float], Field(min_length=1)]
 
@@ -26,6 +30,15 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 def _takes(kind: type, annotation: object) -> bool:
     """Whether a kind of value is somewhere in an annotation: pydantic would take true for the number 1."""
     return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
+
+
+def _largest(value: object) -> float:
+    """The largest size of a number in a value and the lists in it."""
+    if isinstance(value, list):
+        return max(map(_largest, value), default=0.0)
+    if isinstance(value, int):  # of any length
+        return float(min(abs(value), int(sys.float_info.max)))
+    return abs(value) if isinstance(value, float) and math.isfinite(value) else 0.0
 
 
 def wrong(key: str, message: str) -> PydanticCustomError:
@@ -50,6 +63,8 @@ class Strict(BaseModel):
                     bool, cls.model_fields[key].annotation
                 ):
                     raise ValueError(f"'{key}' is neither true nor false, found {value!r}")
+                if _largest(value) > _LARGEST:
+                    raise ValueError(f"'{key}' holds {_largest(value):g}, expected at most {_LARGEST:g} in size")
         return raw
 
 

@@ -1,0 +1,293 @@
+"""The elements of a xacro file, replaced by what they stand for.
+
+What ``xacro`` 2.1 does, with the same order of evaluation: macros see the properties of what calls them, properties are
+evaluated when they are first asked for, blocks once where they are given and again where they are inserted.
+"""
+
+from __future__ import annotations
+
+import keyword
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TypeAlias
+from xml.etree.ElementTree import Element
+
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro.documents import read_document
+from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
+from rnc_pin.robots.sources.xacro.scopes import Scope, ScopeNamespace, truth
+from rnc_pin.robots.sources.xacro.substitution import Arguments, Substitution
+from rnc_pin.robots.sources.xacro.values import Function, Namespace, Value
+
+_PREFIX = "xacro:"
+_DEEPEST = 100  # macros and includes inside one another
+_WILD = "*[?"
+
+Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
+
+
+class Expander:
+    """Expands one file.
+
+    Args:
+        path: of the file.
+        arguments: its arguments.
+        packages: where ``$(find ...)`` looks.
+    """
+
+    def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
+        self._path = path
+        self._substitution = Substitution(path, arguments, packages)
+        self._arguments = arguments
+        self._depth = 0
+        self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {
+            "arg": self._arg,
+            "attribute": self._attribute,
+            "call": self._dynamic_call,
+            "element": self._named_element,
+            "if": self._condition,
+            "include": self._include,
+            "insert_block": self._insert_block,
+            "macro": self._macro,
+            "property": self._property,
+            "unless": self._condition,
+        }
+
+    @property
+    def place(self) -> Path:
+        """The file that is being read."""
+        return self._substitution.files[-1]
+
+    def expand(self) -> Element:
+        """The outermost element.
+
+        Raises:
+            ModelError: not XML, or something in it is not known or is refused.
+        """
+        source = read_document(self._path)
+        scope = Scope(self._substitution.symbols, self._substitution.value)
+        return self._copy(source, source.tag, ChainMap(), scope)
+
+    def _value(self, text: str, scope: Scope) -> Value:
+        return self._substitution.value(text, scope)
+
+    def _text(self, text: str, scope: Scope) -> str:
+        value = self._value(text, scope)
+        if isinstance(value, Function | Namespace):
+            raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
+        return str(value)
+
+    def _copy(self, source: Element, tag: str, macros: Macros, scope: Scope) -> Element:
+        copy = Element(tag)
+        for name, text in source.items():
+            if not name.startswith(_PREFIX):
+                copy.set(name, self._text(text, scope))
+        self._inside(source, copy, macros, scope)
+        return copy
+
+    def _inside(self, source: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        """Put what is inside an element into another, expanded."""
+        if source.text:
+            _write(target, self._text(source.text, scope))
+        for child in source:
+            self._substitution.budget.spend(10)
+            if child.tag.startswith(_PREFIX):
+                name = child.tag.removeprefix(_PREFIX)
+                self._elements.get(name, self._call)(child, target, macros, scope)
+            else:
+                target.append(self._copy(child, child.tag, macros, scope))
+            if child.tail:
+                _write(target, self._text(child.tail, scope))
+
+    def _arg(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
+        name, default = _required(element, "name"), element.get("default")
+        known = default is None or name in self._arguments
+        self._arguments.declare(name, None if known else self._text(default or "", scope))
+
+    def _attribute(self, element: Element, target: Element, _macros: Macros, scope: Scope) -> None:
+        name, value = (self._text(_required(element, key), scope) for key in ("name", "value"))
+        if not name:
+            raise ModelError("<xacro:attribute> with an empty name")
+        target.set(name, value)
+
+    def _named_element(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        name = self._text(_required(element, "xacro:name"), scope)
+        if not name:
+            raise ModelError("<xacro:element> with an empty name")
+        target.append(self._copy(element, name, macros, scope))
+
+    def _condition(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        text = _required(element, "value")
+        if truth(self._value(text, scope), text) == (element.tag == "xacro:if"):
+            self._inside(element, target, macros, scope)
+
+    def _insert_block(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        name = _required(element, "name")
+        many, one = scope.block(f"**{name}"), scope.block(f"*{name}")
+        if many is not None:
+            self._inside(many, target, macros, scope)
+        elif one is not None:
+            holder = Element("block")
+            holder.append(one)
+            self._inside(holder, target, macros, scope)
+        else:
+            raise ModelError(f"no block '{name}'")
+
+    def _property(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
+        name = self._text(_required(element, "name"), scope)
+        if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("__"):
+            raise ModelError(f"'{name[:80]}' cannot be the name of a property")
+        value, default = element.get("value"), element.get("default")
+        remove = self._flag(element, "remove", "false", scope)
+        if (value is not None) + (default is not None) + remove > 1:
+            raise ModelError(f"property '{name}' has more than one of value, default and remove")
+        if remove:
+            scope.remove(name)
+            return
+        if default is not None:
+            if name in scope:
+                return
+            value = default
+        lazy = self._flag(element, "lazy_eval", "true", scope)
+        owner = {"global": scope.outermost(), "parent": scope.caller()}.get(element.get("scope", ""))
+        if value is None:
+            (owner or scope).blocks[f"**{name}"] = element
+        elif owner is None and lazy:
+            scope.define(name, value, lazy=True)
+        else:
+            (owner if owner is not None else scope).define(name, self._value(value, scope))
+
+    def _flag(self, element: Element, key: str, default: str, scope: Scope) -> bool:
+        text = element.get(key, default)
+        return truth(self._value(text, scope), text)
+
+    def _macro(self, element: Element, _target: Element, macros: Macros, _scope: Scope) -> None:
+        name = _required(element, "name").removeprefix(_PREFIX)
+        macros[name] = read_macro(element, name)
+
+    def _dynamic_call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        call = Element(_PREFIX + self._text(_required(element, "macro"), scope))
+        call.attrib = {key: text for key, text in element.items() if key != "macro"}
+        call.extend(element)
+        self._call(call, target, macros, scope)
+
+    def _call(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        name = element.tag.removeprefix(_PREFIX)
+        self._substitution.budget.spend(50)
+        known_macros, known, macro = _resolve(name, macros, scope)
+        inner = known.inner()
+        missing = {parameter.name: parameter for parameter in macro.parameters}
+        for key, text in element.items():
+            if missing.pop(key, None) is None:
+                raise ModelError(f"macro '{name}' has no parameter '{key}'{nearest(key, missing)}")
+            inner.define(key, self._value(text, scope))
+        self._take_blocks(element, missing, inner, (macros, scope))
+        for parameter in list(missing.values()):
+            if parameter.default is not None or parameter.forwarded:
+                inner.define(parameter.name, self._default(parameter, scope))
+                del missing[parameter.name]
+        if missing:
+            raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
+        with_depth = self._deeper()
+        self._inside(macro.body, target, known_macros.new_child(), inner)
+        self._depth = with_depth
+
+    def _take_blocks(
+        self, call: Element, missing: dict[str, Parameter], inner: Scope, outside: tuple[Macros, Scope]
+    ) -> None:
+        """Expand the elements in a call where it stands, and give them to the macro's blocks in turn."""
+        given = Element("blocks")
+        self._inside(call, given, *outside)
+        blocks = list(given)
+        for parameter in [each for each in missing.values() if each.block]:
+            if not blocks:
+                raise ModelError(f"too few blocks for <{call.tag}>: {parameter.name.strip('*')} is missing")
+            block = blocks.pop(0)
+            block.tail = None
+            inner.blocks[parameter.name] = block
+            del missing[parameter.name]
+        if blocks:
+            raise ModelError(f"<{call.tag}> has no use for the block <{blocks[0].tag}>")
+
+    def _default(self, parameter: Parameter, scope: Scope) -> Value:
+        if parameter.forwarded and parameter.name in scope:
+            return scope[parameter.name]
+        if parameter.default is None:
+            raise ModelError(f"no property '{parameter.name}' to hand on")
+        return self._value(parameter.default, scope)
+
+    def _include(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        files = self._substitution.files
+        inner_macros, inner = macros, scope
+        namespace = element.get("ns")
+        if namespace:
+            name = self._text(namespace, scope)
+            inner_macros, inner = ChainMap(), scope.inner(namespace=True)
+            macros[name] = inner_macros
+            scope.define(name, ScopeNamespace(name, inner))
+        optional = truth(element.get("optional", "false"), "optional")
+        for path in self._included(self._text(_required(element, "filename"), scope)):
+            if optional and not path.is_file():
+                continue
+            depth = self._deeper()
+            if not path.is_file():  # said in the file that includes it
+                read_document(path)
+            files.append(path)
+            self._inside(read_document(path), target, inner_macros, inner)
+            files.pop()
+            self._depth = depth
+
+    def _included(self, name: str) -> Iterator[Path]:
+        path = self._substitution.path(name)
+        if not any(sign in name for sign in _WILD):
+            yield path
+            return
+        if any(sign in str(path.parent) for sign in _WILD):
+            raise ModelError(f"cannot include '{name[:120]}': only the last part of a path may have wildcards")
+        try:
+            found = sorted(each for each in path.parent.iterdir() if fnmatchcase(each.name, path.name))
+        except OSError as error:
+            raise ModelError(f"cannot read '{path.parent}': {error.strerror}") from None
+        yield from found
+
+    def _deeper(self) -> int:
+        """Go into a macro or file; returns how deep it was before."""
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise ModelError("macros or includes without end")
+        return self._depth - 1
+
+
+def _resolve(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
+    """A macro of a name, with what it sees: it may be one of a file that was included with a name."""
+    found = macros.get(name)
+    if found is None:
+        *namespaces, last = name.split(".")
+        for each in namespaces:
+            inner, values = macros.get(each), scope.get(each)
+            if not isinstance(inner, ChainMap) or not isinstance(values, ScopeNamespace):
+                break
+            macros, scope = inner, values.scope
+        else:
+            found = macros.get(last)
+    if not isinstance(found, Macro):
+        known = [each for each, macro in macros.items() if isinstance(macro, Macro)]
+        raise ModelError(f"unknown macro name '{_PREFIX}{name}'{nearest(name, known)}")
+    return macros, scope, found
+
+
+def _required(element: Element, key: str) -> str:
+    text = element.get(key)
+    if text is None:
+        raise ModelError(f"<{element.tag}> without {key.removeprefix(_PREFIX)}")
+    return text
+
+
+def _write(target: Element, text: str) -> None:
+    if len(target):
+        target[-1].tail = (target[-1].tail or "") + text
+    else:
+        target.text = (target.text or "") + text

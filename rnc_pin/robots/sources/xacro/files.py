@@ -1,0 +1,65 @@
+"""Which files are xacro, and the XML that they stand for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.regular_files import read_bytes
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro.expander import Expander
+from rnc_pin.robots.sources.xacro.substitution import Arguments
+
+_NAMESPACE = re.compile(r"\{https?://(www\.)?(ros\.org/wiki/xacro|wiki\.ros\.org/xacro)[^}]*\}")
+_EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
+
+
+def is_xacro(path: Path) -> bool:
+    """Whether a file is to be expanded, by its name."""
+    return path.name.endswith(".xacro")
+
+
+def has_macros(root: Element, path: Path) -> bool:
+    """Whether a file of another name uses xacro: it declares its namespace and has an element or expression of it.
+
+    Args:
+        root: of the file, parsed as plain XML.
+        path: of the file.
+    """
+    if any(_NAMESPACE.match(element.tag) for element in root.iter()):
+        return True
+    used = any(_EXPRESSION.search(text) for element in root.iter() for text in element.attrib.values())
+    return used and b"xmlns:xacro" in read_bytes(path)
+
+
+def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> Element:
+    """The outermost element of what a xacro file stands for.
+
+    Args:
+        path: of the file.
+        arguments: values for its ``<xacro:arg>``.
+        packages: where ``$(find ...)`` looks.
+
+    Raises:
+        ModelError: not XML, an unknown macro, argument, property or package, or an expression that is refused.
+    """
+    given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
+    expander = Expander(path, given, packages)
+    try:
+        root = expander.expand()
+    except RecursionError:
+        raise ModelError(f"{path}: xacro: macros or includes without end") from None
+    except ModelError as error:
+        place = "" if expander.place == path else f" (in {expander.place})"
+        raise ModelError(f"{path}: xacro: {error}{place}") from None
+    for name in given:
+        if name not in given.asked:
+            raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")
+    return root
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,185 @@
+"""The functions and methods that expressions of a xacro file may call: all there are, by name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+
+from rnc_pin.errors import ModelError
+from rnc_pin.robots.sources.xacro.values import ITEMS, LETTERS, Function, Namespace, Value, admit
+
+_NUMBER = (bool, int, float)
+_MATH = (
+    *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
+    *("dist", "erf", "erfc", "exp", "expm1", "fabs", "floor", "fmod", "fsum", "gamma", "gcd", "hypot", "isclose"),
+    *("isfinite", "isinf", "isnan", "isqrt", "ldexp", "lgamma", "log", "log10", "log1p", "log2", "pow", "radians"),
+    *("remainder", "sin", "sinh", "sqrt", "tan", "tanh", "trunc"),
+)
+_CONSTANTS = {"e": math.e, "inf": math.inf, "nan": math.nan, "pi": math.pi, "tau": math.tau}
+_GLOBAL = (
+    *("list", "dict", "map", "len", "str", "float", "int", "bool", "min", "max", "round"),
+    *("sorted", "range"),
+)
+
+_TEXT_METHODS = (
+    *("capitalize", "casefold", "count", "endswith", "find", "index", "isalnum", "isalpha", "isdecimal", "isdigit"),
+    *("isidentifier", "islower", "isnumeric", "isspace", "istitle", "isupper", "lower", "lstrip", "partition"),
+    *("removeprefix", "removesuffix", "rfind", "rindex", "rpartition", "rsplit", "rstrip", "split", "splitlines"),
+    *("startswith", "strip", "swapcase", "title", "upper"),
+)
+_METHODS: Mapping[type, tuple[str, ...]] = {
+    str: _TEXT_METHODS,
+    list: ("copy", "count", "index"),
+    tuple: ("count", "index"),
+    dict: ("copy", "get"),
+    set: ("copy", "difference", "intersection", "issubset", "issuperset", "union"),
+    float: ("is_integer",),
+}
+
+
+def _few(items: Iterable[Value]) -> list[Value]:
+    """A list of what can be gone through."""
+    if isinstance(items, range) and len(items) > ITEMS:
+        raise ModelError(f"a range of more than {ITEMS:,} numbers")
+    return list(items)
+
+
+def _range(*bounds: int) -> range:
+    made = range(*bounds)
+    _few(made)
+    return made
+
+
+def _round(number: float, ndigits: int | None = None) -> float:
+    if ndigits is not None and abs(ndigits) > 400:
+        raise ModelError("rounds to more than 400 digits")
+    return round(number, ndigits)
+
+
+def _sum(items: Iterable[Value], start: float = 0) -> Value:
+    numbers = _few(items)
+    if not all(isinstance(number, _NUMBER) for number in (start, *numbers)):
+        raise TypeError("sum() takes numbers")
+    return sum(numbers, start)
+
+
+def _is_instance(value: Value, kinds: Value) -> bool:
+    functions = kinds if isinstance(kinds, tuple) else (kinds,)
+    classes = [each.kind for each in functions if isinstance(each, Function) and each.kind is not None]
+    if len(classes) != len(functions):
+        raise TypeError("isinstance() takes names of types, such as python.str")
+    return isinstance(value, tuple(classes))
+
+
+def _listing(function: Callable[..., Iterable[Value]]) -> Callable[..., Value]:
+    """A function whose result is gone through at once: no generator is left over."""
+    return lambda *arguments, **named: list(function(*arguments, **named))
+
+
+_FUNCTIONS: Mapping[str, Callable[..., Value]] = {
+    "abs": abs,
+    "all": all,
+    "any": any,
+    "divmod": divmod,
+    "enumerate": _listing(enumerate),
+    "filter": _listing(filter),
+    "frozenset": set,
+    "isinstance": _is_instance,
+    "len": len,
+    "map": _listing(map),
+    "max": max,
+    "min": min,
+    "ord": ord,
+    "range": _range,
+    "repr": repr,
+    "reversed": _listing(reversed),
+    "round": _round,
+    "sorted": sorted,
+    "sum": _sum,
+    "zip": _listing(zip),
+}
+_HIGHER = ("filter", "map", "max", "min", "sorted")
+_KINDS: Mapping[str, type] = {each.__name__: each for each in (bool, dict, float, int, list, set, str, tuple)}
+
+
+def builtins() -> dict[str, Value]:
+    """What ``${...}`` knows before a file defines anything; made anew for each file."""
+    python: dict[str, Value] = {name: Function(name, run, higher=name in _HIGHER) for name, run in _FUNCTIONS.items()}
+    python |= {name: Function(name, kind, kind) for name, kind in _KINDS.items()}
+    mathematics = mathematical()
+    known = {"math": Namespace("math", mathematics), "python": Namespace("python", python)}
+    return mathematics | {name: python[name] for name in _GLOBAL} | known
+
+
+def mathematical() -> dict[str, Value]:
+    """Functions and constants of ``math``, those left out whose result can be as long as one likes."""
+    return _CONSTANTS | {name: Function(name, getattr(math, name)) for name in _MATH}
+
+
+def tokenize(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
+    """Parts of a text between any of the separators."""
+    parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
+    return [part for part in parts if part or not skip_empty]
+
+
+def attribute(owner: Value, name: str) -> Value:
+    """What stands behind a point: a member of a namespace, a method by list, or an entry of a dictionary.
+
+    Raises:
+        ModelError: there is no such thing, or it could do more than compute.
+        NameError: a namespace has no such member.
+    """
+    if not name.startswith("_"):
+        if isinstance(owner, Namespace):
+            return owner.member(name)
+        method = _method(owner, name)
+        if method is not None:
+            return Function(name, method, cost=admit(owner))
+        if isinstance(owner, dict) and name in owner:
+            return owner[name]
+        if isinstance(owner, dict):
+            raise ModelError(f"the dictionary has no key '{name}'")
+    raise ModelError(f"attribute '{name}' could do more than compute a value")
+
+
+def _method(owner: Value, name: str) -> Callable[..., Value] | None:
+    if name in _METHODS.get(type(owner), ()):
+        return getattr(owner, name)
+    if isinstance(owner, dict) and name in ("items", "keys", "values"):
+        return _listing(getattr(owner, name))
+    if isinstance(owner, str) and name in _GROWING:
+        return partial(_GROWING[name], owner)
+    return None
+
+
+def _join(separator: str, items: Iterable[str]) -> str:
+    parts = _few(items)
+    _check_length(len(separator) * len(parts) + sum(len(part) for part in parts))
+    return separator.join(parts)
+
+
+def _replace(text: str, old: str, new: str, count: int = -1) -> str:
+    _check_length(len(text) + text.count(old) * len(new))
+    return text.replace(old, new, count)
+
+
+def _padding(name: str) -> Callable[..., str]:
+    def pad(text: str, width: int, *fill: str) -> str:
+        _check_length(width)
+        return getattr(text, name)(width, *fill)
+
+    return pad
+
+
+_GROWING: Mapping[str, Callable[..., str]] = {
+    "join": _join,
+    "replace": _replace,
+    **{name: _padding(name) for name in ("center", "ljust", "rjust", "zfill")},
+}
+
+
+def _check_length(length: int) -> None:
+    if length > LETTERS:
+        raise ModelError(f"a text of more than {LETTERS:,} letters")

@@ -1,0 +1,136 @@
+"""Where a xacro file's properties, macros and blocks are found: in the macro at work, then in what called it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from xml.etree.ElementTree import Element
+
+from rnc_pin.errors import ModelError
+from rnc_pin.robots.sources.xacro.values import Namespace, Value
+
+
+class Scope(Mapping[str, Value]):
+    """Properties of one macro, namespace or file; those it does not have are those of its parent.
+
+    Args:
+        outer: the parent, or the symbols that every file knows.
+        resolve: turns the text of a property into its value when it is first asked for.
+        namespace: the scope is a file's that was included with a name.
+    """
+
+    def __init__(
+        self,
+        outer: Scope | Mapping[str, Value],
+        resolve: Callable[[str, Scope], Value],
+        *,
+        namespace: bool = False,
+    ) -> None:
+        self.outer, self.namespace = outer, namespace
+        self.blocks: dict[str, Element] = {}
+        self._resolve = resolve
+        self._values: dict[str, Value] = {}
+        self._pending: list[str] = []
+        self._unresolved: set[str] = set()
+
+    def inner(self, *, namespace: bool = False) -> Scope:
+        """A scope whose parent this is."""
+        return Scope(self, self._resolve, namespace=namespace)
+
+    def __getitem__(self, name: str) -> Value:
+        if name not in self._values:
+            return self.outer[name]
+        if name in self._unresolved:
+            if name in self._pending:
+                raise ModelError(f"circular definition: {' -> '.join((*self._pending, name))}")
+            self._pending.append(name)
+            value = literal(self._resolve(self._values[name], self))
+            self._pending.remove(name)
+            self._unresolved.discard(name)
+            self._values[name] = value
+        return self._values[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values or name in self.outer
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._values
+        yield from self.outer
+
+    def __len__(self) -> int:
+        return len(self._values) + len(self.outer)
+
+    def define(self, name: str, value: Value, *, lazy: bool = False) -> None:
+        """Give a property its value; of a lazy one the text, for which others may be defined later."""
+        self._values[name] = literal(value)
+        if lazy and isinstance(self._values[name], str):
+            self._unresolved.add(name)
+        else:
+            self._unresolved.discard(name)
+
+    def remove(self, name: str) -> None:
+        """Forget a property here and in all parents."""
+        scope: Scope | Mapping[str, Value] = self
+        while isinstance(scope, Scope):
+            scope._values.pop(name, None)
+            scope._unresolved.discard(name)
+            scope = scope.outer
+
+    def block(self, name: str) -> Element | None:
+        """The block of a name, ``*name`` or ``**name``."""
+        scope: Scope | Mapping[str, Value] = self
+        while isinstance(scope, Scope):
+            if name in scope.blocks:
+                return scope.blocks[name]
+            scope = scope.outer
+        return None
+
+    def outermost(self) -> Scope:
+        """The scope of the whole file."""
+        return self.outer.outermost() if isinstance(self.outer, Scope) else self
+
+    def caller(self) -> Scope | None:
+        """The scope in which the macro of this one was called."""
+        scope: Scope | Mapping[str, Value] = self.outer
+        while isinstance(scope, Scope) and scope.namespace and not self.namespace:
+            scope = scope.outer
+        return scope if isinstance(scope, Scope) else None
+
+
+class ScopeNamespace(Namespace):
+    """What an included file defined, reached through the name it was given."""
+
+    def __init__(self, name: str, scope: Scope) -> None:
+        super().__init__(name, scope)
+        self.scope = scope
+
+
+def literal(value: Value) -> Value:
+    """A property's text as the number or truth that it spells, without single quotes around it; else as it is."""
+    if not isinstance(value, str):
+        return value
+    if len(value) >= 2 and value[0] == value[-1] == "'":
+        return value[1:-1]
+    if "_" in value:  # Python would drop it from a number
+        return value
+    for kind in (int, float):
+        try:
+            return kind(value)
+        except ValueError:
+            continue
+    return {"true": True, "True": True, "false": False, "False": False}.get(value, value)
+
+
+def truth(value: Value, text: str) -> bool:
+    """What a condition says.
+
+    Raises:
+        ModelError: neither true nor false.
+    """
+    if not isinstance(value, str):
+        return bool(value)
+    if value in ("true", "True", "false", "False"):
+        return value in ("true", "True")
+    try:
+        return bool(int(value))
+    except ValueError:
+        raise ModelError(f"'{text}' evaluates to '{value}', which is not a boolean") from None

@@ -1,0 +1,245 @@
+"""Text with ``${expression}`` and ``$(command)`` in it, as xacro means it."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import yaml
+
+from rnc_pin.bounded_yaml import load_bounded
+from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.regular_files import read_bytes
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro.expressions import evaluate
+from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
+from rnc_pin.robots.sources.xacro.units import unit_loader
+from rnc_pin.robots.sources.xacro.values import LETTERS, Budget, Function, Namespace, Value
+
+ENVIRONMENT = (
+    *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
+    *("DINGO_*", "WARTHOG_*", "BOXER_*", "CPR_*", "KOBUKI_*", "UR_*", "PR2_*", "TIAGO_*"),
+)
+"""Patterns of the environment variables that a file may read; others are nobody's business but the user's."""
+
+_PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<command>[^)]*)\)|[^$]+|\$[^{($]+|\$$")
+_COMMANDS = ("arg", "dirname", "env", "eval", "find", "optenv")
+
+
+class Arguments(Mapping[str, Value]):
+    """Arguments of a file; as a mapping, their values as numbers and truths where they spell such.
+
+    Attributes:
+        asked: names that the file declares or asks for.
+    """
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        self._texts = dict(given)
+        self.asked: set[str] = set()
+
+    def declare(self, name: str, default: str | None) -> None:
+        """Let an argument have a value where it was given none."""
+        self.asked.add(name)
+        if default is not None:
+            self._texts.setdefault(name, default)
+
+    def text(self, name: str) -> str:
+        """Raises ModelError where there is no value."""
+        self.asked.add(name)
+        if name not in self._texts:
+            remedy = f"give it with xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
+            raise ModelError(f"argument '{name}' has no value: {remedy}")
+        return self._texts[name]
+
+    def __getitem__(self, name: str) -> Value:
+        text = self.text(name)
+        for kind in (int, float) if "." not in text else (float,):
+            try:
+                return kind(text)
+            except ValueError:
+                continue
+        return {"true": True, "false": False}.get(text.lower(), text)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._texts
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._texts)
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+
+class Substitution:
+    """Replaces expressions and commands in texts.
+
+    Args:
+        path: of the file that is expanded.
+        arguments: of the file.
+        packages: where ``$(find ...)`` looks.
+
+    Attributes:
+        files: those being read, the innermost last.
+        budget: what the file may still cost.
+        symbols: what every expression of the file knows.
+    """
+
+    def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
+        self.files = [path]
+        self.budget = Budget()
+        self.arguments = arguments
+        self._packages = packages
+        self.symbols = builtins() | self._xacro()
+        kinds = ("list", "dict", "map", "str", "float", "int")
+        self._commands = mathematical() | {name: self.symbols[name] for name in kinds}
+        self._commands |= {"true": True, "false": False}
+        for name, run in (
+            ("arg", arguments.__getitem__),
+            ("dirname", self._folder),
+            ("env", self._variable),
+            ("optenv", self._optional_variable),
+            ("find", self._found),
+        ):
+            self._commands[name] = Function(name, run)
+
+    def value(self, text: str, names: Mapping[str, Value]) -> Value:
+        """A text with everything replaced; what is one expression and nothing else keeps its type."""
+        values: list[Value] = []
+        place = 0
+        self.budget.spend(1 + len(text) // 16)
+        while place < len(text):
+            piece = _PIECES.match(text, place)
+            if piece is None:
+                raise ModelError(f"no end of the expression '{text[place : place + 60]}'")
+            place = piece.end()
+            if piece["escape"] is not None:
+                values.append(piece[0][1:])
+            elif piece["value"] is not None:
+                values.append(self._expression(piece["value"], names))
+            elif piece["command"] is not None:
+                values.append(self._command(str(self.value(piece["command"], names))))
+            else:
+                values.append(piece[0])
+        if len(values) == 1:
+            return values[0]
+        parts = [str(each) for each in values]
+        if sum(map(len, parts)) > LETTERS:
+            raise ModelError(f"a text of more than {LETTERS:,} letters")
+        return "".join(parts)
+
+    def path(self, name: str) -> Path:
+        """A path as the file being read means it."""
+        return self.files[-1].parent / name
+
+    def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
+        value = evaluate(str(self.value(text, names)), names, self.budget)
+        if isinstance(value, Function | Namespace):
+            raise ModelError(f"'{text[:80]}' is a function or namespace, no value")
+        return value
+
+    def _command(self, text: str) -> str:
+        if text.startswith("eval "):
+            known = dict(self._commands)
+            return str(evaluate(text[5:], _Either(known, self.arguments), self.budget))
+        command, *words = text.split() or [""]
+        if command not in _COMMANDS:
+            raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, _COMMANDS)}")
+        if command == "dirname":
+            return self._folder()
+        if command == "optenv" and words:
+            return self._optional_variable(words[0], " ".join(words[1:]))
+        if len(words) != 1:
+            raise ModelError(f"'$({text[:60]})' takes one name")
+        run = {"arg": self.arguments.text, "find": self._found, "env": self._variable}[command]
+        return run(words[0])
+
+    def _folder(self) -> str:
+        return str(self.files[-1].parent.resolve())
+
+    def _found(self, name: str) -> str:
+        folder = self._packages.folder(name)
+        if folder is None:
+            remedy = "give its folder in package_dirs (--package-dir) or in ROS_PACKAGE_PATH"
+            raise ModelError(f"no package '{name}': {remedy}")
+        return str(folder)
+
+    def _variable(self, name: str) -> str:
+        _check_variable(name)
+        if name not in os.environ:
+            raise ModelError(f"environment variable '{name}' is not set")
+        return os.environ[name]
+
+    def _optional_variable(self, name: str, default: str = "") -> str:
+        if any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
+            return os.environ.get(name, default)
+        return default
+
+    def _xacro(self) -> dict[str, Value]:
+        functions = {
+            "load_yaml": Function("load_yaml", self._load_yaml),
+            "abs_filename": Function("abs_filename", lambda name: str(self.path(name))),
+            "dotify": Function("dotify", dict),
+        }
+        members = functions | {
+            "arg": Function("arg", self.arguments.text),
+            "tokenize": Function("tokenize", tokenize),
+            "fatal": Function("fatal", _fail),
+            "message": Function("message", _say_nothing),
+            "print_location": Function("print_location", _say_nothing),
+            "warning": Function("warning", self._warn),
+            "error": Function("error", self._warn),
+        }
+        return {**functions, "xacro": Namespace("xacro", members)}
+
+    def _load_yaml(self, name: str) -> Value:
+        path = self.path(name)
+        try:
+            text = read_bytes(path).decode()
+            return load_bounded(text, unit_loader(self.budget))
+        except OSError as error:
+            raise ModelError(f"cannot read '{path}': {error.strerror}") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ModelError(f"'{path}' is not YAML: {error}") from None
+
+    def _warn(self, *words: Value, **_options: Value) -> str:
+        text = " ".join(map(str, words))
+        warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
+        return ""
+
+
+class _Either(Mapping[str, Value]):
+    """Names of ``$(eval ...)``: functions, then arguments."""
+
+    def __init__(self, known: Mapping[str, Value], arguments: Arguments) -> None:
+        self._known, self._arguments = known, arguments
+
+    def __getitem__(self, name: str) -> Value:
+        return self._known[name] if name in self._known else self._arguments[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known or name in self._arguments
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._known
+        yield from self._arguments
+
+    def __len__(self) -> int:
+        return len(self._known) + len(self._arguments)
+
+
+def _check_variable(name: str) -> None:
+    if not any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
+        remedy = "make it an argument, <xacro:arg>, and give that"
+        raise ModelError(f"environment variable '{name}' is none of those that a file may read: {remedy}")
+
+
+def _fail(*words: Value) -> Value:
+    raise ModelError(" ".join(map(str, words)))
+
+
+def _say_nothing(*_words: Value, **_options: Value) -> str:
+    return ""

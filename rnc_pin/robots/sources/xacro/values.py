@@ -1,0 +1,117 @@
+"""What an expression of a xacro file can hold, and how much of it: no value leads to an object of this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+from rnc_pin.errors import ModelError
+
+LETTERS = 100_000
+"""Longest text."""
+
+ITEMS = 20_000
+"""Most that a list or dictionary holds, all that is inside of its items counted; sixteen letters count as one."""
+
+BITS = 4096
+"""Longest whole number."""
+
+_DEEP = 50
+_STEPS = 1_000_000  # about two seconds
+
+Value: TypeAlias = Any  # None, bool, int, float, str, list, tuple, dict, set, range, a Function or a Namespace
+
+
+class Function:
+    """A function that expressions may call: it computes, and does nothing besides.
+
+    Args:
+        name: as it is called.
+        run: computes it; refuses by itself what would take long.
+        kind: the class that stands behind a name such as ``str``.
+        cost: steps of each call, besides those for its arguments.
+        higher: it calls functions that it is given.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        run: Callable[..., Value],
+        kind: type | None = None,
+        *,
+        cost: int = 1,
+        higher: bool = False,
+    ) -> None:
+        self.name, self._run, self.kind, self.cost, self.higher = name, run, kind, cost, higher
+
+    def __call__(self, *arguments: Value, **named: Value) -> Value:
+        return self._run(*arguments, **named)
+
+    def __repr__(self) -> str:
+        return f"{self.name}()"
+
+
+class Namespace:
+    """Values by name, reached by a point: ``math.pi``."""
+
+    def __init__(self, name: str, members: Mapping[str, Value]) -> None:
+        self.name, self._members = name, members
+
+    def member(self, name: str) -> Value:
+        """Raises NameError where there is none."""
+        if name not in self._members:
+            raise NameError(f"'{self.name}' has no '{name}'")
+        return self._members[name]
+
+    def __repr__(self) -> str:
+        return f"namespace {self.name}"
+
+
+class Budget:
+    """Counts what a file has cost so far, so that none takes minutes."""
+
+    def __init__(self) -> None:
+        self._left = _STEPS
+
+    def spend(self, steps: int = 1) -> None:
+        """Raises ModelError when too much was spent."""
+        self._left -= steps
+        if self._left < 0:
+            raise ModelError(f"takes more than {_STEPS:,} steps to expand")
+
+
+def admit(value: Value) -> int:
+    """How much a value holds.
+
+    Raises:
+        ModelError: too much, or it is no value at all.
+    """
+    return _weight(value, 0)
+
+
+def _weight(value: Value, depth: int) -> int:
+    if value is None or isinstance(value, bool | float | Function | Namespace | range):
+        weight = len(value) if isinstance(value, range) else 1
+    elif isinstance(value, int):
+        if value.bit_length() > BITS:
+            raise ModelError(f"a whole number of more than {BITS} bits")
+        weight = 1
+    elif isinstance(value, str):
+        if len(value) > LETTERS:
+            raise ModelError(f"a text of more than {LETTERS:,} letters")
+        weight = 1 + len(value) // 16
+    elif isinstance(value, list | tuple | set | dict):
+        if depth > _DEEP:
+            raise ModelError("lists inside one another without end")
+        weight = 1
+        for item in value:
+            weight += _weight(item, depth + 1)
+            if isinstance(value, dict):
+                weight += _weight(value[item], depth + 1)
+            if weight > ITEMS:
+                break
+    else:
+        raise ModelError(f"a value of type {type(value).__name__}")
+    if weight > ITEMS:
+        raise ModelError(f"a list of more than {ITEMS:,} items")
+    return weight

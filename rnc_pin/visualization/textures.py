@@ -1,0 +1,55 @@
+"""Images that a Collada mesh names: pages take them along, so they have to be images, and the robot's own."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+from rnc_pin.errors import ModelWarning
+from rnc_pin.regular_files import read_bytes
+
+_BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
+_TARGA = (1, 2, 3, 9, 10, 11)  # kinds of image, in the third byte of a file without a beginning of its own
+
+
+def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
+    """Whether all images that a Collada file names may be shown with it; a ``ModelWarning`` says which may not.
+
+    Args:
+        mesh: the file.
+        folders: that images may be in or below: of the robot's description, and of its packages.
+
+    Raises:
+        OSError: the file cannot be read.
+        xml.etree.ElementTree.ParseError: it is no XML.
+    """
+    roots = [mesh.resolve().parent, *(folder.resolve() for folder in folders)]
+    for name in _names(ElementTree.fromstring(read_bytes(mesh))):
+        places = [(mesh.parent / each).resolve() for each in {name, unquote(name)}]
+        if not any(_is_image(place) for place in places if any(place.is_relative_to(root) for root in roots)):
+            text = f"{mesh.name}: texture '{name[:120]}' is no image below the robot's own folders and is left out"
+            warnings.warn(text, ModelWarning, stacklevel=2)
+            return False
+    return True
+
+
+def _names(root: ElementTree.Element) -> Iterator[str]:
+    for library in root.iter():
+        if str(library.tag).endswith("library_images"):
+            for element in library.iter():
+                if "init_from" in str(element.tag):
+                    yield from ([element.text] if element.text and element.text.strip() else [])
+                elif str(element.tag).endswith("ref") and element.text:
+                    yield element.text
+
+
+def _is_image(path: Path) -> bool:
+    try:
+        content = read_bytes(path)
+    except (OSError, ValueError):
+        return False
+    targa = path.suffix.lower() == ".tga" and len(content) > 18 and content[2] in _TARGA
+    return content.startswith(_BEGINNINGS) or targa

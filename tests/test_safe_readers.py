@@ -1,0 +1,430 @@
+# ruff: noqa: E501
+"""Files of strangers: what would hang, fill memory, be passed over or end in an error that is not ours."""
+
+import json
+import os
+import time
+from contextlib import contextmanager, suppress
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.app.report import print_report
+from rnc_pin.app.tables import print_summary
+from rnc_pin.control.jacobian_transpose import effective_inertia
+from rnc_pin.errors import nearest
+from rnc_pin.plain import json_text
+from rnc_pin.robots.urdf_files import shipped_directory
+from rnc_pin.scenario.files import parse_option, read_yaml
+from rnc_pin.visualization.meshes import MeshVisualizer
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+@contextmanager
+def within(seconds):
+    start = time.perf_counter()
+    yield
+    assert time.perf_counter() - start < seconds
+
+
+def tree(count, kind="fixed", parent=lambda k: k, inside=""):
+    """A robot of joints of one kind; joint k carries link k + 1."""
+    links = "".join(f'<link name="l{k}">{INERTIAL}</link>' for k in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="l{parent(k)}"/><child link="l{k + 1}"/><origin xyz="0.1 0 0"/>'
+        f'<axis xyz="0 0 1"/>{LIMIT}{inside}</joint>'
+        for k in range(count)
+    )
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+# ---------------------------------------------------------------------- what would hang
+
+
+def merges(depth, width=9):
+    lines = ["a0: &a0 {x: 1}"]
+    lines += [f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * width)}]}}" for k in range(depth)]
+    return "\n".join(lines)
+
+
+def aliases(depth, width=9):
+    lines = ["a0: &a0 [x]"]
+    lines += [f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * width)}]" for k in range(depth)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (merges(9), "stands for more than 100,000 values"),
+        (aliases(9), "stands for more than 100,000 values"),
+        ("a: &a [*a]", "inside itself"),
+        ("a: &a {<<: *a}", "inside itself"),
+        ("a: " + "[" * 50_000, "inside one another without end"),
+        ("a: 1\n" * 500_000, "longer than"),
+    ],
+)
+def test_a_scenario_that_would_not_end_is_refused(text, words, tmp_path):
+    with within(5), pytest.raises(rnc.ConfigurationError, match=words):
+        read_yaml(write(tmp_path / "s.yaml", text))
+
+
+@pytest.mark.parametrize(
+    "text", ["!!bool maybe", "!!int ''", "!!float {a: 1}", "!!timestamp no", "!!binary 'é'", "!!set [1]"]
+)
+def test_a_value_that_is_not_what_its_tag_says_is_refused(text, tmp_path):
+    with pytest.raises(rnc.ConfigurationError, match=r"s\.yaml"):
+        read_yaml(write(tmp_path / "s.yaml", f"title: {text}"))
+    with pytest.raises(rnc.ConfigurationError):
+        parse_option(f"title={text}")
+
+
+def test_aliases_and_merges_of_sensible_size_are_read(tmp_path):
+    content = read_yaml(write(tmp_path / "s.yaml", "a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}\nc: [*a, *a]"))
+    assert content == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}, "c": [{"x": 1, "y": 2}, {"x": 1, "y": 2}]}
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    for name in ("r.urdf", "r.xml", "s.yaml", "r.xacro"):
+        os.mkfifo(tmp_path / name)
+    with within(5):
+        for read, name in (
+            (rnc.Robot.from_urdf, "r.urdf"),
+            (rnc.Robot.from_urdf, "r.xacro"),
+            (rnc.Robot.from_mjcf, "r.xml"),
+            (read_yaml, "s.yaml"),
+        ):
+            with pytest.raises(rnc.RncError):
+                read(tmp_path / name)
+
+
+def test_thousands_of_links_are_read_in_time_that_grows_as_they_do(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(10_000, parent=lambda k: k // 10))
+    with within(30):
+        robot = rnc.Robot.from_urdf(path, base="planar")
+    assert robot.nv == 3
+
+
+def test_a_chain_in_which_recursion_would_end_the_process_is_refused(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(10_000))
+    with within(20), pytest.raises(rnc.ModelError, match="a chain of more than 1000 links"):
+        rnc.Robot.from_urdf(path, base="planar")
+
+
+def test_a_ring_of_many_links_is_found_at_once(tmp_path):
+    text = tree(5000).replace("</robot>", "")
+    text += '<joint name="back" type="fixed"><parent link="l5000"/><child link="l0"/></joint></robot>'
+    with within(10), pytest.raises(rnc.ModelError, match="in a ring of links"):
+        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+
+
+def test_more_joints_than_memory_is_for_are_refused(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(1000, "revolute"))
+    with within(10), pytest.raises(rnc.ModelError, match="1000 degrees of freedom, and at most 256"):
+        rnc.Robot.from_urdf(path)
+    with pytest.raises(rnc.ModelError, match="1000 degrees of freedom"):
+        rnc.Robot.massless_joints(path)
+
+
+@pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.xacro"])
+def test_xml_too_deep_is_refused(name, tmp_path):
+    path = write(tmp_path / name, "<robot name='r'>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>")
+    read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
+    with within(10), pytest.raises(rnc.ModelError, match="deep"):
+        read(path)
+
+
+def test_a_name_is_compared_with_others_in_bounded_time():
+    with within(3):
+        nearest("x" * 100_000, ["y" * 100_000, "z"])
+        nearest("joint_5", [f"joint_{k}" for k in range(100_000)])
+
+
+def test_many_mimics_of_nothing_are_told_at_once(tmp_path):
+    path = write(tmp_path / "r.urdf", tree(200, "revolute", inside='<mimic joint="nobody"/>'))
+    with within(20), pytest.warns(rnc.ModelWarning, match="and 199 more"):
+        rnc.Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("count", [2, 12])
+def test_a_loop_out_of_reach_is_refused_at_once(count, tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(count, "continuous")))
+    anchor = rnc.LoopClosure("universe", f"l{count}", "point", offset_a=(30.0, 0.0, 0.0))
+    with within(2), pytest.raises(rnc.ConstraintError, match="from 25 random configurations"):
+        rnc.NonholonomicSystem(robot, [anchor])
+
+
+def test_a_loop_within_reach_closes(tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(6, "continuous")))
+    anchor = rnc.LoopClosure("universe", "l6", "point", offset_a=(0.3, 0.1, 0.0))
+    system = rnc.NonholonomicSystem(robot, [anchor])
+    assert system.m == 2
+
+
+# ---------------------------------------------------------------------- what was accepted without a word
+
+
+def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
+    inertial = f'<inertial><mass value="{mass}"/><inertia ixx="{moment}" iyy="{moment}" izz="{moment}"'
+    inertial += ' ixy="0" ixz="0" iyz="0"/></inertial>'
+    return (
+        f'<robot name="r"><link name="a">{INERTIAL}</link><link name="b">{inertial}{link}</link><joint name="j" '
+        f'type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}{inside}</joint></robot>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
+        (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
+        (arm(limit='<limit lower="2" upper="1" effort="1" velocity="1"/>'), "lower limit of joint 'j' is above"),
+        (arm(limit='<limit lower="0" upper="1" effort="-1" velocity="1"/>'), "effort of joint 'j' is negative"),
+        (arm(mass="1e308"), "more than 1e.15"),
+        (arm(moment="1e300"), "more than 1e.15"),
+    ],
+)
+def test_what_no_machine_is_is_refused(text, words, tmp_path):
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (arm(link=INERTIAL.replace('"1"', '"7"')), "a second <inertial>, which is left out: link b"),
+        (arm('<axis xyz="1 0 0"/>'), "a second <axis>, which is left out: joint j"),
+        (arm('<origin xyz="1 0 0"/><origin xyz="2 0 0"/>'), "a second <origin>, which is left out: joint j"),
+        (arm(LIMIT), "a second <limit>, which is left out: joint j"),
+    ],
+)
+def test_what_is_said_twice_is_warned_of(text, words, tmp_path):
+    with pytest.warns(rnc.ModelWarning, match=words):
+        robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+    assert robot.model.inertias[1].mass == 1
+
+
+# ---------------------------------------------------------------------- MJCF
+
+GEOM = '<geom size="1" mass="1"/>'
+HINGE = '<joint name="j" type="hinge"/>'
+
+
+def mjcf(body, head=""):
+    return f'<mujoco>{head}<worldbody><body name="b">{body}</body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (mjcf(f'{HINGE}<frame pos="1 0 0">{GEOM}</frame>'), "<frame> is not read"),
+        (mjcf(f'{HINGE}{GEOM}<replicate count="5"><body>{GEOM}</body></replicate>'), "<replicate> is not read"),
+        (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not read"),
+        (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
+        (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' ends before it begins"),
+        (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'), "more than one <inertial>"),
+        (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "settotalmass takes a number"),
+    ],
+)
+def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+def test_the_total_mass_is_what_the_file_sets(tmp_path):
+    body = f'{HINGE}{GEOM}<body name="c"><joint name="k"/><geom size="1" mass="2"/></body>'
+    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(body, '<compiler settotalmass="6"/>')))
+    plain = rnc.Robot.from_mjcf(write(tmp_path / "p.xml", mjcf(body)))
+    assert [inertia.mass for inertia in robot.model.inertias][1:] == [2, 4]
+    for one, other in zip(robot.model.inertias, plain.model.inertias, strict=True):
+        assert one.inertia == pytest.approx(2 * other.inertia)
+
+
+def test_springs_are_said_to_be_left_out(tmp_path):
+    text = mjcf(f'<joint name="j" type="hinge" stiffness="5"/>{GEOM}')
+    with pytest.warns(rnc.ModelWarning, match=r"springs .* are left out of the model: joint j"):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+# ---------------------------------------------------------------------- textures
+
+COLLADA = "http://www.collada.org/2005/11/COLLADASchema"
+
+
+def collada(image):
+    return (
+        f'<COLLADA xmlns="{COLLADA}" version="1.4.1"><asset/><library_images><image id="i"><init_from>{image}</init_from>'
+        '</image></library_images><library_geometries><geometry id="g"><mesh><source id="p"><float_array id="f" count="9">'
+        '0 0 0 1 0 0 0 1 0</float_array><technique_common><accessor source="#f" count="3" stride="3"><param name="X" '
+        'type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1"><input semantic="VERTEX" '
+        'source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry></library_geometries><library_visual_scenes>'
+        '<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes><scene>'
+        '<instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
+
+
+PNG = b"\x89PNG\r\n\x1a\n" + b"pixels"
+
+
+@pytest.mark.parametrize(
+    ("image", "shown"),
+    [
+        ("robot/textures/skin.png", True),
+        ("robot/meshes/skin.png", True),
+        ("robot/meshes/secret.png", False),
+        ("elsewhere/secret.txt", False),
+        ("elsewhere/skin.png", False),
+        ("robot/meshes/link.png", False),
+        ("robot/meshes/missing.png", False),
+    ],
+)
+def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
+    for folder in ("robot/meshes", "robot/textures", "elsewhere"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in ("robot/textures/skin.png", "robot/meshes/skin.png", "elsewhere/skin.png"):
+        (tmp_path / name).write_bytes(PNG)
+    for name in ("robot/meshes/secret.png", "elsewhere/secret.txt"):
+        (tmp_path / name).write_text("hush")
+    (tmp_path / "robot/meshes/link.png").symlink_to(tmp_path / "elsewhere/skin.png")
+    write(tmp_path / "robot/meshes/m.dae", collada(tmp_path / image))
+    visual = '<visual><geometry><mesh filename="meshes/m.dae"/></geometry></visual>'
+    robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
+    visualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
+    (shape,) = robot.visual_model.geometryObjects
+    if shown:
+        drawn = visualizer.loadMeshFromFile(shape)
+        assert list(drawn.img_resources) == [str(tmp_path / image)]
+    else:
+        with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
+            drawn = visualizer.loadMeshFromFile(shape)
+        assert not hasattr(drawn, "img_resources")
+
+
+# ---------------------------------------------------------------------- errors that are not ours
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory):
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    path = tmp_path_factory.mktemp("run") / "trajectory.npz"
+    rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2).save(path)
+    return path
+
+
+def test_bits_flipped_in_a_run_end_in_errors_of_ours(run_file, tmp_path):
+    content, generator = run_file.read_bytes(), np.random.default_rng(0)
+    for k in range(300):
+        broken = bytearray(content)
+        for _ in range(1 + k % 5):
+            broken[generator.integers(len(broken))] ^= 1 << int(generator.integers(8))
+        (tmp_path / "t.npz").write_bytes(broken)
+        with suppress(rnc.RncError):
+            rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda meta: {**meta, "names": None},
+        lambda meta: {**meta, "names": {"x1": 3}},
+        lambda meta: {**meta, "names": {**meta["names"], "x2": ["a\n\x1b[31m" * 1000]}},
+        lambda meta: {**meta, "dt": "fast"},
+        lambda meta: {**meta, "config": [1]},
+        lambda meta: {**meta, "outcome": "\x1b[2J"},
+        lambda meta: {**meta, "task": {"primary": 5}},
+        lambda meta: {**meta, "path": {"frame": "a", "poses": [[1]]}},
+        lambda meta: {**meta, "rotations": {"x1": ["a"]}},
+        lambda meta: [],
+        lambda meta: 10**400,
+    ],
+)
+def test_meta_that_is_crafted_is_refused_in_a_line(change, run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    meta = json.dumps(change(json.loads(str(arrays.pop("meta")))))
+    np.savez(tmp_path / "t.npz", **arrays, meta=np.array(meta))
+    with pytest.raises(rnc.RncError) as raised:
+        rnc.Trajectory.load(tmp_path / "t.npz")
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 1000
+
+
+@pytest.mark.parametrize("meta", ["[" * 100_000, "{", "NaN", '{"names": ' * 5000])
+def test_meta_that_is_no_mapping_is_refused(meta, run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "t.npz", **{**arrays, "meta": np.array(meta)})
+    with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+        rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+def test_time_that_runs_backwards_is_refused(run_file, tmp_path):
+    with np.load(run_file) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "t.npz", **{**arrays, "time": arrays["time"][::-1]})
+    with pytest.raises(rnc.ConfigurationError, match="runs backwards"):
+        rnc.Trajectory.load(tmp_path / "t.npz")
+
+
+def test_every_error_is_one_printable_line_of_bounded_length():
+    for kind in (rnc.ModelError, rnc.ConfigurationError, rnc.DivergenceError):
+        text = str(kind("a\n\tb \x1b[31mred\x07 " + "x" * 100_000))
+        assert text.isprintable()
+        assert len(text) < 5000
+        assert "\\x1b[31mred" in text
+
+
+def test_json_has_no_infinity():
+    content = {"a": float("inf"), "b": [float("nan"), 1.5], "c": {"d": -float("inf")}}
+    assert json.loads(json_text(content)) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
+
+
+def test_an_actuator_that_is_named_twice_is_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    with pytest.raises(rnc.ConfigurationError, match="active actuator 'joint_1' is named twice"):
+        effective_inertia(reduced, robot.configuration(), np.array([0]), ["joint_1", "joint_2", "joint_1"])
+
+
+@pytest.mark.parametrize("value", ["1e300", "[0.1, 1e300]", "[[1e300]]", "1" + "0" * 400])
+def test_a_number_that_leaves_no_room_is_refused(value, call):
+    status, _, complaint = call("run", "space-robot", "--set", f"simulation.duration={value}", "--out", "never")
+    assert status == 2
+    assert complaint.count("\n") == 1
+    assert "Traceback" not in complaint
+
+
+NAMES = [r"$\frac$", "[/nope]", "$", "x" * 300, ":smile:", "[red]a"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_printed_and_drawn_as_they_are(name, tmp_path, capsys):
+    text = (shipped_directory() / "space_robot.urdf").read_text().replace('"joint_1"', f'"{name}"')
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(
+        [rnc.JointPosition(n) for n in robot.joint_names]
+    )
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=0.1)
+    run.plot(title=name).savefig(tmp_path / "p.png", dpi=30)
+    print_summary(rnc.summarize(run))
+    task = rnc.Task.of(reduced, [name], [other for other in robot.joint_names if other != name])
+    print_report(name, reduced, task, rnc.analyze(reduced, samples=4))
+    printed = "".join(capsys.readouterr().out.split())
+    assert name[:5] in printed
+
+
+def test_a_pendulum_is_drafted(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "pendulum.urdf", arm())
+    status, _, complaint = call("init", "pendulum.urdf")
+    assert status == 0, complaint

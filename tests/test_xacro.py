@@ -1,0 +1,379 @@
+# ruff: noqa: E501
+"""Xacro as the reference implementation expands it, and nothing that could do more than compute."""
+
+import contextlib
+import io
+import os
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import xacro
+from xacro import substitution_args
+
+import rnc_pin as rnc
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro import expand
+from rnc_pin.robots.sources.xacro.expressions import evaluate
+from rnc_pin.robots.sources.xacro.functions import builtins
+from rnc_pin.robots.sources.xacro.macros import read_macro
+from rnc_pin.robots.sources.xacro.values import admit
+
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+HERE = Path(__file__).parent
+COLLECTIONS = (Path("/opt/robots/rtb_data/rtbdata"), Path("/opt/robots/igibson-2.2.2/igibson/examples/ros"))
+FOLDERS = [COLLECTIONS[0] / "xacro", COLLECTIONS[1] / "igibson-ros/turtlebot"]
+REAL = sorted(path for folder in COLLECTIONS for path in folder.rglob("*.xacro"))
+
+
+class Stubs(Packages):
+    """Finds ``kuka_kr6_support`` in a folder ``kuka_kr6``: the collections renamed some."""
+
+    def folder(self, name):
+        found = super().folder(name) or super().folder(name.removesuffix("_support"))
+        return found or super().folder(f"{name}_description") or self._beside.parent
+
+
+def by_the_library(path, arguments, packages):
+    """What the reference implementation makes of a file, or None where it fails."""
+    found = substitution_args._eval_find
+    substitution_args._eval_find = lambda name: str(packages.folder(name))
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            text = xacro.process_file(str(path), mappings=dict(arguments)).documentElement.toxml()
+            return ElementTree.fromstring(text)
+    except Exception:  # it raises whatever Python raises
+        return None
+    finally:
+        substitution_args._eval_find = found
+        xacro.substitution_args_context["arg"] = {}
+
+
+def by_us(path, arguments, packages):
+    try:
+        return expand(path, arguments, packages)
+    except rnc.RncError:
+        return None
+
+
+def bare(element):
+    """Names without namespaces, attributes, text without space around it, and elements inside."""
+    name = element.tag.rpartition("}")[2].rpartition(":")[2]
+    attributes = sorted((key.rpartition("}")[2].rpartition(":")[2], text) for key, text in element.items())
+    inside = [bare(each) for each in element if isinstance(each.tag, str)]
+    return name, attributes, "".join((element.text or "").split()), inside
+
+
+def agree(path, arguments=()):
+    theirs = by_the_library(path, arguments, Stubs(path.parent, FOLDERS))
+    ours = by_us(path, dict(arguments), Stubs(path.parent, FOLDERS))
+    if theirs is None or ours is None:
+        return theirs is ours
+    return bare(theirs) == bare(ours)
+
+
+def test_real_files_expand_as_by_the_library():
+    if not REAL:
+        pytest.skip("the collections of robots are not on this machine")
+    assert [str(path) for path in REAL if not agree(path)] == []
+
+
+def test_files_of_the_tests_expand_as_by_the_library():
+    files = sorted((HERE / "data").rglob("*.xacro"))
+    assert files
+    assert [path.name for path in files if not agree(path)] == []
+
+
+PARTS = """<robot {XACRO}>
+  <xacro:property name="inside" value="7"/>
+  <xacro:macro name="bolt" params="size"><bolt size="${size}" inside="${inside}"/></xacro:macro>
+</robot>"""
+SETTINGS = (
+    "arm:\n  length: 1.5\n  names: [a, b]\n  deep: {items: 3, key: {x: 2}}\nangle: !degrees 90\nfoot: !foot 2*1.5\n"
+)
+
+WHOLE = {
+    "arithmetic": '<a x="${1+2*3}" y="${-2**2}" z="${7//2} ${7%4} ${2/4}" w="${1e-3}" v="${0.1+0.2}" u="${1 if 2>1 else 3}"/>',
+    "functions": '<a x="${sin(pi/2)}" y="${math.radians(180)}" z="${max(1,2.5)}" w="${python.sum([1,2])}" v="${round(1.25,1)}"/>',
+    "texts": """<a x="${'m'*3}" y="${'a,b'.split(',')[1]}" z="${'%s_%03d' % ('n', 7)}" w="${'_'.join(['a','b'])}"/>""",
+    "lists": '<a x="${[k*2 for k in range(3)]}" y="${[1,2,3][-1]}" z="${(1,2)[0]}" w="${len([1,2])}" v="${2 in [1,2]}"/>',
+    "slices": '<a x="${[1,2,3][1:]}" y="${\'abcdef\'[::2]}"/>',
+    "escapes": '<a x="$${x}" y="$$(arg x)" z="100$" w="a $ b" v="$$"/>',
+    "nested": '<xacro:arg name="n" default="2"/><a x="${$(arg n) * 3}" y="$(eval n * 2)" z="$(eval n)"/>',
+    "properties": '<xacro:property name="a" value="${b*2}"/><xacro:property name="b" value="3"/><a x="${a}" y="${b}"/>',
+    "literals": """<xacro:property name="a" value="'12'"/><xacro:property name="b" value="1_000"/><xacro:property
+        name="c" value="true"/><xacro:property name="d" value="1e3"/><a x="${a*2}" y="${b}" z="${c}" w="${d}"/>""",
+    "circle": '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><a x="${a}"/>',
+    "default": '<xacro:property name="a" value="1"/><xacro:property name="a" default="2"/><xacro:property name="b"'
+    ' default="4"/><a x="${a}${b}"/>',
+    "removal": '<xacro:property name="a" value="1"/><xacro:property name="a" remove="true"/><a x="${a}"/>',
+    "eager": '<xacro:property name="a" value="1"/><xacro:property name="b" value="${a}" lazy_eval="false"/><xacro:property'
+    ' name="a" value="2"/><a x="${b}"/>',
+    "macro": '<xacro:macro name="m" params="x y:=2 z:=${1+1}"><b x="${x}" y="${y}" z="${z}"/></xacro:macro><xacro:m x="1"/>'
+    '<xacro:m x="${1+3}" y="q"/>',
+    "quoted defaults": """<xacro:macro name="m" params="x:='a b' y:=^ z:=^|5"><b x="${x}" y="${y}" z="${z}"/></xacro:macro>
+        <xacro:property name="y" value="8"/><xacro:m/>""",
+    "missing forward": '<xacro:macro name="m" params="y:=^"><b y="${y}"/></xacro:macro><xacro:m/>',
+    "blocks": '<xacro:macro name="m" params="n *one **many"><l n="${n}"><xacro:insert_block name="one"/><xacro:insert_block'
+    ' name="many"/></l></xacro:macro><xacro:property name="p" value="3"/><xacro:m n="k"><o a="${p}"/><q><r/>${p}<s/></q></xacro:m>',
+    "block twice": '<xacro:macro name="m" params="*b"><xacro:insert_block name="b"/><xacro:insert_block name="b"/></xacro:macro>'
+    "<xacro:m><o/></xacro:m>",
+    "block of a property": '<xacro:property name="b"><c x="${n}"/><d/></xacro:property><xacro:property name="n" value="1"/>'
+    '<e><xacro:insert_block name="b"/></e>',
+    "block too many": '<xacro:macro name="m" params="*b"/><xacro:m><o/><o/></xacro:m>',
+    "block too few": '<xacro:macro name="m" params="*b"/><xacro:m/>',
+    "scope": '<xacro:macro name="m" params=""><xacro:property name="a" value="1" scope="parent"/><xacro:property name="b" '
+    'value="2" scope="global"/><xacro:property name="c" value="3"/></xacro:macro><xacro:macro name="o"><xacro:m/>'
+    '<x a="${a}"/></xacro:macro><xacro:o/><y b="${b}"/>',
+    "scope stays inside": '<xacro:macro name="m"><xacro:property name="c" value="3"/></xacro:macro><xacro:m/><a x="${c}"/>',
+    "dynamic scope": '<xacro:macro name="i"><b x="${v}"/></xacro:macro><xacro:macro name="o" params="v"><xacro:i/></xacro:macro>'
+    '<xacro:o v="5"/>',
+    "recursion": '<xacro:macro name="m" params="n"><l n="${n}"/><xacro:if value="${n>0}"><xacro:m n="${n-1}"/></xacro:if>'
+    '</xacro:macro><xacro:m n="20"/>',
+    "conditions": '<xacro:if value="1"><a/></xacro:if><xacro:unless value="false"><b/></xacro:unless><xacro:if value="${[]}">'
+    '<c/></xacro:if><xacro:if value="${1 == 1}"><d/></xacro:if>',
+    "no truth": '<xacro:if value="maybe"/>',
+    "call": '<xacro:macro name="m1" params="x *b"><a x="${x}"/><xacro:insert_block name="b"/></xacro:macro>'
+    '<xacro:call macro="m${0+1}" x="2"><c/></xacro:call>',
+    "element": '<xacro:element xacro:name="n${1}" a="${2}"><b/></xacro:element><c><xacro:attribute name="d" value="k${4}"/></c>',
+    "include": '<xacro:include filename="parts.xacro"/><xacro:bolt size="3"/>',
+    "include with a name": '<xacro:include filename="parts.xacro" ns="p"/><xacro:p.bolt size="3"/><a x="${p.inside}"/>',
+    "include several": '<xacro:include filename="par*.xacro"/><xacro:bolt size="3"/>',
+    "include none": '<xacro:include filename="none.xacro"/>',
+    "include perhaps": '<xacro:include filename="none.xacro" optional="true"/><a/>',
+    "inside a macro": '<xacro:macro name="o"><xacro:macro name="i"><z/></xacro:macro><xacro:i/></xacro:macro><xacro:o/><xacro:i/>',
+    "YAML": """<xacro:property name="s" value="${xacro.load_yaml('settings.yaml')}"/><a x="${s.arm.length}" y="${s['arm']['names'][1]}"
+        z="${s.arm.deep.key.x}" w="${s['angle']}" v="${s.foot}" u="${list(s.arm.keys())}"/>""",
+    "tokens": """<a x="${xacro.tokenize('a, b;c')}" y="${xacro.arg('k')}"/>""",
+    "dictionary": '<xacro:property name="d" value="${dict(a=1, b=[2, 3])}"/><a x="${d[\'b\'][0]}" y="${[k for k in d]}"/>',
+    "map": '<a x="${list(map(str, [1, 2]))}" y="${dict(zip_=1)}" z="${python.list(python.zip([1], [\'a\']))}"/>',
+    "text between": "<a>${1+1} and <b/> $(arg k)</a>",
+    "comments": "<!-- ${nothing} --><a/><!-- more -->",
+    "unknown macro": "<xacro:nobody/>",
+    "unknown name": '<a x="${nobody}"/>',
+    "wrong parameter": '<xacro:macro name="m" params="x"/><xacro:m y="1"/>',
+    "no end": '<a x="${1"/>',
+    "bad name": '<xacro:property name="1a" value="2"/>',
+    "environment": '<a x="$(optenv NOT_THERE some thing)" y="$(optenv NOT_THERE)"/>',
+    "division": '<a x="${1/0}"/>',
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_each_thing_that_xacro_does_is_done_as_by_the_library(name, tmp_path):
+    (tmp_path / "parts.xacro").write_text(PARTS.replace("{XACRO}", XACRO))
+    (tmp_path / "settings.yaml").write_text(SETTINGS)
+    path = tmp_path / "robot.xacro"
+    path.write_text(f'<robot name="r" {XACRO}><xacro:arg name="k" default="v"/>{WHOLE[name]}</robot>')
+    assert agree(path)
+
+
+def test_parameters_are_read_quickly():
+    """The library's pattern takes time that doubles with each letter here."""
+    element = ElementTree.Element("macro", {"params": f"x:={'a' * 5000}'"})
+    start = time.perf_counter()
+    assert len(read_macro(element, "m").parameters) == 1
+    assert time.perf_counter() - start < 1
+
+
+# ---------------------------------------------------------------------- what must not happen
+
+
+def expanded(tmp_path, inside, arguments=None):
+    path = tmp_path / "r.xacro"
+    path.write_text(f'<robot name="r" {XACRO}>{inside}</robot>')
+    return expand(path, arguments, Packages(tmp_path))
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        """<xacro:property name="e" value="exec(&quot;import os;os.system('touch {mark}')&quot;,dict())"/><link name="$(eval ${e})"/>""",
+        """<link name="$(eval exec('import os;os.system(chr(116))'))"/>""",
+        """<xacro:property name="e" value="open('{mark}', 'w')"/><link name="$(eval ${e})"/>""",
+        """<link name="${exec('x')}"/>""",
+        """<link name="${__import__('os').system('touch {mark}')}"/>""",
+    ],
+)
+def test_no_file_runs_a_program(inside, tmp_path):
+    mark = tmp_path / "mark"
+    with pytest.raises(rnc.ModelError):
+        expanded(tmp_path, inside.replace("{mark}", str(mark)))
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "().__class__",
+        "(lambda: 1)()",
+        "[c for c in ().__class__.__base__.__subclasses__()]",
+        "[k for k in [1] if k.gi_frame]",
+        "(k for k in [1])",
+        "__import__('os')",
+        "max.__self__",
+        "max.run",
+        "max._run",
+        "math._members",
+        "math.member('pi')",
+        "math.update(dict(pi=3))",
+        "python._members",
+        "'{0.real}'.format(1)",
+        "'{0.real}'.format_map(dict())",
+        "f'{pi}'",
+        "str.mro()",
+        "(y := 3)",
+        "9**9**9",
+        "(10**100)**100",
+        "1 << 10**10",
+        "{k: 1 for k in [1]}",
+        "dict(**dict(a=1))",
+        "{**dict(a=1)}",
+        "[1].append(2)",
+        "dict(a=1).update(b=2)",
+        "python.vars(1)",
+        "python['vars'](1)",
+        "python.type(1)",
+        "python['type'](1)",
+        "xacro",
+        "'a' * 10**9",
+        "10**9 * 'a'",
+        "[0] * 10**9",
+        "'%1000000000d' % 1",
+        "'%*d' % (10**9, 1)",
+        "'a'.zfill(10**9)",
+        "'a'.ljust(10**9)",
+        "('a' * 99999).replace('a', 'b' * 9999)",
+        "range(10**12)",
+        "[i for i in range(9999) for j in range(9999) if False]",
+        "round(5, -10**9)",
+        "map(map, [str], [[1]])",
+        "math.factorial(10**6)",
+        "int('f' * 99999, 16)",
+        "1j",
+        "b'1'",
+        "...",
+        "(-8)**0.5",
+        "import os",
+        "",
+        "\0",
+        "(" * 3000,
+        "-" * 3999 + "1",
+        "[" * 150 + "]" * 150,
+        "+".join("1" * 1900),
+        "1" + "0" * 3999,
+        "x" * 5000,
+    ],
+)
+def test_an_expression_computes_or_is_refused_at_once(expression):
+    start = time.perf_counter()
+    said = ""
+    try:
+        admit(evaluate(expression, builtins()))
+    except rnc.ModelError as error:
+        said = str(error)
+    assert len(said) < 300
+    assert time.perf_counter() - start < 5
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "().__class__",
+        "(lambda: 1)()",
+        "9**9**9",
+        "'a' * 10**9",
+        "str.mro()",
+        "math.update(dict(pi=3))",
+        "map(map, [1], [1])",
+    ],
+)
+def test_what_could_do_more_is_said_to_be_refused(expression):
+    with pytest.raises(rnc.ModelError, match=r"refuses to evaluate|math"):
+        evaluate(expression, builtins())
+
+
+def test_no_property_leads_to_the_document(tmp_path):
+    """In the library a block is a DOM node, from which a file reached the network."""
+    block = '<xacro:property name="b"><c/></xacro:property>'
+    module = '<xacro:include filename="parts.xacro" ns="foo"/>'
+    (tmp_path / "parts.xacro").write_text(f"<robot {XACRO}>{block}</robot>")
+    for expression in ("foo.get('**b')", "foo['**b']", "foo.b", "foo.ownerDocument", "foo.scope", "foo"):
+        with pytest.raises(rnc.ModelError):
+            expanded(tmp_path, f'{block}{module}<a x="${{{expression}}}"/>')
+
+
+def test_symbols_are_made_anew_for_each_file(tmp_path):
+    with pytest.raises(rnc.ModelError):
+        expanded(tmp_path, '<a x="${math.update(dict(pi=3))}"/>')
+    expanded(tmp_path, '<xacro:property name="pi" value="3" scope="global"/><xacro:property name="math" value="4"/>')
+    found = expanded(tmp_path, '<a x="${math.pi}" y="${pi}"/>')[0]
+    assert found.attrib == {"x": "3.141592653589793", "y": "3.141592653589793"}
+
+
+def test_the_environment_is_read_by_a_list(tmp_path, monkeypatch):
+    monkeypatch.setenv("SECRET", "hush")
+    monkeypatch.setenv("TURTLEBOT3_MODEL", "burger")
+    found = expanded(tmp_path, '<a x="$(env TURTLEBOT3_MODEL)" y="$(optenv SECRET none)"/>')[0]
+    assert found.attrib == {"x": "burger", "y": "none"}
+    for text in ("$(env SECRET)", "$(eval env('SECRET')", "${xacro.load_yaml('$(env SECRET)')}"):
+        with pytest.raises(rnc.ModelError) as raised:
+            expanded(tmp_path, f'<a x="{text}"/>')
+        assert "hush" not in str(raised.value)
+    with pytest.raises(rnc.ModelError, match="none of those that a file may read"):
+        expanded(tmp_path, '<a x="$(env SECRET)"/>')
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "".join(f'<xacro:macro name="m{k}">{f"<xacro:m{k + 1}/>" * 9}</xacro:macro>' for k in range(20))
+        + '<xacro:macro name="m20"/><xacro:m0/>',
+        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
+        '<xacro:property name="a0" value="${[1,1]}"/>'
+        + "".join(f'<xacro:property name="a{k + 1}" value="${{[a{k},a{k}]}}"/>' for k in range(40))
+        + '<a x="${a40}"/>',
+        '<xacro:property name="a0" value="${2}"/>'
+        + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}*a{k}}}"/>' for k in range(60))
+        + '<a x="${a60}"/>',
+        '<xacro:property name="a0" value="xxxxxxxxxxxxxxxx"/>'
+        + "".join(f'<xacro:property name="a{k + 1}" value="${{a{k}}}${{a{k}}}"/>' for k in range(60))
+        + '<a x="${a60}"/>',
+        "<a>" * 10_000 + "</a>" * 10_000,
+        '<xacro:include filename="/dev/zero"/>',
+        '<xacro:include filename="pipe"/>',
+        "<a x=\"${xacro.load_yaml('/dev/zero')}\"/>",
+        "<a x=\"${xacro.load_yaml('pipe')}\"/>",
+        "<a x=\"${xacro.load_yaml('bomb.yaml')}\"/>",
+        '<xacro:include filename="/*/*/*/*.xacro"/>',
+    ],
+)
+def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "bomb.yaml").write_text(
+        "a0: &a0 {x: 1}\n" + "".join(f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * 9)}]}}\n" for k in range(9))
+    )
+    start = time.perf_counter()
+    with pytest.raises(rnc.ModelError):
+        expanded(tmp_path, inside)
+    assert time.perf_counter() - start < 20
+
+
+def test_values_inside_are_those_of_the_file():
+    names = builtins() | {"a": {"b": {"c": [1, 2]}}, "x": 2, "name": "arm"}
+    for expression, value in {
+        "a.b['c'][1]": 2,
+        "-x**2": -4,
+        "'m' if x > 1 else 'n'": "m",
+        "name + '_link'": "arm_link",
+        "1 < x <= 2": True,
+        "max(*[1, 2])": 2,
+        "[i + j for i, j in [(1, 2), (3, 4)] if i > 1]": [7],
+        "a.get('z', 5)": 5,
+        "python.isinstance(name, python.str)": True,
+        "not x or name": "arm",
+        "sorted([3, 1], reverse=True)": [3, 1],
+        "python.sorted(['bb', 'a'], key=len)": ["a", "bb"],
+    }.items():
+        assert evaluate(expression, names) == value
