@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from rnc_pin.scenario.draft import Wishes, draft
+from rnc_pin.scenario.draft import Wishes, attempt, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -13,6 +13,12 @@ pytestmark = pytest.mark.filterwarnings(
     "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
     "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
 )
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Drafts are tried out for a moment here; the runs of these tests are longer."""
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
 
 
 def drafted(source, folder, **options):

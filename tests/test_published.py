@@ -19,10 +19,7 @@ TABLE = {
 
 # One of each kind, quick enough for every run of the tests, and the freedoms that such a robot has.
 QUICK = {
-    "tiago_no_hand": ("planar: 2 wheels", 2 + 10),  # it drives and turns, with ten joints above
     "tiago_pro": ("planar: 4 Mecanum", 3 + 19),
-    "solo12": ("free: no wheels", 12),
-    "hextilt_flying_arm_5": ("free: no wheels", 5),
     "iris": ("free: no wheels", 4),
     "upkie": ("free: 2 wheels under a body that balances", 3),
 }
