@@ -17,10 +17,8 @@ TABLE = {
     if cells[0] not in ("robot", "---")
 }
 
-# One of each kind, quick enough for every run of the tests, and the freedoms that such a robot has.
+# Quick enough for every run of the tests, and the freedoms that such a robot has.
 QUICK = {
-    "tiago_pro": ("planar: 4 Mecanum", 3 + 19),
-    "iris": ("free: no wheels", 4),
     "upkie": ("free: 2 wheels under a body that balances", 3),
 }
 REST = [name for name in published.ROBOTS if name not in QUICK]

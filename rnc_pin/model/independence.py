@@ -89,6 +89,9 @@ def select_independent(
             dropped.append(DroppedRow(names[row], f"zero but for rounding ({size:.2g})", size))
         else:
             dropped.append(_dropped(row, kept, matrices, names, tolerance))
+    if lengths is not None:  # a row that is nearly zero depends on the others nearly
+        size = left / np.where(lengths > 0, lengths, np.inf)
+        matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
