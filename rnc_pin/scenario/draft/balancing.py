@@ -67,7 +67,6 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
         "input_cost": _input_cost(chassis, site),
     }
     result.lean = wheels[0].axle
-    result.alone = True
     result.notes.append(
         "two wheels and nothing else at the ground: it has to be balanced, about the equilibrium near the start; "
         "where a caster is missing in the file, use --base planar"
@@ -118,7 +117,6 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
     result.feedback = {**feedback, "v2": dict(rolling)}
-    result.alone = True
     result.notes.append(
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
     )

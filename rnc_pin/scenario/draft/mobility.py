@@ -32,7 +32,6 @@ class Mobility:
         passive: joints that nothing drives.
         ground: height of the ground [m], where it is known.
         weightless: whether gravity is taken away.
-        alone: whether the other joints are held still: the controller is for the base.
         feedback: settings of a controller that the base needs, or nothing.
         initial: values at the start besides those of joints, by joint.
         untracked: outputs that have no reference.
@@ -52,7 +51,6 @@ class Mobility:
     passive: set[str] = field(default_factory=set)
     ground: float | None = None
     weightless: bool = False
-    alone: bool = False
     feedback: Mapping[str, Json] | None = None
     initial: dict[str, list[float]] = field(default_factory=dict)
     untracked: set[str] = field(default_factory=set)

@@ -112,16 +112,16 @@ def find_wheels(robot: Robot, q: np.ndarray, root: int) -> list[Wheel]:
     candidates = list(_candidates(robot, data, geometry, root))
     rollers = {each for candidate in candidates for each in candidate.rollers}
     for candidate in candidates:
-        size = _measured(robot, data, candidate, floor)
         if candidate.index in rollers:
             continue
+        size = _measured(robot, data, candidate, floor)
         if size is not None:
             wheel = _wheel(robot, data, candidate, size, root)
             found.append(_Found(wheel, size.bottom, candidate.named))
         elif candidate.named:
             unmeasured.append(candidate)
     wheels = _on_the_ground(found, geometry["collision"] or geometry["visual"], root)
-    for candidate in unmeasured if wheels else ():
+    for candidate in unmeasured if wheels else ():  # as high as their mates stand
         ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
         height = float(candidate.center[2] - ground)
         if _believed(height) and height < 2 * max(wheel.radius for wheel in wheels):
