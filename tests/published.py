@@ -91,8 +91,10 @@ def _in(package: str, module: str, paths: dict[str, str]) -> dict[str, Published
 def _examples() -> dict[str, Published]:
     """Of example-robot-data, some of what rolls, walks or flies; all of it is in the first table."""
     names = """
-        tiago tiago_no_hand tiago_pro pr2 centauro a1 anymal_b_simple/anymal go1 solo solo12 bolt iris
-        iris_simple quadrotor_base borinot_flying_arm_2 hextilt_flying_arm_5
+        tiago tiago_no_hand tiago_pro pr2 centauro a1 anymal_b_simple/anymal anymal_c_simple/anymal anymal-kinova
+        b1 b1-z1 go1 go2 hyq_no_sensors laikago quadruped solo solo12 bolt alexander_v1.lowerBodyOnly g1_29dof_rev_1_0
+        icub icub_reduced romeo simple_humanoid talos_reduced talos_full_v2 iris iris_simple quadrotor_base
+        borinot_flying_arm_2 hextilt_flying_arm_5
     """
     return {name: Published(_EXAMPLES, "", name) for name in names.split()}
 
