@@ -186,7 +186,6 @@ def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
     [
         (arm('<dynamics damping="-1"/>'), "damping of joint 'j' is negative"),
         (arm('<dynamics friction="-1"/>'), "friction of joint 'j' is negative"),
-        (arm(limit='<limit lower="2" upper="1" effort="1" velocity="1"/>'), "lower limit of joint 'j' is above"),
         (arm(limit='<limit lower="0" upper="1" effort="-1" velocity="1"/>'), "effort of joint 'j' is negative"),
         (arm(mass="1e308"), "more than 1e.15"),
         (arm(moment="1e300"), "more than 1e.15"),
@@ -210,6 +209,15 @@ def test_what_is_said_twice_is_warned_of(text, words, tmp_path):
     with pytest.warns(rnc.ModelWarning, match=words):
         robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
     assert robot.model.inertias[1].mass == 1
+
+
+def test_a_lower_limit_above_the_upper_is_none(tmp_path):
+    """As some simulators take it, and files for them have it."""
+    text = arm(limit='<limit lower="1" upper="-1" effort="1" velocity="1"/>')
+    with pytest.warns(rnc.ModelWarning, match="above the upper and is taken to move without end: joint j"):
+        robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
+    assert robot.model.lowerPositionLimit[0] < -1e100
+    assert robot.model.upperPositionLimit[0] > 1e100
 
 
 # ---------------------------------------------------------------------- MJCF
