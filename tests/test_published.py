@@ -17,12 +17,6 @@ TABLE = {
     if cells[0] not in ("robot", "---")
 }
 
-# Quick enough for every run of the tests, and the freedoms that such a robot has.
-QUICK = {
-    "upkie": ("free: 2 wheels under a body that balances", 3),
-}
-REST = [name for name in published.ROBOTS if name not in QUICK]
-
 
 def installed(name):
     robot = published.ROBOTS[name]
@@ -31,18 +25,8 @@ def installed(name):
     return robot
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_each_kind_of_robot_goes_through_the_three_commands(name, tmp_path):
-    installed(name)
-    found = published.measured(name, tmp_path)
-    kind, r = QUICK[name]
-    assert found.ran, found.refusal
-    assert found.kind.startswith(f"base {kind}")
-    assert found.r == r
-
-
 @pytest.mark.published
-@pytest.mark.parametrize("name", REST)
+@pytest.mark.parametrize("name", published.ROBOTS)
 def test_a_published_robot_goes_through_or_its_remedy_works(name, tmp_path):
     robot = installed(name)
     found = published.measured(name, tmp_path)
