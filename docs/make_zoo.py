@@ -49,8 +49,8 @@ PUBLISHED = """## Published robots, by init, inspect and run
 Descriptions that others published, unchanged but for their meshes, which are hidden: `rnc-pin init`,
 `inspect --samples {samples}` and `run` for {duration:.0f} s, each as a process of its own.
 {ran} of {all} go through as they are. Kinds and doubts are in the words of the draft, which has all of them beside the
-lines that they concern. xacro files are read where they are, with their meshes. `tests/test_published.py` does some of
-it always and all of it with `pytest -m published`, where the packages are installed (`pip install '.[robots]'`; others
+lines that they concern. xacro files are read where they are, with their meshes. `pytest -m published`
+does all of it, where the packages are installed (`pip install '.[robots]'`; others
 by `pip install --no-deps`).
 
 | robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
