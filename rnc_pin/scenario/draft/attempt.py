@@ -34,7 +34,8 @@ _APART = 1e-3  # sine of the angle from the rows before it, below which an outpu
 _BENT, _SLID = 0.2, 0.05  # how far a joint's reference goes [rad], [m]
 _LEAN = 0.05  # [rad]
 _SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
-_PULLED = 0.1  # [m]
+_PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
+_MOVES = 3  # joints moved for that
 _SHORT, _LONG = 0.1, 6  # how long a draft is tried out, and how long where that does not take long [s]
 _PATIENCE = 20.0  # [s]
 _TRACKERS = (("adaptive", 0.002), ("adaptive", 0.001), ("computed_torque", 0.002))
@@ -66,18 +67,27 @@ class Attempt:
         self._spread()
 
     def _spread(self) -> None:
-        """Pull slides out where the inertia matrix is singular at the start: two axes on one line."""
-        model = self.robot.model
-        for name, value in self.start.items():
-            M = pin.crba(model, model.createData(), self.robot.configuration(self.start))
-            size = np.sqrt(np.diag(M))
-            if np.linalg.eigvalsh(M / np.outer(size, size))[0] > _SINGULAR:
+        """Move a joint where the inertia matrix is singular at the start: two axes on one line, no mass between."""
+        for _ in range(_MOVES):
+            if self._stiffness(self.start) > _SINGULAR:
                 return
-            if self.robot.velocity_units[self.robot.velocity_indices(name).start] == "m/s":
-                low, high = joint_limits(self.robot, name)
-                self.start[name] = value + (_PULLED if value + _PULLED < high else -_PULLED)
-                if low < self.start[name] < high:
-                    self.mobility.notes.append(f"{name} starts pulled out: at zero axes lie on one line")
+            moved = {name: {**self.start, name: self._aside(name)} for name in self.start}
+            name = max(moved, key=lambda each: self._stiffness(moved[each]))
+            self.start = moved[name]
+            self.mobility.notes.append(f"{name} starts at {self.start[name]:g}: at zero axes lie on one line")
+
+    def _stiffness(self, start: Mapping[str, float]) -> float:
+        """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
+        M = pin.crba(self.robot.model, self.robot.model.createData(), self.robot.configuration(start))
+        size = np.sqrt(np.diag(M))
+        return float(np.linalg.eigvalsh(M / np.outer(size, size))[0])
+
+    def _aside(self, name: str) -> float:
+        """A value of a joint beside that at the start, within its range."""
+        turns = self.robot.velocity_units[self.robot.velocity_indices(name).start] == "rad/s"
+        low, high = joint_limits(self.robot, name)
+        step = min(_TURNED_ASIDE if turns else _PULLED, (high - low) / 4)
+        return round(self.start[name] + (step if self.start[name] + step < high else -step), 4)
 
     @cached_property
     def q0(self) -> np.ndarray:
