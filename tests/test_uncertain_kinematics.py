@@ -130,6 +130,7 @@ def test_at_the_true_masses_it_is_the_class_1_controller():
         np.testing.assert_allclose(state.p, 1.0, atol=ROUNDING)
 
 
+@pytest.mark.long  # half a minute; the scenario itself is run in every run of the tests
 def test_learning_makes_predictions_and_the_platform_better():
     late_error, late_angle = {}, {}
     for alpha in (0.0, 60.0):

@@ -211,6 +211,7 @@ def test_at_the_true_wheels_it_is_the_class_1_controller():
         np.testing.assert_allclose(target.v2_dot, exact.v2_dot, atol=1e-8 * (1 + np.abs(exact.v2_dot).max()))
 
 
+@pytest.mark.long  # nearly a minute; the scenario itself is run in every run of the tests
 @pytest.mark.parametrize(
     ("make", "wheels", "truth", "guess"),
     [(drive, DRIVE, [0.1, 0.4], [0.15, 0.24]), (tiago, TIAGO, [0.0985, 0.4044], [0.0640, 0.5662])],
