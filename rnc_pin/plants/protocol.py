@@ -1,0 +1,29 @@
+"""What a loop needs of whatever it controls."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+
+@runtime_checkable
+class Machine(Protocol):
+    """Something that moves: our reduced model integrated, another simulator, or hardware.
+
+    Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions, whatever the
+    machine keeps inside. Velocities are as the machine has them: they need not satisfy the constraints.
+    """
+
+    def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
+        """Start again, at time zero and with no inputs."""
+
+    def read(self) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
+        """Configuration and velocity now; arrays of their own."""
+
+    def apply(self, T: Float[Array, " p"]) -> None:
+        """Hold these actuator inputs from now on."""
+
+    def advance(self, dt: float) -> None:
+        """Let time pass [s]."""
