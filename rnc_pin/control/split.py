@@ -64,4 +64,9 @@ class SplitController(Spelled):
 
 
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
-    return measurement._replace(x2=measurement.x2[..., outputs], v2=measurement.v2[..., outputs])
+    excess = measurement.excess
+    return measurement._replace(
+        x2=measurement.x2[..., outputs],
+        v2=measurement.v2[..., outputs],
+        excess=None if excess is None else excess[..., outputs],
+    )

@@ -47,3 +47,6 @@ class Measurement(NamedTuple):
     """Their rate."""
     residual: Float[Array, "*batch m"] | None = None
     """``A v - mu`` of the velocity as it was measured: slip. None where nobody looked."""
+    excess: Float[Array, "*batch r"] | None = None
+    """Reduced force that was asked for at the last sample and that the actuators could not give: asked less given. None
+    where they gave all of it, or nobody looked."""

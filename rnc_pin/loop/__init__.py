@@ -1,0 +1,5 @@
+"""Controllers in a loop that somebody else runs."""
+
+from rnc_pin.loop.control_loop import ControlLoop, Decision, LoopOptions, LoopState
+
+__all__ = ["ControlLoop", "Decision", "LoopOptions", "LoopState"]

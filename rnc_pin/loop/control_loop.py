@@ -1,0 +1,394 @@
+"""A controller in a loop that somebody else runs: measured q and v come in, actuator inputs go out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypedDict, Unpack
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.protocol import Command, Controller, State
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError, printable
+from rnc_pin.loop.saved_state import read_state, write_state
+from rnc_pin.loop.velocity import FilteredVelocity, Motion, VelocityEstimator, VelocityObserver
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+
+_UNIT = 0.1  # by which a (cos, sin) pair or quaternion may miss unit length before it counts as no measurement
+_SAFE = ("hold", "brake", "zero", "raise")
+_VELOCITIES = ("measured", "filtered", "observer")
+
+
+class LoopOptions(TypedDict, total=False):
+    """What a loop may be told besides; ``ControlLoop`` says what each means."""
+
+    velocity: Literal["measured", "filtered", "observer"]
+    cutoff: float | None
+    limits: bool | Float[Array, " p"]
+    on_trouble: Literal["hold", "brake", "zero", "raise"]
+    patience: float | None
+    fastest: float
+    margin: float
+    brake: float
+
+
+class LoopState(NamedTuple):
+    """Everything that a loop remembers from one step to the next."""
+
+    begin: float | None = None
+    """Time of the first step [s]: the controller's time zero."""
+    time: float | None = None
+    """Of the last measurement that was taken [s]."""
+    q: Float[Array, " nq"] | None = None
+    v2: Float[Array, " r"] | None = None
+    integrals: Float[Array, " r"] | None = None
+    """Of the reducing velocities since the first step."""
+    motion: Motion | None = None
+    """Of the velocity's estimate."""
+    T: Float[Array, " p"] | None = None
+    """Inputs given last."""
+    excess: Float[Array, " r"] | None = None
+    """Reduced force that was asked for and not given."""
+    controller: State = None
+    bad_since: float | None = None
+    """Time of the first of the measurements that were not taken [s]."""
+    trouble: str | None = None
+    """Why the controller is not listened to; None while it is."""
+    failed: bool = False
+    """Whether that lasts: the controller itself ended."""
+
+
+class Decision(NamedTuple):
+    """What the last step came to, for a record. Arrays are not written to afterwards."""
+
+    time: float
+    """The controller's [s]."""
+    state: Evaluation
+    """As it was measured."""
+    measurement: Measurement
+    command: Command
+    T: Float[Array, " p"]
+
+
+class ControlLoop:
+    """Runs a controller of this package, or any with its protocol, from measured configurations and velocities.
+
+    It keeps what has to be kept between steps: integrals of quasi-velocities, an estimate of the velocity where only q
+    is measured, the controller's own state, and the force that the actuators could not give, so that controllers stop
+    learning from it. The first step is the controller's time zero.
+
+    A measurement that cannot be true is not taken: NaN, a wrong shape, time that stands still or runs backwards, a
+    jump. The last inputs are held for ``patience``, then the safe command is given, until there is a true one again.
+    Where the controller itself ends, at a singular configuration say, the safe command is given for good;
+    ``state.trouble`` has the reason in words.
+
+    Args:
+        reduced: what is believed of the machine.
+        controller: of this package or with its protocol; or a function of the first measurement that makes one, so that
+            its references start where the machine is.
+        dt: usual time between steps [s].
+        velocity: "measured"; or from configurations alone, "filtered" (two low passes: smooth, late) or "observer" (a
+            fading-memory filter: no lag while accelerations are steady).
+        cutoff: of the velocity's estimate [rad/s]; 0.3 / dt by default.
+        limits: whether inputs are clipped to the effort limits of the actuators; or limits (p,).
+        on_trouble: the safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``: reads the model's
+            inertia), "zero", or "raise" the error.
+        patience: how long the last inputs are held while measurements are no good [s]; five steps by default.
+        fastest: speed beyond which a velocity, or the way between two configurations, cannot be true [rad/s, m/s].
+        margin: smallest singular value of E below which the controller is no longer asked.
+        brake: rate at which braking takes velocities away [1/s].
+
+    Attributes:
+        state: what it remembers; ``resume`` goes on from it, to the bit.
+        last: what the last step that asked the controller came to; None before.
+
+    Raises:
+        ConfigurationError: an option that is none.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
+        >>> loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), dt=0.01)
+        >>> loop.step(0.0, robot.configuration(), v=np.zeros(3)).round(2)  # a metre ahead: go
+        array([20.,  0.])
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        controller: Controller | Callable[[Measurement], Controller],
+        dt: float,
+        **options: Unpack[LoopOptions],
+    ) -> None:
+        unknown = set(options) - set(LoopOptions.__annotations__)
+        if unknown:
+            raise TypeError(f"ControlLoop has no option '{sorted(unknown)[0]}'")
+        if not 0 < dt < np.inf:
+            raise ConfigurationError(f"dt of a loop has to be positive, found {dt}")
+        self.reduced, self.dt = reduced, dt
+        self._given = controller
+        self._controller: Controller | None = controller if isinstance(controller, Controller) else None
+        self._on_trouble = _one_of("on_trouble", options.get("on_trouble", "hold"), _SAFE)
+        self._estimator = self._velocity(options.get("velocity", "measured"), options.get("cutoff"))
+        self._limits = _limits(reduced, options.get("limits", True))
+        patience = options.get("patience")
+        self._patience = 5 * dt if patience is None else patience
+        self._fastest, self._margin = options.get("fastest", 100.0), options.get("margin", 0.0)
+        self._brake = options.get("brake", 5.0)
+        self._braking: np.ndarray | None = None
+        self.state = LoopState()
+        self.last: Decision | None = None
+        self._input_matrix: np.ndarray | None = None
+        self._asked = np.zeros(reduced.p)
+
+    def _velocity(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
+        _one_of("velocity", velocity, _VELOCITIES)
+        if cutoff is not None and not cutoff > 0:
+            raise ConfigurationError(f"cutoff of a loop has to be positive, found {cutoff}")
+        if velocity == "measured":
+            return None
+        kind = FilteredVelocity if velocity == "filtered" else VelocityObserver
+        return kind(self.reduced.robot.model, 0.3 / self.dt if cutoff is None else cutoff)
+
+    # ------------------------------------------------------------------ a step
+
+    def step(
+        self,
+        t: float,
+        q: Float[Array, " nq"],
+        v: Float[Array, " nv"] | None = None,
+        integrals: Float[Array, " r"] | None = None,
+    ) -> Float[Array, " p"]:
+        """Inputs for what was measured; the array is the caller's.
+
+        Args:
+            t: when, by any clock that runs forwards [s].
+            q: configuration, in Pinocchio's order.
+            v: velocity as it was measured; it need not satisfy the constraints. Not read where it is estimated.
+            integrals: of the reducing velocities since the first step, where somebody knows them better: odometry.
+
+        Raises:
+            RncError: with ``on_trouble="raise"``, whatever is wrong.
+        """
+        if self.state.failed:
+            return self._safe(v)
+        problem, q, v, motion = self._received(t, q, v)
+        if problem is not None:
+            return self._not_taken(t, problem, v)
+        self.state = self.state._replace(motion=motion)
+        state = None
+        try:
+            state = self.reduced.at(q, v=v)
+            return self.decide(t, state, integrals).copy()
+        except Exception as error:
+            if self._on_trouble == "raise":
+                raise
+            reason = str(error) if isinstance(error, RncError) else f"{type(error).__name__}: {error}"
+            self.state = self.state._replace(trouble=printable(reason), failed=True)
+            return self._safe(v)
+
+    def decide(
+        self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None
+    ) -> Float[Array, " p"]:
+        """The same for a state that is known to be true and has been evaluated; errors are raised."""
+        before = self.state
+        if integrals is None:
+            integrals = self._integrated(t, state)
+        measurement = state.measure(integrals)
+        if before.excess is not None:
+            measurement = measurement._replace(excess=before.excess)
+        if self._margin > 0 and state.smallest_singular_value < self._margin:
+            raise SingularityError(
+                f"the outputs are closer to singular than the margin {self._margin:g}",
+                q=np.array(state.q),
+                condition=float(state.condition),
+                rows=self.reduced.reducing.names,
+                time=t,
+            )
+        begin, own = (t if before.begin is None else before.begin), before.controller
+        if self._controller is None:
+            self._controller = self._given(measurement)  # type: ignore[operator, call-arg]
+        if before.begin is None and own is None:
+            own = self._controller.initial_state(measurement)
+        command, own = self._controller.step(t - begin, measurement, own)
+        asked = _inputs(self.reduced, state, command)
+        T = asked if self._limits is None else np.clip(asked, -self._limits, self._limits)
+        self._asked, self._input_matrix = asked, state.input_matrix
+        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, None, own)
+        self.last = Decision(t - begin, state, measurement, command, T)
+        if T is not asked:
+            self.acted(T)
+        return T
+
+    def acted(self, T: Float[Array, " p"]) -> None:
+        """Tell what the actuators gave instead of what the last step asked for, where that is known."""
+        if self._input_matrix is None:
+            return
+        T = np.asarray(T, dtype=float)
+        missing = self._asked - T
+        excess = apply(self._input_matrix, missing) if missing.any() else None
+        self.state = self.state._replace(T=T, excess=excess)
+        if self.last is not None:
+            self.last = self.last._replace(T=T)
+
+    def _integrated(self, t: float, state: Evaluation) -> np.ndarray:
+        """Integrals of the reducing velocities, by the trapezoidal rule."""
+        before = self.state
+        if before.time is None or before.integrals is None or before.v2 is None:
+            return np.zeros(self.reduced.r)
+        return before.integrals + 0.5 * (t - before.time) * (before.v2 + state.v2)
+
+    # ------------------------------------------------------------------ what comes in
+
+    def _received(self, t: float, q: Any, v: Any) -> tuple[str | None, Array, Array | None, Motion | None]:
+        """What is wrong with a measurement, or None; and what to take of it."""
+        before, robot = self.state, self.reduced.robot
+        q = np.array(q, dtype=float)
+        v = None if v is None else np.array(v, dtype=float)
+        problem = self._impossible(t, q, v)
+        if problem is not None:
+            return problem, q, v, None
+        unit = pin.normalize(robot.model, q)
+        if not np.abs(unit - q).max(initial=0.0) < _UNIT:
+            return "q holds a (cos, sin) pair or a quaternion that is not of unit length", q, v, None
+        elapsed = None if before.time is None else t - before.time
+        if elapsed is not None and before.q is not None:
+            speed = np.abs(pin.difference(robot.model, before.q, unit)).max(initial=0.0) / elapsed
+            if not speed < self._fastest:
+                return f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._fastest:g}", q, v, None
+        motion = None
+        if self._estimator is not None:
+            if before.motion is None or elapsed is None:
+                motion = self._estimator.start(unit)
+            else:
+                motion = self._estimator.step(before.motion, unit, elapsed)
+            v = motion.v
+        return None, unit, v, motion
+
+    def _impossible(self, t: float, q: Array, v: Array | None) -> str | None:
+        before, robot = self.state, self.reduced.robot
+        if not isfinite(t):
+            return f"time is {t}"
+        if before.time is not None and t <= before.time:
+            return f"time stands still or runs backwards: {t:g} s after {before.time:g} s"
+        if q.shape != (robot.nq,):
+            return f"q has shape {q.shape}, expected ({robot.nq},)"
+        if not isfinite(sum(q.tolist())):
+            return f"q[{int(np.flatnonzero(~np.isfinite(q))[0])}] is not finite"
+        if self._estimator is not None:
+            return None
+        if v is None:
+            return "v is missing: velocity='filtered' or 'observer' takes it from q"
+        if v.shape != (robot.nv,):
+            return f"v has shape {v.shape}, expected ({robot.nv},)"
+        if not isfinite(sum(v.tolist())):
+            return f"v[{int(np.flatnonzero(~np.isfinite(v))[0])}] is not finite"
+        fastest = np.abs(v).max(initial=0.0)
+        if not fastest < self._fastest:
+            return f"v reaches {fastest:.3g} rad/s or m/s, expected less than {self._fastest:g}"
+        return None
+
+    # ------------------------------------------------------------------ what goes out in trouble
+
+    def _not_taken(self, t: float, problem: str, v: Array | None) -> Array:
+        if self._on_trouble == "raise":
+            raise InputError(f"measurement at t = {t:g} s: {problem}")
+        since = self.state.bad_since if self.state.bad_since is not None else t
+        self.state = self.state._replace(bad_since=since, trouble=problem)
+        if self.state.T is not None and not t - since > self._patience:
+            return self.state.T.copy()
+        return self._safe(v)
+
+    def _safe(self, v: Any) -> Array:
+        """The safe command."""
+        T = np.zeros(self.reduced.p)
+        if self._on_trouble == "hold" and self.state.T is not None:
+            T = self.state.T.copy()
+        elif self._on_trouble == "brake":
+            T = self._braked(v)
+        self.state = self.state._replace(T=T, excess=None)
+        return T
+
+    def _braked(self, v: Any) -> Array:
+        """Inputs against the motion; none where it is not known."""
+        nothing = np.zeros(self.reduced.p)
+        q, v = self.state.q, None if v is None else np.asarray(v, dtype=float)
+        if q is None or v is None or v.shape != (self.reduced.n,) or not np.isfinite(v).all():
+            return nothing
+        try:
+            state = self.reduced.at(q, v=v)
+            T = state.allocate(-self._brake * np.diagonal(state.H) * state.v2)
+        except (SingularityError, ConstraintError):
+            return nothing
+        return T if self._limits is None else np.clip(T, -self._limits, self._limits)
+
+    # ------------------------------------------------------------------ state
+
+    def reset(self) -> None:
+        """Forget everything: the next step is the first."""
+        self.state, self.last, self._input_matrix = LoopState(), None, None
+        if not isinstance(self._given, Controller):
+            self._controller = None
+
+    def resume(self, state: LoopState) -> None:
+        """Go on from a state of this loop, or of one with the same controller and model."""
+        self.state, self._input_matrix = state, None
+
+    def save(self, path: str | Path) -> None:
+        """Write the state to an ``.npz`` file.
+
+        Raises:
+            ConfigurationError: the controller remembers something that is neither numbers, text nor tuples of them.
+        """
+        write_state(self.state, Path(path))
+
+    def load(self, path: str | Path) -> None:
+        """Go on from what ``save`` wrote, to the bit.
+
+        Raises:
+            ConfigurationError: not such a file, or one of another controller.
+        """
+        self.resume(read_state(Path(path), (LoopState, Motion), self._template))
+
+    def _template(self, q: Array) -> State:
+        """A state of the controller's kind."""
+        measurement = self.reduced.measured(q, np.zeros(self.reduced.n), np.zeros(self.reduced.r))
+        if self._controller is None:
+            self._controller = self._given(measurement)  # type: ignore[operator, call-arg]
+        return self._controller.initial_state(measurement)
+
+
+def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.ndarray:
+    if (command.F is None) == (command.T is None):
+        raise InputError("a command has to give either F or T")
+    if command.T is None:
+        return state.allocate(command.F)
+    T = np.asarray(command.T, dtype=float)
+    if T.shape != (reduced.p,):
+        raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
+    return T
+
+
+def _limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray | None:
+    if isinstance(limits, bool):
+        return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
+    given = np.asarray(limits, dtype=float)
+    if given.shape != (reduced.p,) or not (given >= 0).all():
+        raise ConfigurationError(f"limits of a loop have to be {reduced.p} numbers that are not negative")
+    return given
+
+
+def _one_of(option: str, value: str, valid: tuple[str, ...]) -> str:
+    if value not in valid:
+        raise ConfigurationError(f"{option} of a loop: expected one of {', '.join(valid)}, found {value!r}")
+    return value

@@ -1,0 +1,115 @@
+"""The state of a loop as a file: numbers, text and tuples of them, to the bit; nothing in it is executed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.plain import Json
+
+_STRUCTURE = "structure"
+
+
+def write_state(state: Any, path: Path) -> None:
+    """Write a state; what was at the path stays until it is complete.
+
+    Raises:
+        ConfigurationError: it holds something that is neither a number, an array, text, nor a tuple or mapping of them.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    structure = json.dumps(_plain(state, arrays, "state"))
+    partial = path.with_name(path.name + ".partial")
+    partial.unlink(missing_ok=True)  # a link there would be written through
+    try:
+        with partial.open("xb") as file:
+            np.savez_compressed(file, **arrays, **{_STRUCTURE: np.array(structure)})
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _plain(value: Any, arrays: dict[str, np.ndarray], where: str) -> Json:
+    if value is None or isinstance(value, bool | int | str):
+        return {"value": value}
+    if isinstance(value, float | np.ndarray | np.generic):
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiub":
+            raise ConfigurationError(f"{where}: an array of {array.dtype} cannot be saved")
+        name = f"a{len(arrays)}"
+        arrays[name] = array
+        return {"number" if isinstance(value, float) else "array": name}
+    if isinstance(value, tuple):
+        names = getattr(value, "_fields", range(len(value)))
+        items = [_plain(each, arrays, f"{where}.{name}") for name, each in zip(names, value, strict=True)]
+        return {"items": items, "kind": type(value).__qualname__}
+    if isinstance(value, dict):
+        return {"mapping": {str(key): _plain(each, arrays, f"{where}.{key}") for key, each in value.items()}}
+    raise ConfigurationError(f"{where}: is of type {type(value).__name__}, which cannot be saved")
+
+
+def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray], Any]) -> Any:
+    """Read what ``write_state`` wrote.
+
+    Args:
+        path: of the file.
+        kinds: of the state as a whole, a named tuple with a field ``q``, and of others that it may hold.
+        template: makes a state of the controller's kind at a configuration: its tuples are the ones to expect.
+
+    Raises:
+        ConfigurationError: no such file, something else, or tuples of another controller.
+    """
+    if path.exists() and not path.is_file():  # reading a pipe would wait for whoever writes into it
+        raise ConfigurationError(f"{path}: not the state of a loop: no plain file")
+    kind = kinds[0]
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        structure = json.loads(str(arrays.pop(_STRUCTURE)))
+        known = {"tuple": tuple, **{each.__qualname__: each for each in kinds}}
+        fields = dict(zip(kind._fields, structure["items"], strict=True))  # type: ignore[attr-defined]
+        q = _value(fields["q"], arrays, known)
+        if q is not None:
+            _collect(template(q), known)
+        state = _value(structure, arrays, known)
+    except FileNotFoundError:
+        raise ConfigurationError(f"no file '{path}'") from None
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    except Exception:  # of broken files NumPy and the libraries below raise whatever they come across
+        raise ConfigurationError(f"{path}: not the state of a loop") from None
+    if not isinstance(state, kind):
+        raise ConfigurationError(f"{path}: not the state of a loop")
+    return state
+
+
+def _collect(value: Any, known: dict[str, type]) -> None:
+    """The kinds of tuples in a value."""
+    if isinstance(value, tuple | list):
+        if isinstance(value, tuple):
+            known[type(value).__qualname__] = type(value)
+        for each in value:
+            _collect(each, known)
+    elif isinstance(value, dict):
+        _collect(list(value.values()), known)
+
+
+def _value(content: Any, arrays: dict[str, np.ndarray], known: dict[str, type]) -> Any:
+    if "value" in content:
+        return content["value"]
+    if "number" in content:
+        return float(arrays[content["number"]])
+    if "array" in content:
+        return arrays[content["array"]]
+    if "mapping" in content:
+        return {key: _value(each, arrays, known) for key, each in content["mapping"].items()}
+    items = [_value(each, arrays, known) for each in content["items"]]
+    kind = known.get(content["kind"])
+    if kind is None:
+        raise ConfigurationError(f"the state of another controller: it holds a '{content['kind']}'")
+    return tuple(items) if kind is tuple else kind(*items)

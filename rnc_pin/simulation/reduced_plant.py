@@ -1,0 +1,90 @@
+"""The reduced model as a machine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rnc_pin.errors import DivergenceError
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.simulation.moving_plant import MovingPlant
+from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
+
+
+class ReducedPlant:
+    """A machine that obeys its constraints exactly, and is measured exactly.
+
+    It moves by a fourth-order Lie-group integrator in charts of its own, regular wherever the constraints have constant
+    rank. What the integrator lets holonomic rows drift, wheels off the ground or loops apart, is removed whenever time
+    has passed, along a correction that has no momentum in the motion that is left.
+
+    Args:
+        reduced: the model.
+        plant: what takes part beside it.
+        substeps: integration steps each time that ``advance`` is called.
+    """
+
+    def __init__(self, reduced: ReducedModel, plant: Plant = NOTHING_BESIDE, substeps: int = 1) -> None:
+        self.reduced = reduced
+        self._moving, self._substeps = MovingPlant(reduced, plant), substeps
+        self._integrator = LieRungeKutta4(reduced.robot)
+        self.applied = np.zeros(reduced.p)
+        self._q: np.ndarray
+        self._y: np.ndarray
+        self._seen: Evaluation | None = None
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Start again; of v what violates the constraints is left out."""
+        self._q, self._y = q, self._moving.start(q, v)
+        self.applied, self._seen = np.zeros(self.reduced.p), None
+
+    @property
+    def carries(self) -> np.ndarray:
+        """Of which reducing outputs the integrals mean something, (r,)."""
+        return self._moving.carries
+
+    @property
+    def state(self) -> Evaluation:
+        """The state as the model's outputs see it.
+
+        Raises:
+            DivergenceError: it has left all bounds.
+        """
+        if self._seen is None:
+            if not np.isfinite(self._y).all():
+                raise DivergenceError("velocities have no bound")
+            self._seen, self._y = self._moving.settled(self._q, self._y)
+        return self._seen
+
+    @property
+    def integrals(self) -> np.ndarray:
+        """Integrals of the reducing velocities since the start, (r,)."""
+        return self._moving.integrals(self._y)
+
+    @property
+    def work(self) -> float:
+        """Work of actuators and of constraints that move, less what damping took [J]."""
+        return float(self._y[-1])
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Configuration (nq,) and velocity (nv,)."""
+        return self.state.q.copy(), self.state.v.copy()
+
+    def apply(self, T: np.ndarray) -> None:
+        """Hold these inputs (p,), or what the actuators can give of them: ``applied``."""
+        self.applied = self._moving.saturate(T)
+
+    def advance(self, dt: float) -> None:
+        """Let time pass [s].
+
+        Raises:
+            DivergenceError: velocities or accelerations have no bound.
+        """
+        state, q, y = self.state, self._q, self._y
+        rate, first = self._moving.rate(self.applied), self._moving.first_slope(state, self.applied)
+        for substep in range(self._substeps):
+            q, y = self._integrator.step(rate, q, y, dt / self._substeps, None if substep else first)
+        if self.reduced.assembly.size and np.isfinite(q).all():  # else diverged, which the next look says
+            q = self.reduced.assembly.project(q)
+        self._q, self._y, self._seen = q, y, None
