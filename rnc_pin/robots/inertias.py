@@ -199,7 +199,7 @@ def _is_wrong(body: Body, why: str) -> bool:
 def _mass(body: Body) -> float:
     if body.mass > 0:
         return body.mass
-    return float(f"{max(_DENSITY * body.volume, 0.01):.2g}") if body.volume else _SUGGESTED
+    return float(f"{max(_DENSITY * body.volume(), 0.01):.2g}") if body.shaped else _SUGGESTED
 
 
 def _mend(model: pin.Model, each: Massless) -> None:

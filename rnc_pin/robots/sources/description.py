@@ -43,13 +43,13 @@ class Body(NamedTuple):
         mass: [kg].
         inertia: rotational, (3, 3) [kg m^2].
         shaped: whether it has geometry.
-        volume: of the box around that where the link has no mass, else 0 [m^3].
+        volume: gives that of the box around it [m^3]; reads meshes, so it is asked only where a mass is wanted.
     """
 
     mass: float
     inertia: np.ndarray
     shaped: bool
-    volume: float = 0.0
+    volume: Callable[[], float]
 
 
 @dataclass(frozen=True)

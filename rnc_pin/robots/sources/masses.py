@@ -52,8 +52,7 @@ def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
 
 def _body(link: ElementTree.Element) -> Body:
     mass, inertia = _inertia(link)
-    shaped = bool(_shapes(link))
-    return Body(mass, inertia, shaped, float(np.prod(_box(link)[1])) if shaped and mass <= 0 else 0.0)
+    return Body(mass, inertia, bool(_shapes(link)), lambda: float(np.prod(_box(link)[1])))
 
 
 def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
