@@ -77,14 +77,14 @@ def check_size(model: pin.Model) -> None:
         )
 
 
-def check_inertias(model: pin.Model, bodies: Mapping[str, Body] | None = None) -> None:
+def check_inertias(model: pin.Model) -> None:
     """Refuse what cannot be simulated; warn about what no body is.
 
     Raises:
         ModelError: an inertia or mass that is not finite.
         UselessInertia: as ``massless``.
     """
-    found = massless(model, bodies or {})
+    found = massless(model, {})
     if found:
         raise UselessInertia(_summary(found), found)
     impossible = []
