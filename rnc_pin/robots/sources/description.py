@@ -143,6 +143,12 @@ def read_numbers(text: str) -> np.ndarray | None:
     return numbers if np.isfinite(numbers).all() else None
 
 
+def read_number(text: str | None) -> float | None:
+    """The one number in an attribute, or None where there is none, or something else."""
+    numbers = read_numbers(text or "")
+    return float(numbers[0]) if numbers is not None and numbers.size == 1 else None
+
+
 def brief(error: Exception) -> str:
     """What a C++ exception says, without where in Pinocchio's sources it was thrown."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
