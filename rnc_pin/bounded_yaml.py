@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import IO, Any
+from typing import Any
 
 import yaml
 
@@ -14,9 +14,6 @@ _MERGE = "tag:yaml.org,2002:merge"
 
 class BoundedLoader(yaml.SafeLoader):
     """Safe YAML that refuses a key given twice, where YAML would quietly keep the last, and what would not end."""
-
-    def __init__(self, stream: str | bytes | IO[str] | IO[bytes]) -> None:
-        super().__init__(stream)
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()

@@ -4,12 +4,34 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def requests_to_end(handler: Handler, instead_of: Handler | signal.Handlers) -> Iterator[None]:
+    """Handle Ctrl-C, SIGTERM and the end of the terminal inside.
+
+    Args:
+        handler: of those signals.
+        instead_of: what handles them by now; signals that somebody else handles, and threads beside the main one, are
+            left alone.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in _SIGNALS if main and signal.getsignal(number) is instead_of]
+    for number in ours:
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, instead_of)
 
 
 @dataclass
@@ -69,14 +91,10 @@ def uninterrupted() -> Iterator[None]:
             held.take_wanted()
         return
     held = _held = _Held()
-    ours = [number for number in _SIGNALS if signal.getsignal(number) is signal.default_int_handler]
-    for number in ours:
-        signal.signal(number, held.take)
     try:
-        yield
+        with requests_to_end(held.take, signal.default_int_handler):
+            yield
     finally:
-        for number in ours:
-            signal.signal(number, signal.default_int_handler)
         _held = None
     held.take_wanted()
 

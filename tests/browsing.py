@@ -2,7 +2,6 @@
 
 import io
 import os
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,19 +10,8 @@ import pytest
 from matplotlib import image
 
 import rnc_pin as rnc
+from patience import PATIENCE
 from rnc_pin.visualization.capture import browser
-
-PATIENCE = 30.0  # [s]; for a browser without a graphics card on a busy machine
-
-
-def eventually(condition):
-    """Whether a condition comes true before patience runs out."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if condition():
-            return True
-        time.sleep(0.05)
-    return False
 
 
 def give_up(reason):

@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import PATIENCE, changed, children, eventually, listening, opened, picture, place, visit, vivid
+from browsing import changed, children, listening, opened, picture, place, visit, vivid
+from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.replay import view_of

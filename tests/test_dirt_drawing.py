@@ -15,7 +15,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import PATIENCE, eventually, opened, place, visit
+from browsing import opened, place, visit
+from patience import PATIENCE, eventually
 from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures

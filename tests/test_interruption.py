@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from patience import eventually
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario import pictures
@@ -203,22 +204,13 @@ def started(*arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-def wait(true, patience=90.0):
-    end = time.monotonic() + patience
-    while time.monotonic() < end:
-        if true():
-            return True
-        time.sleep(0.05)
-    return False
-
-
 @pytest.mark.parametrize("signals", [[signal.SIGTERM], [signal.SIGINT] * 3, [signal.SIGHUP]], ids=str)
 def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):
     out = tmp_path / "out"
     with started(*RUN, *LONG, "--out", out) as process:
-        assert wait((out / ".rnc_pin").exists)
+        assert eventually((out / ".rnc_pin").exists, 90.0)
         begun = processor_time(process.pid)
-        assert wait(lambda: processor_time(process.pid) > begun + 1.0)
+        assert eventually(lambda: processor_time(process.pid) > begun + 1.0, 90.0)
         for each in signals:
             process.send_signal(each)
             time.sleep(0.02)
@@ -281,12 +273,12 @@ def test_a_sweep_that_is_ended_keeps_its_table_and_its_workers_end(end, jobs, tm
     length = ["--set", "simulation.duration=0.2"]
     with started("sweep", "space-robot", *length, "--runs", 300, "--jobs", jobs, "--out", out) as process:
         # Of 300 runs, every third writes the table anew.
-        assert wait(lambda: len(rows(out)) >= 3, 120.0)
+        assert eventually(lambda: len(rows(out)) >= 3, 120.0)
         workers = children(process.pid)
         assert bool(workers) == (jobs > 1)
         process.send_signal(end)
         _, error = process.communicate(timeout=90)
-    assert wait(lambda: not any(map(alive, workers)), 10.0)
+    assert eventually(lambda: not any(map(alive, workers)), 10.0)
     table = rows(out)
     assert len(table) >= 3
     assert all(row["outcome"] == "completed" for row in table)

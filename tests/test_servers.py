@@ -5,7 +5,6 @@ import os
 import socket
 import struct
 import threading
-import time
 import tracemalloc
 from pathlib import Path
 
@@ -17,15 +16,6 @@ from rnc_pin.visualization.scene_server import SceneWindow
 from rnc_pin.visualization.visitors import Visitors
 
 PATIENCE = 20.0  # [s]
-
-
-def eventually(true):
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if true():
-            return True
-        time.sleep(0.02)
-    return False
 
 
 def memory():

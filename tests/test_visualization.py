@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from browsing import PATIENCE, eventually, listening
+from browsing import listening
+from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.run import execute, plan

@@ -197,7 +197,7 @@ class _Search:
             closing = assembly.jacobian(self._kinematics.position(here.q))[assembly.leading]
             rows, gap = np.vstack([rows, closing]), np.concatenate([gap, here.gap])
         rows = rows[:, self._free]
-        step, basis = np.zeros(reduced.n), np.zeros((reduced.n, 0))
+        step = np.zeros(reduced.n)
         if len(rows):
             step[self._free] = np.linalg.lstsq(rows, -gap, rcond=_DEPENDENT)[0]
             kernel = scipy.linalg.null_space(rows, rcond=_DEPENDENT)

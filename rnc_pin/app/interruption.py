@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from rnc_pin.app.status import FAILED
+from rnc_pin.interruption import requests_to_end
 
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _WORDS = "rnc-pin: error: interrupted\n"
 
 
@@ -23,32 +22,19 @@ def interruptible_imports() -> Iterator[None]:
     An exception would not do: libraries written in C turn it into an error of their own or print a traceback. Nothing
     is lost, for nothing has been computed while modules are still being imported.
     """
-    main = threading.current_thread() is threading.main_thread()
-    usual = [number for number in _ENDING if main and signal.getsignal(number) is signal.default_int_handler]
-    for number in usual:  # of others somebody else sees to it
-        signal.signal(number, _end)
-    try:
-        yield
-    except KeyboardInterrupt:
-        sys.stderr.write(_WORDS)
-        sys.exit(FAILED)
-    finally:
-        for number in usual:
-            signal.signal(number, signal.default_int_handler)
+    with requests_to_end(_end, signal.default_int_handler):
+        try:
+            yield
+        except KeyboardInterrupt:
+            sys.stderr.write(_WORDS)
+            sys.exit(FAILED)
 
 
 @contextmanager
 def endings_as_ctrl_c() -> Iterator[None]:
     """Let a command end on SIGTERM, and when its terminal is closed, as it does on Ctrl-C: results so far are kept."""
-    main = threading.current_thread() is threading.main_thread()
-    usual = [number for number in _ENDING if main and signal.getsignal(number) is signal.SIG_DFL]
-    for number in usual:
-        signal.signal(number, signal.default_int_handler)
-    try:
+    with requests_to_end(signal.default_int_handler, signal.SIG_DFL):
         yield
-    finally:
-        for number in usual:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def _end(number: int, frame: FrameType | None) -> None:

@@ -77,14 +77,14 @@ def check_size(model: pin.Model) -> None:
         )
 
 
-def check_inertias(model: pin.Model, bodies: Mapping[str, Body] | None = None) -> None:
+def check_inertias(model: pin.Model) -> None:
     """Refuse what cannot be simulated; warn about what no body is.
 
     Raises:
         ModelError: an inertia or mass that is not finite.
         UselessInertia: as ``massless``.
     """
-    found = massless(model, bodies or {})
+    found = massless(model, {})
     if found:
         raise UselessInertia(_summary(found), found)
     impossible = []
@@ -199,7 +199,7 @@ def _is_wrong(body: Body, why: str) -> bool:
 def _mass(body: Body) -> float:
     if body.mass > 0:
         return body.mass
-    return float(f"{max(_DENSITY * body.volume, 0.01):.2g}") if body.volume else _SUGGESTED
+    return float(f"{max(_DENSITY * body.volume(), 0.01):.2g}") if body.shaped else _SUGGESTED
 
 
 def _mend(model: pin.Model, each: Massless) -> None:

@@ -200,11 +200,9 @@ class Robot(Printed):
     ) -> Robot:
         def admitted(model: pin.Model) -> Robot:
             try:
-                check_inertias(model, read.bodies)
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", ModelWarning)  # they have been said
-                    return cls(model)
+                return cls(model)
             except UselessInertia as error:
+                error.joints = massless(model, read.bodies)  # with the masses that the file's links could have
                 error.args = (f"{path}: {error.what}: {remedy(model, error.joints)}",)
                 raise error from None
             except ModelError as error:

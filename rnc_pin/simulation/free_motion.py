@@ -14,7 +14,7 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
-from rnc_pin.simulation.ending import ending, outcome_of
+from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.moving_plant import MovingPlant
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
@@ -119,9 +119,6 @@ def free_motion(
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED
         except Exception as error:
-            told = ending(error, "the feedback" if feedback else "the model", t)
-            told.trajectory = record.finish(dt, provenance, outcome_of(told), str(told))
-            if told is error:
-                raise
-            raise told from error
+            culprit = "the feedback" if feedback else "the model"
+            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
         return record.finish(dt, provenance, outcome)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.ending import ending
+from rnc_pin.simulation.ending import raise_with
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
@@ -70,9 +70,5 @@ def kinematic_rollout(
             times.append(t)
             path.append(q)
     except Exception as error:
-        told = ending(error, "the target", t)
-        told.trajectory = Rollout(np.array(times), np.stack(path))
-        if told is error:
-            raise
-        raise told from error
+        raise_with(lambda _: Rollout(np.array(times), np.stack(path)), error, "the target", t)
     return Rollout(np.array(times), np.stack(path))

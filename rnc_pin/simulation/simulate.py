@@ -14,7 +14,7 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
-from rnc_pin.simulation.ending import ending, outcome_of
+from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.moving_plant import MovingPlant
@@ -161,11 +161,7 @@ def simulate(
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED
         except Exception as error:
-            told = ending(error, culprit, t)
-            told.trajectory = record.finish(dt, provenance, outcome_of(told), str(told))
-            if told is error:
-                raise
-            raise told from error
+            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
         return record.finish(dt, provenance, outcome)
 
 

@@ -43,13 +43,13 @@ class Body(NamedTuple):
         mass: [kg].
         inertia: rotational, (3, 3) [kg m^2].
         shaped: whether it has geometry.
-        volume: of the box around that where the link has no mass, else 0 [m^3].
+        volume: gives that of the box around it [m^3]; reads meshes, so it is asked only where a mass is wanted.
     """
 
     mass: float
     inertia: np.ndarray
     shaped: bool
-    volume: float = 0.0
+    volume: Callable[[], float]
 
 
 @dataclass(frozen=True)
@@ -141,6 +141,12 @@ def read_numbers(text: str) -> np.ndarray | None:
     except ValueError:
         return None
     return numbers if np.isfinite(numbers).all() else None
+
+
+def read_number(text: str | None) -> float | None:
+    """The one number in an attribute, or None where there is none, or something else."""
+    numbers = read_numbers(text or "")
+    return float(numbers[0]) if numbers is not None and numbers.size == 1 else None
 
 
 def brief(error: Exception) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.description import Body, captured_stderr, read_numbers
+from rnc_pin.robots.sources.description import Body, captured_stderr, read_number, read_numbers
 
 BALL = 0.05  # radius [m] of the ball that a link without geometry is taken for
 _FLAT = 1e-2  # of a box's longest edge: no edge is taken as shorter
@@ -52,8 +52,7 @@ def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
 
 def _body(link: ElementTree.Element) -> Body:
     mass, inertia = _inertia(link)
-    shaped = bool(_shapes(link))
-    return Body(mass, inertia, shaped, float(np.prod(_box(link)[1])) if shaped and mass <= 0 else 0.0)
+    return Body(mass, inertia, bool(_shapes(link)), lambda: float(np.prod(_box(link)[1])))
 
 
 def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
@@ -124,7 +123,7 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
         size = _vector(geometry.get("size"))
         half = None if size is None else size / 2
     if geometry.tag in ("sphere", "cylinder"):
-        radius, length = (_number(geometry.get(key)) for key in ("radius", "length"))
+        radius, length = (read_number(geometry.get(key)) for key in ("radius", "length"))
         if radius is not None and geometry.tag == "sphere":
             half = np.full(3, radius)
         elif radius is not None and length is not None:
@@ -147,8 +146,3 @@ def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
         return np.full(3, default)
     numbers = read_numbers(text)
     return numbers if numbers is not None and numbers.size == 3 else None
-
-
-def _number(text: str | None) -> float | None:
-    numbers = read_numbers(text or "")
-    return float(numbers[0]) if numbers is not None and numbers.size == 1 else None

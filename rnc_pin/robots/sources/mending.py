@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, few
-from rnc_pin.robots.sources.description import read_numbers
+from rnc_pin.robots.sources.description import read_number, read_numbers
 
 ENDLESS = 1e300
 """Stands for an infinite limit in the XML: urdfdom does not read ``inf``."""
@@ -118,7 +118,8 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
 
 
 def _limits(root: ElementTree.Element) -> Iterator[str]:
-    ranges, others = [], []
+    """A range whose lower end is above the upper is none, as in some simulators."""
+    ranges, others, upside_down = [], [], []
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
         limit = joint.find("limit")
@@ -126,17 +127,27 @@ def _limits(root: ElementTree.Element) -> Iterator[str]:
             if joint.get("type") not in _LIMITED:
                 continue
             limit = ElementTree.SubElement(joint, "limit")
-            limit.set("lower", repr(-ENDLESS))
-            limit.set("upper", repr(ENDLESS))
+            _open(limit)
             ranges.append(name)
         elif joint.get("type") != "fixed" and any(limit.get(key) is None for key in ("effort", "velocity")):
             others.append(name)
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, repr(ENDLESS)))
+        lower, upper = (read_number(limit.get(key)) or 0.0 for key in ("lower", "upper"))
+        if joint.get("type") in _LIMITED and lower > upper:
+            _open(limit)
+            upside_down.append(name)
     if ranges:
         yield f"has no <limit> and is taken to move without end: joint {few(ranges)}"
     if others:
         yield f"has no limit of effort or velocity, which is taken as infinite: joint {few(others)}"
+    if upside_down:
+        yield f"has a lower limit above the upper and is taken to move without end: joint {few(upside_down)}"
+
+
+def _open(limit: ElementTree.Element) -> None:
+    limit.set("lower", repr(-ENDLESS))
+    limit.set("upper", repr(ENDLESS))
 
 
 def _world(root: ElementTree.Element) -> Iterator[str]:
