@@ -108,6 +108,7 @@ class ControlLoop:
     Attributes:
         state: what it remembers; ``resume`` goes on from it, to the bit.
         last: what the last step that asked the controller came to; None before.
+        at_work: who was asked last, in words, for messages.
 
     Raises:
         ConfigurationError: an option that is none.
@@ -150,6 +151,7 @@ class ControlLoop:
         self.last: Decision | None = None
         self._input_matrix: np.ndarray | None = None
         self._asked = np.zeros(reduced.p)
+        self.at_work = "the model"
 
     def _velocity(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
         _one_of("velocity", velocity, _VELOCITIES)
@@ -197,11 +199,9 @@ class ControlLoop:
             self.state = self.state._replace(trouble=printable(reason), failed=True)
             return self._safe(v)
 
-    def decide(
-        self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None
-    ) -> Float[Array, " p"]:
+    def decide(self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None) -> Float[Array, " p"]:
         """The same for a state that is known to be true and has been evaluated; errors are raised."""
-        before = self.state
+        before, self.at_work = self.state, "the model"
         if integrals is None:
             integrals = self._integrated(t, state)
         measurement = state.measure(integrals)
@@ -215,12 +215,14 @@ class ControlLoop:
                 rows=self.reduced.reducing.names,
                 time=t,
             )
+        self.at_work = "the controller"
         begin, own = (t if before.begin is None else before.begin), before.controller
         if self._controller is None:
-            self._controller = self._given(measurement)  # type: ignore[operator, call-arg]
+            self._controller = self._given(measurement)  # type: ignore[operator]
         if before.begin is None and own is None:
             own = self._controller.initial_state(measurement)
         command, own = self._controller.step(t - begin, measurement, own)
+        self.at_work = "taking its command"
         asked = _inputs(self.reduced, state, command)
         T = asked if self._limits is None else np.clip(asked, -self._limits, self._limits)
         self._asked, self._input_matrix = asked, state.input_matrix
@@ -265,7 +267,12 @@ class ControlLoop:
         if elapsed is not None and before.q is not None:
             speed = np.abs(pin.difference(robot.model, before.q, unit)).max(initial=0.0) / elapsed
             if not speed < self._fastest:
-                return f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._fastest:g}", q, v, None
+                return (
+                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._fastest:g}",
+                    q,
+                    v,
+                    None,
+                )
         motion = None
         if self._estimator is not None:
             if before.motion is None or elapsed is None:
@@ -364,7 +371,7 @@ class ControlLoop:
         """A state of the controller's kind."""
         measurement = self.reduced.measured(q, np.zeros(self.reduced.n), np.zeros(self.reduced.r))
         if self._controller is None:
-            self._controller = self._given(measurement)  # type: ignore[operator, call-arg]
+            self._controller = self._given(measurement)  # type: ignore[operator]
         return self._controller.initial_state(measurement)
 
 

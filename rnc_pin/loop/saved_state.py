@@ -27,7 +27,7 @@ def write_state(state: Any, path: Path) -> None:
     partial.unlink(missing_ok=True)  # a link there would be written through
     try:
         with partial.open("xb") as file:
-            np.savez_compressed(file, **arrays, **{_STRUCTURE: np.array(structure)})
+            np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
         partial.replace(path)
     except BaseException:
         partial.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PlannedPath, Provenance, RunInfo, TaskNames
 
 _Value = TypeVar("_Value")
+_OTHERS = ("T", "multipliers", "contact_forces", "v", "friction_used")
 _OF_THE_RUN = ("names", "units", "angular", "rotations", "goals", "dt", "versions", "outcome", "message")
 _OF_ITS_ORIGIN = ("scenario", "seed", "config", "folder", "controller", "task", "path", "estimates", "predicted")
 
@@ -21,7 +22,7 @@ def info_to_plain(info: RunInfo) -> dict[str, Json]:
     """A run's information as the file has it."""
     outputs = info.outputs
     kinds = {"x1": outputs.x1, "x2": outputs.x2}
-    others = {name: list(getattr(outputs, name)) for name in ("T", "multipliers", "contact_forces", "v")}
+    others = {name: list(getattr(outputs, name)) for name in _OTHERS}
     return {
         "names": {**{kind: list(each.names) for kind, each in kinds.items()}, **others},
         "units": {kind: list(each.units) for kind, each in kinds.items()},
@@ -105,7 +106,7 @@ def info_from_plain(content: Json) -> RunInfo:
         )
         for kind in ("x1", "x2")
     )
-    others = (names.optional(each, _texts) or () for each in ("T", "multipliers", "contact_forces", "v"))
+    others = (names.optional(each, _texts) or () for each in _OTHERS)
     return RunInfo(
         OutputNames(x1, x2, *others),
         goals=read.optional("goals", _texts) or (),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -19,6 +20,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
+_NOTHING = np.zeros(0)
 _BLOCK = 1000  # samples, at most
 _ROOM = 16e6  # for the matrices of a block [bytes]
 _MATRICES = 8  # of the size of the inertia, (n, n), that a sample takes on the way
@@ -31,23 +33,34 @@ class Record:
         reduced: the model.
         capacity: most samples.
         carries: of which reducing outputs the integrals mean something, (r,).
+        contacts: names of the contacts whose friction is recorded.
     """
 
-    def __init__(self, reduced: ReducedModel, capacity: int, carries: np.ndarray) -> None:
-        self.reduced, self.capacity, self.count = reduced, capacity, 0
+    def __init__(
+        self, reduced: ReducedModel, capacity: int, carries: np.ndarray, contacts: tuple[str, ...] = ()
+    ) -> None:
+        self.reduced, self.capacity, self.count, self._contacts = reduced, capacity, 0, contacts
         k, r = reduced.vertical.size, reduced.r
         sizes = {
             "time": (), "q": (reduced.robot.nq,), "v": (reduced.n,), "v2": (r,), "v2_desired": (r,), "x1": (k,),
             "x1_desired": (k,), "v1": (k,), "x2": (r,), "x2_desired": (r,), "T": (reduced.p,), "work": (),
-            "estimates": (0,), "prediction_error": (0,),
+            "estimates": (0,), "prediction_error": (0,), "v_measured": (0,), "friction_used": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
         self._integrals, self._carries = np.zeros((capacity, r)), carries
 
     def add(
-        self, t: float, state: Evaluation, integrals: np.ndarray, command: Command, T: np.ndarray, work: float
+        self,
+        t: float,
+        state: Evaluation,
+        integrals: np.ndarray,
+        command: Command,
+        T: np.ndarray,
+        work: float,
+        v_measured: np.ndarray = _NOTHING,
+        friction_used: np.ndarray = _NOTHING,
     ) -> None:
-        """One sample."""
+        """One sample; the arrays by keyword are empty where there is nothing to tell."""
         a, i = self.arrays, self.count
         a["time"][i], a["q"][i], a["v"][i], a["v2"][i], a["T"][i], a["work"][i] = t, state.q, state.v, state.v2, T, work
         a["x1"][i], a["x2"][i] = state.outputs(integrals)
@@ -58,9 +71,9 @@ class Record:
             if value is not None:
                 _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
-        for name in ("estimates", "prediction_error"):
-            value = getattr(command, name)
-            if value is not None:
+        told = {"estimates": command.estimates, "prediction_error": command.prediction_error}
+        for name, value in (told | {"v_measured": v_measured, "friction_used": friction_used}).items():
+            if value is not None and np.size(value):
                 if not a[name].shape[1]:
                     a[name] = np.full((self.capacity, np.size(value)), np.nan)
                 _expect(name, value, a[name].shape[1:])
@@ -95,14 +108,23 @@ class Record:
         return Trajectory(
             **a,
             **self._derived(a["q"], a["v"], a["T"]),
-            info=RunInfo(output_names(reduced), goals, dt, versions(), provenance, outcome, message),
+            info=RunInfo(
+                replace(output_names(reduced), friction_used=self._contacts),
+                goals,
+                dt,
+                versions(),
+                provenance,
+                outcome,
+                message,
+            ),
         )
 
     def _derived(self, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
         reduced, N = self.reduced, len(q)
         sizes = {
             "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
-            "energy": (), "constraint_residual": (), "position_residual": (), "singular_value": (),
+            "slip": (reduced.m,), "energy": (), "constraint_residual": (), "position_residual": (),
+            "singular_value": (),
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
         for block in _blocks(N, _MATRICES * reduced.n**2):
@@ -125,6 +147,7 @@ def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -
         "multipliers": moved.multipliers(T),
         "contact_forces": moved.contact_forces(T),
         "energy": seen.energy,
+        "slip": seen.residual,
         "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
         "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
         "singular_value": seen.smallest_singular_value,

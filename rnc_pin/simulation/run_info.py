@@ -60,6 +60,7 @@ class OutputNames:
         multipliers: kept constraint rows.
         contact_forces: all constraint rows.
         v: velocities of the robot.
+        friction_used: contacts that grip by friction.
     """
 
     x1: Columns = Columns()
@@ -68,6 +69,7 @@ class OutputNames:
     multipliers: tuple[str, ...] = ()
     contact_forces: tuple[str, ...] = ()
     v: tuple[str, ...] = ()
+    friction_used: tuple[str, ...] = ()
 
     def of(self, kind: str) -> Columns:
         """Those of "x1" or of "x2"."""

@@ -1,4 +1,4 @@
-"""A sampled controller with zero-order hold, over the continuous reduced model."""
+"""A sampled controller with zero-order hold, over the continuous reduced model or any other machine."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.protocol import Command, Controller, State
-from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.errors import InputError
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
+from rnc_pin.plants import Machine
 from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from rnc_pin.simulation.moving_plant import MovingPlant
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.reduced_plant import ReducedPlant
 from rnc_pin.simulation.run_info import Outcome, Provenance
+from rnc_pin.simulation.seen_machine import SeenMachine
 from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
 from rnc_pin.simulation.trajectory import Trajectory
 
@@ -40,7 +42,7 @@ class Sample(NamedTuple):
 
 
 Observer = Callable[[Sample], None]
-_MODEL = "the model"
+_MODEL, _LOOP = "the model", "the loop"
 
 
 def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
@@ -70,11 +72,13 @@ def simulate(
     substeps: int = 1,
     plant: Plant = NOTHING_BESIDE,
     stop: Stop = BEYOND_BOUNDS,
+    machine: Machine | None = None,
+    loop: LoopOptions | None = None,
     controller_state: State = None,
     observer: Observer | None = None,
     meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
-    """Run a controller against the reduced model.
+    """Run a controller against the reduced model, or against another machine.
 
     The controller sees a measurement every ``dt`` and its inputs are held in between, while the system moves by a
     fourth-order Lie-group integrator in charts of its own, regular wherever the constraints have constant rank: only
@@ -91,6 +95,10 @@ def simulate(
         substeps: integration steps in a sampling period.
         plant: what a real machine has beside the model: ``Plant(joint_damping=True, actuator_limits=True)``.
         stop: what ends the run early: ``Stop(position_limits=True)``.
+        machine: what moves instead of the reduced model: another simulator, a model that differs from what the
+            controller believes, sensors with faults. ``plant`` and ``substeps`` are of our own and mean nothing then.
+        loop: options of the ``ControlLoop`` that the controller runs in. By default inputs are clipped to their limits
+            where ``plant`` says so, and errors are raised; around another machine there is a safe command instead.
         controller_state: resume from this state instead of a fresh one.
         observer: called with every ``Sample``.
         meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
@@ -121,48 +129,53 @@ def simulate(
     """
     provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
-    closed = reduced.assembly.size > 0
-    moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
-    q = assembled_start(reduced, np.array(q0, dtype=float))
-    start = reduced.at(q, np.zeros(reduced.r) if v2_0 is None else v2_0)
-    y = moving.start(start.q, start.v)
-    state_of_controller = controller_state
+    own = ReducedPlant(reduced, plant, substeps)
+    seen = SeenMachine(own if machine is None else machine, reduced)
+    usual: LoopOptions = {
+        "on_trouble": "raise" if machine is None else "hold",
+        "limits": plant.actuator_limits,
+        "fastest": stop.speed,
+    }
+    usual.update(loop or {})
+    control, watch = ControlLoop(reduced, controller, dt, **usual), Watch(stop, reduced.robot)
+    nothing = np.zeros(reduced.r)
+    start = reduced.at(
+        assembled_start(reduced, np.array(q0, dtype=float)), np.zeros(reduced.r) if v2_0 is None else v2_0
+    )
+    seen.machine.reset(start.q, start.v)
     if controller_state is None:
-        state_of_controller = controller.initial_state(start.measure(moving.integrals(y)))
-    integrator = LieRungeKutta4(reduced.robot)
-    record = Record(reduced, samples, moving.carries)
-    outcome, t, culprit = Outcome.COMPLETED, 0.0, _MODEL
+        controller_state = controller.initial_state(seen.look().measure(nothing))
+    control.resume(LoopState(begin=0.0, controller=controller_state))
+    record = Record(reduced, samples, own.carries, seen.friction_names)
+    outcome, message, t, culprit = Outcome.COMPLETED, None, 0.0, _MODEL
     with uninterrupted():
         try:
             with interruptible():
-                for sample in range(record.capacity):
+                for sample in range(samples):
                     t, culprit = sample * dt, _MODEL
-                    if not np.isfinite(y).all():
-                        raise DivergenceError("velocities have no bound", time=t)
-                    state, y = moving.settled(q, y)
+                    state = seen.look()
                     watch.check(t, state)
-                    integrals = moving.integrals(y)
-                    measurement = state.measure(integrals)
-                    culprit = "the controller"
-                    command, state_of_controller = controller.step(t, measurement, state_of_controller)
-                    culprit = "taking its command"
-                    T = moving.saturate(_inputs(reduced, state, command))
-                    record.add(t, state, integrals, command, T, y[-1])
+                    culprit = _LOOP
+                    T = seen.decide(control, t)
+                    culprit = _MODEL
+                    T = seen.act(control, T)
+                    measurement, command = _decided(control, state)
+                    integrals = control.state.integrals if control.state.integrals is not None else nothing
+                    record.add(t, state, integrals, command, T, seen.work, seen.v_measured, seen.friction_used)
                     if observer is not None:
                         culprit = "the observer"
                         observer(Sample(t, measurement, command, T))
-                    culprit = _MODEL
-                    if sample + 1 < record.capacity:
-                        rate, first = moving.rate(T), moving.first_slope(state, T)
-                        for substep in range(substeps):
-                            q, y = integrator.step(rate, q, y, dt / substeps, None if substep else first)
-                        if closed and np.isfinite(q).all():  # else diverged, which the next sample says
-                            q = reduced.assembly.project(q)
+                        culprit = _MODEL
+                    if sample + 1 < samples:
+                        seen.machine.advance(dt)
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED
         except Exception as error:
+            culprit = control.at_work if culprit is _LOOP else culprit
             raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
-        return record.finish(dt, provenance, outcome)
+        if control.state.failed and outcome is Outcome.COMPLETED:
+            outcome, message = Outcome.FAILED, f"the safe command was given since: {control.state.trouble}"
+        return record.finish(dt, provenance, outcome, message)
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
@@ -178,12 +191,8 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     return reduced.assembled(q0)
 
 
-def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.ndarray:
-    if (command.F is None) == (command.T is None):
-        raise InputError("a command has to give either F or T")
-    if command.T is None:
-        return state.allocate(command.F)
-    T = np.asarray(command.T, dtype=float)
-    if T.shape != (reduced.p,):
-        raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
-    return T
+def _decided(loop: ControlLoop, state: Evaluation) -> tuple[Measurement, Command]:
+    """What the loop's last step saw and asked for; nothing was asked for where it gave the safe command."""
+    if loop.last is None or loop.state.trouble is not None:
+        return state.measure(loop.state.integrals), Command(T=loop.state.T)
+    return loop.last.measurement, loop.last.command

@@ -74,7 +74,9 @@ class Trajectory(Printed):
     work: Float[Array, " N"]
     """Work of actuators and of constraints that move, less what damping took [J]: ``energy - work`` is constant."""
     constraint_residual: Float[Array, " N"]
-    """Largest entry of ``A v - mu``."""
+    """Largest entry of ``A v - mu``, of the velocity as it is: of the order of rounding on our own plant."""
+    slip: Float[Array, "N m"]
+    """``A v - mu`` of the kept constraint rows [m/s or rad/s]."""
     position_residual: Float[Array, " N"]
     """Largest violation of a holonomic row [m or rad]; zero where there is none."""
     singular_value: Float[Array, " N"]
@@ -83,6 +85,10 @@ class Trajectory(Printed):
     """Parameters that the controller learnt; no columns where it learns none by name."""
     prediction_error: Float[Array, "N e"]
     """Measured less predicted rates of the vertical outputs, where the controller predicts them."""
+    v_measured: Float[Array, "N w"]
+    """Full velocities as sensors gave them; no columns where they are exact."""
+    friction_used: Float[Array, "N c2"]
+    """Share of the grip that each contact uses, 1 where it slips; no columns where nothing grips by friction."""
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
 
@@ -155,10 +161,11 @@ class Trajectory(Printed):
             raise ConfigurationError(f"{path}: not a trajectory: no plain file")
         try:
             with np.load(path, allow_pickle=False) as file:
-                missing = [name for name in names if name not in file.files]
+                missing = [name for name in names if name not in file.files and name not in _LATER]
                 if missing:
                     raise ConfigurationError(f"{path}: not a trajectory: it has no '{missing[0]}'")
-                arrays = {name: file[name] for name in names}
+                arrays = {name: file[name] for name in names if name in file.files}
+                arrays |= {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
             info = _info(json.loads(str(arrays.pop("meta"))))
             _check(arrays, info.outputs)
             return cls(**arrays, info=info)
@@ -234,4 +241,5 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise _Unfit("its time runs backwards")
 
 
+_LATER = ("slip", "v_measured", "friction_used")  # not in files of older versions
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")
