@@ -11,11 +11,12 @@ from numpy import ndarray as Array
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
+from rnc_pin.control.windup import asks_for_more
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.planning.references import Reference
+from rnc_pin.planning.references import Reference, ReferencePoint
 from rnc_pin.printing import Spelled
 
 
@@ -31,6 +32,8 @@ class PositionState(NamedTuple):
     """``A - beta e x2d_ddot^T``."""
     B: Float[Array, "*batch k k"]
     """``B - beta e x2d_dot^T``."""
+    e: Float[Array, "*batch k"]
+    """The error."""
 
 
 class PositionTracker(Spelled):
@@ -46,7 +49,9 @@ class PositionTracker(Spelled):
 
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
-    Reads from the measurement: ``x2`` alone.
+    Of outputs whose actuators gave too little nothing is learnt that would ask for more (``control.windup``).
+
+    Reads from the measurement: ``x2``, and ``excess`` where somebody looked.
 
     Args:
         reference: of the outputs that it tracks.
@@ -102,6 +107,7 @@ class PositionTracker(Spelled):
             f=-step,
             A=nothing - step[..., :, None] * point.acceleration,
             B=nothing - step[..., :, None] * point.velocity,
+            e=error,
         )
 
     def _error(self, t: float, measurement: Measurement) -> np.ndarray:
@@ -134,6 +140,8 @@ class PositionTracker(Spelled):
 
         f = decay * state.f + held * (drive - g.sigma * step)
         A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
+        if measurement.excess is not None:
+            f, A, B = self._held_back(measurement.excess[..., self.outputs], state, desired, step, f, A, B)
         F = (
             apply(A + step[..., :, None] * xdd, np.broadcast_to(xdd, e.shape))
             + apply(B + step[..., :, None] * xd, np.broadcast_to(xd, e.shape))
@@ -148,4 +156,35 @@ class PositionTracker(Spelled):
             v2_desired=spread(xd, self.outputs, size),
             x2_desired=spread(desired.position, self.outputs, size),
         )
-        return command, PositionState(t, z, f, A, B)
+        return command, PositionState(t, z, f, A, B, e)
+
+    def _held_back(
+        self,
+        excess: np.ndarray,
+        state: PositionState,
+        desired: ReferencePoint,
+        step: np.ndarray,
+        f: np.ndarray,
+        A: np.ndarray,
+        B: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Primed f, A and B (8) without what would ask still more of actuators that gave too little."""
+        before = desired if state.time is None else self.reference.at(state.time)
+        w, w_before = _regressor(desired), _regressor(before)
+        # What would be primed now if the learnt force had stayed as it was.
+        same = _stacked(state.f, state.A, state.B)
+        same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
+        new = _stacked(f, A, B)
+        stays = asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], w.shape[-1]))))
+        kept = np.where(stays[..., None], same, new)
+        k = step.shape[-1]
+        return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]
+
+
+def _stacked(f: np.ndarray, A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """What is learnt as one matrix (..., k, 1 + 2 k), whose product with the regressor is a force."""
+    return np.concatenate([f[..., None], A, B], axis=-1)
+
+
+def _regressor(desired: ReferencePoint) -> np.ndarray:
+    return np.concatenate([np.ones((*desired.velocity.shape[:-1], 1)), desired.acceleration, desired.velocity], axis=-1)

@@ -19,6 +19,7 @@ from rnc_pin.control.protocol import (
     elapsed_time,
     listed,
 )
+from rnc_pin.control.windup import asks_for_more
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
@@ -41,9 +42,10 @@ class VelocityTracker(Spelled):
     The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time
     the leak is exact over a sample, and the step along the regressor w is bounded: what one sample adds
     to F is at most ``k e_v``, however large ``beta |w|^2 dt`` (under explicit Euler more than 2 diverges).
-    For small steps both are the paper's.
+    For small steps both are the paper's. Of outputs whose actuators gave too little nothing is learnt that would ask
+    for more (``control.windup``).
 
-    Reads from the measurement: ``v2``, and what its kinematic controller reads.
+    Reads from the measurement: ``v2``, ``excess`` where somebody looked, and what its kinematic controller reads.
 
     Args:
         target: kinematic controller that decides ``v2d`` and its rate.
@@ -93,12 +95,15 @@ class VelocityTracker(Spelled):
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
         square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
         k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
-        decay = np.exp(-sigma * elapsed)
+        decay = np.asarray(np.exp(-sigma * elapsed))
         held = -np.expm1(-sigma * elapsed) / sigma if sigma > 0 else elapsed  # integral of the leak over the sample
         step = held * beta / (1.0 + held * beta * square[..., None] / k) * error
+        if measurement.excess is not None:
+            stays = asks_for_more(measurement.excess, error)
+            step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)
         g = decay * state.g + step
-        C = decay * state.C + step[..., :, None] * target.v2_dot[..., None, :]
-        D = decay * state.D + step[..., :, None] * products[..., None, :]
+        C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
+        D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
         F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.held
         command = command_towards(target, F)
         return command, TrackerState(t, g, C, D, target_state)

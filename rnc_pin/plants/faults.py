@@ -1,0 +1,170 @@
+"""What sensors and actuators of a real machine do wrong."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.protocol import Machine
+
+_AT_REST = 1e-2  # speed over which Coulomb friction grows to its full size [rad/s or m/s]
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Faults of sensors and actuators; none by default.
+
+    Args:
+        position_noise, velocity_noise: standard deviations [rad or m, rad/s or m/s].
+        position_bias, velocity_bias: of every sensor [the same].
+        counts: steps of a position sensor in 2 pi rad, and so in 2 pi m; positions are rounded to them.
+        delay: samples after which a measurement arrives.
+        jitter: share of a sampling period by which a measurement is taken too early or too late at most.
+        dropped: share of samples that never come: the one before is seen again.
+        garbage: share of samples that are NaN.
+        effort: largest input of every actuator [N or N m]; the loop knows it.
+        dead_zone: input below which an actuator does nothing [N or N m]; the loop does not know it.
+        friction: Coulomb friction that works against every actuator [N or N m].
+        slip_time: time at which the machine is pushed against its constraints [s].
+        slip_speed: speed at which it slips then, along each constraint row [m/s or rad/s].
+        slip_duration: for how long [s].
+
+    Raises:
+        ConfigurationError: a number that makes no sense.
+    """
+
+    position_noise: float = 0.0
+    velocity_noise: float = 0.0
+    position_bias: float = 0.0
+    velocity_bias: float = 0.0
+    counts: float = np.inf
+    delay: int = 0
+    jitter: float = 0.0
+    dropped: float = 0.0
+    garbage: float = 0.0
+    effort: float = np.inf
+    dead_zone: float = 0.0
+    friction: float = 0.0
+    slip_time: float = np.inf
+    slip_speed: float = 0.0
+    slip_duration: float = 0.05
+
+    def __post_init__(self) -> None:
+        signed = ("position_bias", "velocity_bias", "slip_speed")
+        for name in (each.name for each in fields(self)):
+            value = getattr(self, name)
+            if np.isnan(value) or (name not in signed and value < 0):
+                raise ConfigurationError(f"fault {name} has to be a number that is not negative, found {value}")
+        for name in ("dropped", "garbage", "jitter"):
+            if getattr(self, name) > 1:
+                raise ConfigurationError(f"fault {name} is a share, at most 1, found {getattr(self, name)}")
+        if self.counts == 0:
+            raise ConfigurationError("fault counts has to be positive")
+
+
+class FaultyMachine:
+    """A machine seen through bad sensors and driven through bad actuators.
+
+    Args:
+        machine: the machine.
+        faults: what is wrong with it.
+        reduced: the model whose configurations and actuators they are.
+        dt: sampling period, of which ``jitter`` is a share [s].
+        seed: of the noise: the same numbers in the same order, whatever runs beside it.
+    """
+
+    def __init__(self, machine: Machine, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
+        self.machine, self.faults, self._reduced, self._dt, self._seed = machine, faults, reduced, dt, seed
+        self._model = reduced.robot.model
+        self.applied = np.zeros(reduced.p)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._time, self._generator = 0.0, np.random.default_rng(self._seed)
+        self._under_way: deque[tuple[np.ndarray, np.ndarray]] = deque()
+        self._slip = np.zeros(self._model.nv)
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Start again, with the same noise."""
+        self._forget()
+        self.machine.reset(q, v)
+
+    def actual(self) -> tuple[np.ndarray, np.ndarray]:
+        """Configuration (nq,) and velocity (nv,) as they are."""
+        q, v = self.machine.read()
+        return q, v + self._slip
+
+    def __getattr__(self, name: str) -> Any:
+        """What else the machine has to tell."""
+        if name in ("work", "friction_used", "friction_names"):
+            return getattr(self.machine, name)
+        raise AttributeError(name)
+
+    # ------------------------------------------------------------------ sensors
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """What sensors say; each call is one sample of theirs."""
+        faults, draw = self.faults, self._generator
+        q, v = self.actual()
+        # Drawn whether needed or not, so that one fault's noise does not depend on the others.
+        noise, chance = draw.normal(size=(2, self._model.nv)), draw.uniform(-1.0, 1.0, size=3)
+        error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self._dt * chance[0] * v
+        if error.any():
+            q = pin.integrate(self._model, q, error)
+        if np.isfinite(faults.counts):
+            q = self._counted(q)
+        v = v + faults.velocity_noise * noise[1] + faults.velocity_bias
+        if abs(chance[2]) < faults.garbage:
+            q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
+        if abs(chance[1]) < faults.dropped and self._under_way:
+            q, v = self._under_way[-1]
+        self._under_way.append((q, v))
+        while len(self._under_way) > faults.delay + 1:
+            self._under_way.popleft()
+        q, v = self._under_way[0]
+        return q.copy(), v.copy()
+
+    def _counted(self, q: np.ndarray) -> np.ndarray:
+        """A configuration on the grid of the encoders, counted from neutral."""
+        step = 2.0 * np.pi / self.faults.counts
+        neutral = pin.neutral(self._model)
+        counted: np.ndarray = pin.integrate(
+            self._model, neutral, step * np.round(pin.difference(self._model, neutral, q) / step)
+        )
+        return counted
+
+    # ------------------------------------------------------------------ actuators
+
+    def apply(self, T: np.ndarray) -> None:
+        """Hold what the actuators make of these inputs; ``applied`` is as far as a loop knows."""
+        faults = self.faults
+        self.applied = np.clip(T, -faults.effort, faults.effort)
+        given = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
+        if faults.friction:
+            q, v = self.machine.read()
+            rate = apply_transposed(self._reduced.at(q).B, v)
+            given = given - faults.friction * np.tanh(rate / _AT_REST)
+        self.machine.apply(given)
+        self._given = given
+
+    def advance(self, dt: float) -> None:
+        """Let time pass [s]; where it slips, it is moved against its constraints meanwhile."""
+        self.machine.advance(dt)
+        begin, self._time = self._time, self._time + dt
+        faults = self.faults
+        slips = faults.slip_time <= begin < faults.slip_time + faults.slip_duration
+        if slips and faults.slip_speed:
+            q, v = self.machine.read()
+            A = self._reduced.at(q).A
+            self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
+            self.machine.reset(pin.integrate(self._model, q, dt * self._slip), v)
+            self.machine.apply(self._given)
+        else:
+            self._slip = np.zeros(self._model.nv)
