@@ -1,0 +1,1 @@
+"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``."""
