@@ -8,6 +8,7 @@ along the axes of the world. Generalized forces go the way of velocities, transp
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -197,6 +198,40 @@ class Standing(Part):
         applied[self.dof : self.dof + 3] += self.placement.rotation @ np.array([c * fx - s * fy, s * fx + c * fy, 0.0])
         up = pose.rotation.T @ self.placement.rotation[:, 2]
         applied[self.dof + 3 : self.dof + 6] += turning * up
+
+
+class Joints:
+    """All joints of a robot.
+
+    Args:
+        parts: one for each joint.
+        nq, nv: sizes of Pinocchio's vectors.
+    """
+
+    def __init__(self, parts: Sequence[Part], nq: int, nv: int) -> None:
+        self._parts, self._nq, self._nv = parts, nq, nv
+        plain = [part for part in parts if isinstance(part, Straight | Continuous | Ball)]
+        self._turning = [part for part in parts if part not in plain]
+        self._v = np.array([part.v + k for part in plain for k in range(part.nv)], dtype=int)
+        self._dof = np.array([part.dof + k for part in plain for k in range(part.nv)], dtype=int)
+
+    def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """A state as MuJoCo's."""
+        for part in self._parts:
+            part.write(State(q, v), State(qpos, qvel))
+
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """MuJoCo's state as q (nq,) and v (nv,)."""
+        here = State(np.zeros(self._nq), np.zeros(self._nv))
+        for part in self._parts:
+            part.read(State(qpos, qvel), here)
+        return here
+
+    def push(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
+        """A generalized force (nv,), added to MuJoCo's."""
+        applied[self._dof] += force[self._v]
+        for part in self._turning:
+            part.push(qpos, force, applied)
 
 
 def _scalar_first(quaternion: np.ndarray) -> np.ndarray:

@@ -110,7 +110,7 @@ class Tree:
         added = _move(body, name, single.slides, single.axis)
         q, v = joint.idx_q, joint.idx_v + number
         if number:
-            q = joint.joints[number].idx_q
+            q = joint.extract().joints[number].idx_q
         kind = Continuous if single.continuous else Straight
         self._planned.append(_Planned(kind, name, name, q, v, 1, {}))
         if self._limits and not single.continuous:
@@ -171,7 +171,8 @@ class Tree:
 def _singles(joint: Any) -> Iterator[_Single]:
     """What a joint is made of, if it is made of hinges and slides; nothing else."""
     if joint.shortname() == "JointModelComposite":
-        inner = [_single(each, placement) for each, placement in zip(joint.joints, joint.jointPlacements, strict=True)]
+        whole = joint.extract()
+        inner = [_single(each, placement) for each, placement in zip(whole.joints, whole.jointPlacements, strict=True)]
         if all(inner):
             yield from (each for each in inner if each)
     elif single := _single(joint, pin.SE3.Identity()):
