@@ -142,4 +142,4 @@ class Couplings:
 
     def _firmness(self) -> dict[str, list[float]]:
         rigid = self._settings.contact_impedance
-        return {"solref": [self._settings.contact_time, 1.0], "solimp": [rigid, rigid, 0.001, 0.5, 2.0]}
+        return {"solref": [self._settings.firmness, 1.0], "solimp": [rigid, rigid, 0.001, 0.5, 2.0]}

@@ -18,6 +18,7 @@ _NO_GRIP = 1e-5  # the least that MuJoCo takes
 _THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
 _SHORT = 1e-3  # half the length of a wheel that holds on along one direction, in radii [1], and of a blade [m]
 _BLADE = 0.005  # radius of a blade's edge [m]
+_SPRUNG = 10.0  # how much slower a support without friction pushes back: wheels beside it carry the most
 _LIGHT = 1e-6  # of the robot: a wheel that is only drawn has the mass of the body that it is drawn on
 
 
@@ -97,7 +98,7 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
         geomname2=contact.name,
         condim=condim,
         friction=[max(each, _NO_GRIP) for each in (first, second, torsional, rolling, rolling)],
-        solref=[settings.contact_time, 1.0],
+        solref=[settings.firmness * (_SPRUNG if contact.grip == "none" else 1.0), 1.0],
         solimp=[settings.contact_impedance, settings.contact_impedance, 0.001, 0.5, 2.0],
     )
 

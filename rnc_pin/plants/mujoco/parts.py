@@ -231,7 +231,8 @@ class Joints:
         """A generalized force (nv,), added to MuJoCo's."""
         applied[self._dof] += force[self._v]
         for part in self._turning:
-            part.push(qpos, force, applied)
+            if force[part.v : part.v + part.nv].any():
+                part.push(qpos, force, applied)
 
 
 def _scalar_first(quaternion: np.ndarray) -> np.ndarray:

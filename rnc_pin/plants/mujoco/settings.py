@@ -23,7 +23,7 @@ _CHOICES: dict[str, tuple[object, ...]] = {
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
-_POSITIVE = ("step", "tolerance", "contact_time", "impratio")
+_POSITIVE = ("step", "tolerance", "impratio")
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class MuJoCoSettings:
         cone: of friction forces.
         impratio: how much stiffer contacts are along the ground than across it; large values creep less.
         contact_time: time constant in which a contact takes away what it penetrates, and slip below the grip [s]; at
-            least twice the step.
+            least twice the step, which is the default. In a turn wheels creep sideways by half of it times the
+            centripetal acceleration: MuJoCo's contacts do not foresee that they turn.
         contact_impedance: how rigid a contact is, below 1.
         wheel_shape: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for upright wheels;
             "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
@@ -75,9 +76,9 @@ class MuJoCoSettings:
     iterations: int = 50
     tolerance: float = 1e-12
     cone: Cone = "elliptic"
-    impratio: float = 10.0
-    contact_time: float = 0.004
-    contact_impedance: float = 0.99
+    impratio: float = 100.0
+    contact_time: float = 0.0
+    contact_impedance: float = 0.999
     wheel_shape: WheelShape = "ellipsoid"
     stance: Stance = "auto"
     casters: Literal["auto"] | bool = "auto"
@@ -85,6 +86,11 @@ class MuJoCoSettings:
     joint_limits: bool = False
     joint_damping: bool = False
     effort_limits: bool = False
+
+    @property
+    def firmness(self) -> float:
+        """The time constant of contacts [s]."""
+        return max(self.contact_time, 2 * self.step)
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
@@ -109,7 +115,8 @@ class MuJoCoSettings:
             raise ConfigurationError(
                 f"MuJoCo: contact_impedance has to lie between 0 and 1, found {self.contact_impedance}"
             )
-        if self.iterations < 1 or self.settling < 0:
-            raise ConfigurationError(
-                f"MuJoCo: iterations {self.iterations} have to be at least 1 and settling {self.settling} not negative"
-            )
+        if self.iterations < 1:
+            raise ConfigurationError(f"MuJoCo: iterations have to be at least 1, found {self.iterations}")
+        for name in ("settling", "contact_time"):
+            if getattr(self, name) < 0:
+                raise ConfigurationError(f"MuJoCo: {name} cannot be negative, found {getattr(self, name)}")
