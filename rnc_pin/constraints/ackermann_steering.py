@@ -59,7 +59,7 @@ class AckermannSteering:
 
     def bind(self, robot: Robot) -> Rows:
         pivots = [_pivot(self.left, robot), _pivot(self.right, robot)]
-        return _AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
+        return AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
 
 
 class _Pivot(NamedTuple):
@@ -79,20 +79,26 @@ class _Shape(NamedTuple):
     f_lr: Component
 
 
-class _AckermannRow(Rows):
-    """``f(l, r) = sin(l - r) - k sin(l) sin(r)`` with k the track over the wheelbase, negative where left is right."""
+class AckermannRow(Rows):
+    """``f(l, r) = sin(l - r) - k sin(l) sin(r)`` with k the track over the wheelbase, negative where left is right.
+
+    Attributes:
+        ratio: k.
+        signs: of both joints, 1 where a positive angle steers to the left.
+    """
 
     holonomic = (True,)
     units = ("rad/s",)
 
     def __init__(self, kind: AckermannSteering, pivots: list[_Pivot], ratio: float) -> None:
         self.names = (f"ackermann({kind.left}, {kind.right})",)
-        self._pivots, self._ratio = pivots, ratio
+        self._pivots, self.ratio = pivots, ratio
+        self.signs = (pivots[0].sign, pivots[1].sign)
 
     def _shape(self, at: Position) -> _Shape:
         q = components(at.q)
         (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
-        k = self._ratio
+        k = self.ratio
         cosine, sine = cl * cr + sl * sr, sl * cr - cl * sr  # of l - r
         return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
 

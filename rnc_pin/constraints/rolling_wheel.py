@@ -99,6 +99,7 @@ class RollingRows(Rows):
     Attributes:
         wheel: name of the frame; ``frame``: its index.
         radius: [m]. The rows are affine in it, so an estimator sets it on a copy of its own.
+        axle: in the frame's own axes (3,).
     """
 
     on_ground = True
@@ -112,12 +113,12 @@ class RollingRows(Rows):
         self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
         self._seen: tuple[np.ndarray | None, Axle] = None, (0.0, 0.0, 0.0, 0.0)
-        self._axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
+        self.axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
     def _axis(self, at: Position) -> Axle:
         """The axle in the world and the length of its horizontal part."""
         if self._seen[0] is not at.q:
-            x, y, z = components(apply(at.rotation(self.frame), self._axle))
+            x, y, z = components(apply(at.rotation(self.frame), self.axle))
             s = (x * x + y * y) ** 0.5
             if smallest(s) < _FLAT:
                 check_defined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
@@ -180,7 +181,7 @@ class RollingRows(Rows):
         return np.broadcast_to(contact[..., None, :], directions.shape), directions
 
     def drift_gradient(self, at: Gradients) -> np.ndarray:
-        axle = at.placement(self.frame).rotation @ self._axle
+        axle = at.placement(self.frame).rotation @ self.axle
         motion, velocity, acceleration = (
             at.frame_gradients(self.frame),
             at.velocity(self.frame),

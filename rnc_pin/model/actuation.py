@@ -76,18 +76,19 @@ class Actuation:
     Attributes:
         names: one for each input, (p,).
         limits: largest magnitudes (p,) [N or N m]; those of joints are the URDF's effort limits.
+        frames: of forces and torques on frames: the column of B, the frame's index, and the row of its Jacobian.
     """
 
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
         self.names: tuple[str, ...]
         self._function: MatrixFunction | None = None
-        self._frames: list[tuple[int, int, int]] = []  # (column, frame, row of its Jacobian)
+        self.frames: list[tuple[int, int, int]] = []
         if callable(actuators) or isinstance(actuators, np.ndarray):
             self._read_matrix(actuators, robot)
         else:
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
-        self.joints = tuple({robot.model.frames[frame].parentJoint for _, frame, _ in self._frames})
+        self.joints = tuple({robot.model.frames[frame].parentJoint for _, frame, _ in self.frames})
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
@@ -107,7 +108,7 @@ class Actuation:
             if isinstance(actuator, FrameForce | FrameTorque):
                 offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
                 row = offset + axis_index(actuator.axis)
-                self._frames.append((column, robot.frame_id(actuator.frame), row))
+                self.frames.append((column, robot.frame_id(actuator.frame), row))
                 self.limits[column] = actuator.limit
                 names.append(f"{word}({actuator.frame}.{actuator.axis})")
             elif isinstance(actuator, str):
@@ -133,18 +134,18 @@ class Actuation:
     @property
     def constant(self) -> np.ndarray | None:
         """B (nv, p) where it does not depend on the configuration."""
-        return None if self._function is not None or self._frames else self._constant
+        return None if self._function is not None or self.frames else self._constant
 
     def matrix(self, at: Position) -> np.ndarray:
         """B(q), (..., nv, p)."""
         shape = self._constant.shape
         if self._function is not None:
             return over_states(self._called, shape, at.q)
-        if not self._frames:
+        if not self.frames:
             return self._constant if at.q.ndim == 1 else np.broadcast_to(self._constant, (*at.q.shape[:-1], *shape))
         batch = at.q.shape[:-1]
         matrix = np.array(np.broadcast_to(self._constant, (*batch, *shape))) if batch else self._constant.copy()
-        for column, frame, row in self._frames:
+        for column, frame, row in self.frames:
             matrix[..., column] = at.jacobian(frame, OWN_AXES, slice(row, row + 1))[..., 0, :]
         return matrix
 
@@ -157,6 +158,6 @@ class Actuation:
         if self._function is not None:
             return None
         rate = np.zeros((*at.q.shape[:-1], *self._constant.shape))
-        for column, frame, row in self._frames:
+        for column, frame, row in self.frames:
             rate[..., column] = at.jacobian_dot(frame, OWN_AXES)[..., row, :]
         return rate

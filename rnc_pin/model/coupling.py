@@ -37,10 +37,10 @@ class CouplingRow(ConstantRows):
     ) -> None:
         self.pair = frozenset({joint, driver})
         """The joints that it couples."""
-        self.joint = joint
+        self.joint, self.driver = joint, driver
         self._joint = _single(joint, robot)
         self._driver = None if driver is None else _single(driver, robot)
-        self._ratio, self._offset = ratio, offset
+        self.ratio, self.offset = ratio, offset
         self.names = (name or f"coupling({joint}, {driver})",)
         self.units = ("rad/s" if self._joint.shortname().startswith("JointModelR") else "m/s",)
         self.matrix = np.zeros((1, robot.nv))
@@ -54,9 +54,9 @@ class CouplingRow(ConstantRows):
     def residual(self, at: Position) -> np.ndarray:
         if not self.holonomic[0]:
             return super().residual(at)
-        gap = _position(self._joint, at.q) - self._offset
+        gap = _position(self._joint, at.q) - self.offset
         if self._driver is not None:
-            gap = gap - self._ratio * _position(self._driver, at.q)
+            gap = gap - self.ratio * _position(self._driver, at.q)
         if self._period:
             gap = gap - self._period * np.round(gap / self._period)
         return gap[..., None]

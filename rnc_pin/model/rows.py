@@ -33,6 +33,8 @@ class Rows(ABC):
             does. A row that says False may still be integrable together with others.
         on_ground: whether a holonomic row that no joint can move is to be left alone, as the height of a wheel is
             over a base that moves in the plane. Others have to be satisfied.
+        kind: the description that was bound, for those who make the same thing of other means, such as a simulator;
+            None for rows that a system adds itself.
     """
 
     names: tuple[str, ...]
@@ -42,6 +44,7 @@ class Rows(ABC):
     affine: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
+    kind: ConstraintKind | None = None
 
     @abstractmethod
     def jacobian(self, at: Position) -> np.ndarray:

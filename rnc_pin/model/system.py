@@ -78,7 +78,7 @@ class NonholonomicSystem(Printed):
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
-        blocks = [kind.bind(robot) for kind in constraints]
+        blocks = [_bound(kind, robot) for kind in constraints]
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
@@ -219,6 +219,12 @@ class NonholonomicSystem(Printed):
                 if driven.any():
                     name = self.actuation.names[int(np.argmax(driven))]
                     raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
+
+
+def _bound(kind: ConstraintKind, robot: Robot) -> Rows:
+    rows = kind.bind(robot)
+    rows.kind = kind
+    return rows
 
 
 def _sampled_configurations(assembly: Assembly) -> np.ndarray:

@@ -1,0 +1,158 @@
+"""What actuator inputs do to the robot in MuJoCo.
+
+A joint's actuator acts on that joint. A force or torque on a frame of a wheeled vehicle stands for what its wheels do:
+it becomes torques of the wheels, the smallest that do the same to the motion that the constraints leave,
+``R^T B_wheels tau = R^T B T`` at the present configuration. Wheels take part that have no actuator of their own: first
+those on the frame's own body, then all of them. What no wheels can do, as a torque that turns one wheel about the vertical,
+acts on the frame itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.mujoco.wheels import Contact
+from rnc_pin.robots.robot import Robot
+
+_SAME = 1e-6  # of what an actuator does to the motion: wheels that miss less than this do the same
+_ZERO = 1e-9
+_UP = np.array([0.0, 0.0, 1.0])
+_SAMPLES = 3
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A wheel that can be turned: its contact, and where its joint stands in v; None for one that is only drawn."""
+
+    contact: Contact
+    own: int | None
+
+    def effect(self, robot: Robot, data: pin.Data) -> np.ndarray:
+        """Generalized force (nv,) of a unit torque where Jacobians are known."""
+        if self.own is not None:
+            return np.eye(robot.nv)[self.own]
+        joint, radius = self.contact.joint, self.contact.radius
+        placement = data.oMi[joint]
+        _, lowest = self.contact.at(placement)
+        jacobian = pin.getJointJacobian(robot.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        moving = jacobian[:3] - pin.skew(lowest - placement.translation) @ jacobian[3:]
+        heading = np.cross(placement.rotation @ self.contact.axle, _UP)
+        return heading / np.linalg.norm(heading) @ moving / radius
+
+
+class Inputs:
+    """Actuator inputs as forces on joints and torques of wheels.
+
+    Args:
+        reduced: whose actuators they are.
+        contacts: what it stands on.
+        q: a configuration (nq,) near which wheels have to be able to do what frames are said to do.
+
+    Attributes:
+        drawn: wheels that are only drawn, in the order of the torques that ``at`` gives.
+        by_wheels: names of the actuators that wheels stand for.
+    """
+
+    def __init__(self, reduced: ReducedModel, contacts: Sequence[Contact], q: np.ndarray) -> None:
+        self._robot, self._actuation, self._rows = reduced.robot, reduced.actuation, reduced.constraints
+        self._data = self._robot.model.createData()
+        self._kinematics = Kinematics(self._robot, {*self._rows.joints, *self._actuation.joints})
+        self._drives = _drives(reduced, contacts)
+        self.drawn = tuple(drive.contact for drive in self._drives if drive.own is None)
+        self._groups = self._assigned(q)
+        """Columns of B, and the drives that do the same."""
+        wheeled = [column for columns, _ in self._groups for column in columns]
+        self.by_wheels = tuple(self._actuation.names[column] for column in wheeled)
+        self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
+        fixed = self._actuation.constant
+        if fixed is None and set(wheeled) == {column for column, *_ in self._actuation.frames}:
+            at = self._kinematics.position(q)  # what is left acts on joints
+            fixed = self._actuation.matrix(at) if wheeled else None
+        self._constant = None if fixed is None else fixed[:, self._direct].copy()
+
+    def torques(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is held while inputs are: forces on joints by their wheels (nv,), and torques of wheels drawn (k,)."""
+        force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
+        if not self._groups:
+            return force, drawn
+        seen, effects = self._seen(q)
+        for columns, drives in self._groups:
+            wanted = seen[0] @ (seen[1][:, columns] @ T[columns])
+            torques = np.linalg.lstsq(seen[0] @ effects[:, drives], wanted, rcond=_ZERO)[0]
+            for drive, torque in zip(drives, torques, strict=True):
+                own = self._drives[drive].own
+                if own is None:
+                    drawn[self.drawn.index(self._drives[drive].contact)] += torque
+                else:
+                    force[own] += torque
+        return force, drawn
+
+    @property
+    def follows(self) -> bool:
+        """Whether ``direct`` depends on the configuration."""
+        return self._constant is None
+
+    def direct(self, q: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """Generalized force (nv,) of the inputs that no wheels stand for."""
+        matrix = self._constant
+        if matrix is None:
+            matrix = self._actuation.matrix(self._kinematics.position(q))[:, self._direct]
+        return matrix @ T[self._direct]
+
+    # ------------------------------------------------------------------ which wheels
+
+    def _seen(self, q: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """A basis (r, nv) of the motion that is left, B (nv, p), and effects of the drives (nv, k)."""
+        at = self._kinematics.position(q)
+        rows = self._rows.jacobian(at)
+        basis = scipy.linalg.null_space(rows, rcond=_ZERO).T if len(rows) else np.eye(self._robot.nv)
+        pin.computeJointJacobians(self._robot.model, self._data, q)
+        effects = np.array([drive.effect(self._robot, self._data) for drive in self._drives])
+        return (basis, self._actuation.matrix(at)), effects.reshape(-1, self._robot.nv).T
+
+    def _assigned(self, q: np.ndarray) -> list[tuple[list[int], list[int]]]:
+        if not self._drives:
+            return []
+        generator, model = np.random.default_rng(0), self._robot.model
+        moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(_SAMPLES - 1)]
+        samples = [self._seen(each) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for column, frame, _ in self._actuation.frames:
+            body = model.frames[frame].parentJoint
+            same = tuple(k for k, drive in enumerate(self._drives) if self._carrier(drive) == body)
+            for drives in (same, tuple(range(len(self._drives)))):
+                if drives and all(_does(seen, effects, column, drives) for seen, effects in samples):
+                    groups.setdefault(drives, []).append(column)
+                    break
+        return [(columns, list(drives)) for drives, columns in groups.items()]
+
+    def _carrier(self, drive: Drive) -> int:
+        """The joint whose body a wheel turns on."""
+        joint = drive.contact.joint
+        return joint if drive.own is None else int(self._robot.model.parents[joint])
+
+
+def _does(seen: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int, drives: Sequence[int]) -> bool:
+    basis, matrix = seen
+    wanted, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
+    missed = wanted - wheels @ np.linalg.lstsq(wheels, wanted, rcond=_ZERO)[0]
+    return bool(np.linalg.norm(missed) <= _SAME * np.linalg.norm(wanted))
+
+
+def _drives(reduced: ReducedModel, contacts: Sequence[Contact]) -> list[Drive]:
+    model, found = reduced.robot.model, []
+    for contact in contacts:
+        if contact.spins:
+            found.append(Drive(contact, None))
+        elif contact.grip in ("all", "forward") and not contact.round:
+            joint = model.joints[contact.joint]
+            if joint.nv == 1 and str(model.names[contact.joint]) not in reduced.actuation.names:
+                found.append(Drive(contact, joint.idx_v))
+    return found

@@ -1,0 +1,219 @@
+"""A robot in MuJoCo, as a machine."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.mujoco.couplings import Couplings
+from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.ground import Grips, add_ground, hinge_of
+from rnc_pin.plants.mujoco.inputs import Inputs
+from rnc_pin.plants.mujoco.parts import Joints
+from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+from rnc_pin.plants.mujoco.stance import stance_of
+from rnc_pin.plants.mujoco.tree import Tree
+from rnc_pin.plants.mujoco.wheels import contacts_of, on_one_plane
+
+_INTEGRATORS = {
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+}
+_SOLVERS = {
+    "Newton": mujoco.mjtSolver.mjSOL_NEWTON,
+    "CG": mujoco.mjtSolver.mjSOL_CG,
+    "PGS": mujoco.mjtSolver.mjSOL_PGS,
+}
+_CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
+_WHOLE = 1e-9  # of a step: what a time may be off a whole number of them
+
+
+class MuJoCoPlant:
+    """The robot of a reduced model in MuJoCo: a ``Machine``.
+
+    The MuJoCo model is made from the loaded robot, by names of joints. Momentum is not imposed, it emerges. Wheels grip
+    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides; ``NoSideSlip``
+    is made of the wheels that are drawn on its axle, which turn freely unless a force on their body drives them, or of
+    a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are read, however it
+    stands; see ``MuJoCoSettings``.
+
+    Args:
+        reduced: the model whose robot, constraints and actuators are taken.
+        settings: how MuJoCo computes.
+        q0: configuration (nq,) at which is decided how it stands, and which wheels stand for forces on frames; by
+            default the neutral one.
+
+    Attributes:
+        model, data: MuJoCo's own.
+        stance: how it stands: "free", "level", or "as it is" where the robot's own base has all freedom that it needs.
+        wheel_names: of what grips, (w,).
+        casters: names of supports that were added.
+        wheel_driven: actuators whose inputs become torques of wheels.
+
+    Raises:
+        ConfigurationError: MuJoCo has no such joint or constraint, or nothing presses a wheel on the ground.
+
+    Example:
+        >>> from rnc_pin.plants.mujoco import MuJoCoPlant
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> plant = MuJoCoPlant(system.reduce())
+        >>> plant.reset(robot.configuration(), np.zeros(5))
+        >>> plant.apply(np.array([0.5, 0.5]))
+        >>> plant.advance(1.0)
+        >>> bool(plant.read()[0][0] > 0.1), plant.stance, len(plant.casters)
+        (True, 'free', 2)
+    """
+
+    def __init__(
+        self, reduced: ReducedModel, settings: MuJoCoSettings | None = None, q0: np.ndarray | None = None
+    ) -> None:
+        self.settings = settings or MuJoCoSettings()
+        self._reduced = reduced
+        robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
+        q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
+        contacts = contacts_of(robot, blocks)
+        ground = 0.0
+        if contacts:
+            contacts, ground = on_one_plane(robot, contacts, q)
+        standing = stance_of(robot, contacts, ground, q, self.settings)
+        self.stance, self._lift = standing.root, standing.lift
+        spec = mujoco.MjSpec()
+        tree = Tree(spec, robot, standing.root, self.settings.joint_limits)
+        add_ground(spec, tree, [*contacts, *standing.casters], self.settings)
+        couplings = Couplings(spec, tree, blocks, self.settings)
+        self._set_options(spec.option)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._joints = Joints(tree.finish(self.model, self.data, self.settings.joint_damping), robot.nq, robot.nv)
+        self._couplings = couplings.compiled(self.model)
+        self._inputs = Inputs(reduced, contacts, q)
+        hinges = [self.model.joint(hinge_of(each)) for each in self._inputs.drawn]
+        self._hinges = np.array([hinge.dofadr[0] for hinge in hinges], dtype=int)
+        self._grips = Grips(self.model, contacts, self.settings.friction[0])
+        self.wheel_names = self._grips.names
+        self.casters = tuple(each.name for each in standing.casters)
+        self.wheel_driven = self._inputs.by_wheels
+        self._limits = reduced.actuation.limits
+        self._T = np.zeros(reduced.p)
+
+    def _set_options(self, option: mujoco.MjOption) -> None:
+        chosen = self.settings
+        option.integrator, option.solver = _INTEGRATORS[chosen.integrator], _SOLVERS[chosen.solver]
+        option.cone, option.impratio = _CONES[chosen.cone], chosen.impratio
+        option.iterations, option.tolerance, option.timestep = chosen.iterations, chosen.tolerance, chosen.step
+        option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+    # ------------------------------------------------------------------ the machine
+
+    def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
+        """Start again, at rest on the ground and then with velocity v, at time zero and with no inputs.
+
+        Raises:
+            DivergenceError: it does not come to rest.
+        """
+        q, v = (np.asarray(each, dtype=float) for each in (q, v))
+        if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
+            raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
+        mujoco.mj_resetData(self.model, self.data)
+        self._T = np.zeros(self._reduced.p)
+        if self.stance == "free":
+            self.data.qpos[2] += self._lift
+        elif self.stance == "level":
+            self.data.qpos[self.model.joint("root_joint/z").qposadr[0]] = self._lift
+        rest = np.zeros_like(v)
+        self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        for coupling in self._couplings:
+            coupling.set(self.model, self.data.qpos, fresh=True)
+        if self.stance in ("free", "level"):
+            self._settle(q)
+        self._joints.write(q, v, self.data.qpos, self.data.qvel)
+        self._roll_along(v)
+        self.data.time = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def read(self) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
+        return self._joints.read(self.data.qpos, self.data.qvel)
+
+    def apply(self, T: Float[Array, " p"]) -> None:
+        T = np.array(T, dtype=float)
+        if T.shape != self._T.shape:
+            raise InputError(f"T has shape {T.shape}, expected {self._T.shape}")
+        self._T = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
+
+    def advance(self, dt: float) -> None:
+        """Let time pass [s].
+
+        Raises:
+            DivergenceError: the state is no longer finite.
+        """
+        steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
+        self.model.opt.timestep = dt / steps
+        q, _ = self.read()
+        held, drawn = self._inputs.torques(q, self._T)
+        direct = None if self._inputs.follows else held + self._inputs.direct(q, self._T)
+        for _ in range(steps):
+            force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
+            self._step(force, drawn)
+        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("the state in MuJoCo is not finite", time=self.time)
+
+    def _step(self, force: np.ndarray, drawn: np.ndarray) -> None:
+        applied = self.data.qfrc_applied
+        applied[:] = 0.0
+        self._joints.push(self.data.qpos, force, applied)
+        applied[self._hinges] += drawn
+        for coupling in self._couplings:
+            coupling.set(self.model, self.data.qpos, fresh=False)
+        mujoco.mj_step(self.model, self.data)
+
+    # ------------------------------------------------------------------ rest
+
+    def _settle(self, q: np.ndarray) -> None:
+        """Let the ground take the weight while pose and joints are held."""
+        self.model.opt.timestep = self.settings.step
+        rest = np.zeros(self._reduced.robot.nv)
+        for _ in range(round(self.settings.settling / self.settings.step)):
+            mujoco.mj_fwdPosition(self.model, self.data)
+            mujoco.mj_fwdVelocity(self.model, self.data)
+            self.data.qfrc_applied[6 if self.stance == "free" else 4 :] = self.data.qfrc_bias[
+                6 if self.stance == "free" else 4 :
+            ]
+            mujoco.mj_step(self.model, self.data)
+            self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        self.data.qfrc_applied[:] = 0.0
+
+    def _roll_along(self, v: np.ndarray) -> None:
+        """Give wheels that are only drawn the speed of the ground under them."""
+        if not len(self._hinges):
+            return
+        mujoco.mj_forward(self.model, self.data)
+        for contact, dof in zip(self._inputs.drawn, self._hinges, strict=True):
+            body = self.model.body(hinge_of(contact)).id
+            moving = np.zeros(6)
+            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, moving, 0)
+            axle = self.data.body(body).xmat.reshape(3, 3) @ contact.axle
+            heading = np.cross(axle, [0.0, 0.0, 1.0])
+            heading /= np.linalg.norm(heading)
+            self.data.qvel[dof] += (heading @ moving[3:]) / contact.radius
+
+    # ------------------------------------------------------------------ for the record
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return float(self.data.time)
+
+    def slip(self) -> Float[Array, " m"]:
+        """``A v - mu`` of the measured velocity, in the order of ``reduced.constraints.names``."""
+        return self._reduced.constraint_residual(*self.read())
+
+    def friction_used(self) -> Float[Array, " w"]:
+        """Of each of ``wheel_names``: force along the ground over what grip and load allow; zero off the ground."""
+        return self._grips.used(self.model, self.data)

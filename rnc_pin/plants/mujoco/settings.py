@@ -1,0 +1,122 @@
+"""How MuJoCo is asked to compute; plain values, as a file has them. Needs no MuJoCo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, nearest
+
+Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
+Solver = Literal["Newton", "CG", "PGS"]
+Cone = Literal["elliptic", "pyramidal"]
+WheelShape = Literal["ellipsoid", "sphere", "cylinder"]
+Stance = Literal["auto", "free", "level"]
+
+_CHOICES: dict[str, tuple[object, ...]] = {
+    "integrator": get_args(Integrator),
+    "solver": get_args(Solver),
+    "cone": get_args(Cone),
+    "wheel_shape": get_args(WheelShape),
+    "stance": get_args(Stance),
+    "casters": ("auto", True, False),
+}
+_POSITIVE = ("step", "tolerance", "impratio")
+
+
+@dataclass(frozen=True)
+class MuJoCoSettings:
+    """Settings of ``MuJoCoPlant``.
+
+    Args:
+        step: of MuJoCo's integrator [s]; where ``advance`` asks for a time that is no multiple, a little less.
+        integrator: "RK4" for motion without contacts, where it agrees with the reduced model to many digits;
+            "implicitfast", "implicit" and "Euler" are of first order and cheaper.
+        friction: of wheels and blades on the ground: sliding [1], torsional [m], rolling [m].
+        solver: of contact forces.
+        iterations: of the solver, at most.
+        tolerance: of the solver.
+        cone: of friction forces.
+        impratio: how much stiffer contacts are along the ground than across it; large values creep less.
+        contact_time: time constant in which a contact takes away what it penetrates, and slip below the grip [s]; at
+            least twice the step, which is the default. In a turn wheels creep sideways by half of it times the
+            centripetal acceleration: MuJoCo's contacts do not foresee that they turn.
+        contact_impedance: how rigid a contact is, below 1.
+        wheel_shape: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for upright wheels;
+            "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
+        stance: how a vehicle stands that the robot's model keeps on a plane. "free": in all six degrees of freedom, it
+            may lean and tip. "level": it moves up and down but cannot lean, so that its wheels share its weight evenly.
+            "auto": free where its wheels carry it, level where it would tip.
+        casters: whether supports without friction are added to a vehicle that stands free; "auto" where its wheels
+            alone do not carry it.
+        settling: time that the vehicle is given to come to rest on the ground, joints held, before a run [s].
+        joint_limits: whether joints have the stops that the robot's file gives them.
+        joint_damping: whether they have the viscous damping of the file.
+        effort_limits: whether inputs are clipped to the limits of the actuators.
+
+    Raises:
+        ConfigurationError: a value that is not one of these, or no number.
+
+    Example:
+        >>> from rnc_pin.plants.mujoco import MuJoCoSettings
+        >>> MuJoCoSettings(friction=(0.4, 0.0, 0.0)).friction[0]
+        0.4
+        >>> MuJoCoSettings(integrator="rk4")
+        Traceback (most recent call last):
+        ...
+        rnc_pin.errors.ConfigurationError: MuJoCo: integrator 'rk4' is not known; did you mean 'RK4'?
+    """
+
+    step: float = 0.0005
+    integrator: Integrator = "RK4"
+    friction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    solver: Solver = "Newton"
+    iterations: int = 50
+    tolerance: float = 1e-12
+    cone: Cone = "elliptic"
+    impratio: float = 100.0
+    contact_time: float = 0.0
+    contact_impedance: float = 0.999
+    wheel_shape: WheelShape = "ellipsoid"
+    stance: Stance = "auto"
+    casters: Literal["auto"] | bool = "auto"
+    settling: float = 0.2
+    joint_limits: bool = False
+    joint_damping: bool = False
+    effort_limits: bool = False
+
+    @property
+    def firmness(self) -> float:
+        """The time constant of contacts [s]."""
+        return max(self.contact_time, 2 * self.step)
+
+    def __post_init__(self) -> None:
+        for name, choices in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in choices:
+                raise ConfigurationError(f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float | int) and not np.isfinite(value):
+                raise ConfigurationError(f"MuJoCo: {field.name} has to be finite, found {value}")
+            if field.name in _POSITIVE and not value > 0:
+                raise ConfigurationError(f"MuJoCo: {field.name} has to be positive, found {value}")
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        friction = np.asarray(self.friction, dtype=float)
+        if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
+            raise ConfigurationError(
+                f"MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found {self.friction}"
+            )
+        if not 0 < self.contact_impedance < 1:
+            raise ConfigurationError(
+                f"MuJoCo: contact_impedance has to lie between 0 and 1, found {self.contact_impedance}"
+            )
+        if self.iterations < 1:
+            raise ConfigurationError(f"MuJoCo: iterations have to be at least 1, found {self.iterations}")
+        for name in ("settling", "contact_time"):
+            if getattr(self, name) < 0:
+                raise ConfigurationError(f"MuJoCo: {name} cannot be negative, found {getattr(self, name)}")

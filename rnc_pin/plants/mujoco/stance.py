@@ -1,0 +1,114 @@
+"""How a vehicle stands whose model moves on a plane: by itself, on supports that are added, or held level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+from rnc_pin.plants.mujoco.tree import Root
+from rnc_pin.plants.mujoco.wheels import Contact
+from rnc_pin.robots.robot import Robot
+
+_MARGIN = 0.1  # how far inside what it stands on a center of mass has to be, beside the size of that
+_LEVEL = 1e-6
+_CASTER = 0.02  # radius of a support that is added [m]
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class Standing(NamedTuple):
+    """How a robot stands.
+
+    Attributes:
+        root: how its base is made.
+        casters: supports without friction that are added to its base.
+        lift: how much higher it is than in the robot's model [m].
+    """
+
+    root: Root
+    casters: tuple[Contact, ...] = ()
+    lift: float = 0.0
+
+
+def stance_of(
+    robot: Robot, contacts: Sequence[Contact], ground: float, q: np.ndarray, settings: MuJoCoSettings
+) -> Standing:
+    """How a robot stands on its contacts at a configuration, with the ground at a height of its model [m].
+
+    Raises:
+        ConfigurationError: nothing presses its wheels on the ground.
+    """
+    if not contacts:
+        return Standing("as it is")
+    down = robot.model.gravity.linear
+    if not (down[2] < 0 and np.hypot(down[0], down[1]) < _LEVEL * abs(down[2])):
+        raise ConfigurationError(
+            f"MuJoCo: wheel '{contacts[0].name}' grips by its weight, and gravity is {np.round(down, 6).tolist()}: "
+            "expected one that points down, such as (0, 0, -9.81)"
+        )
+    base = robot.model.joints[1].shortname()
+    if base == "JointModelFreeFlyer":
+        return Standing("as it is")
+    if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):
+        raise ConfigurationError(
+            f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with base='planar' or "
+            "'free'"
+        )
+    if settings.stance == "level":
+        return Standing("level", lift=-ground)
+    data = robot.model.createData()
+    columns = pin.computeJointJacobians(robot.model, data, q).reshape(6, robot.nv)
+    points = np.array([each.at(data.oMi[each.joint])[1][:2] for each in contacts])
+    weight = np.asarray(pin.centerOfMass(robot.model, data, q))[:2]
+    upright = all(_rides_upright(robot, data, columns, each) for each in contacts)
+    if upright and _carries(points, weight) and settings.casters is not True:
+        return Standing("free", lift=-ground)
+    added = _outriggers(points) if settings.casters is not False else None
+    fits = added is not None and _carries(np.vstack([points, added]), weight)
+    if settings.stance == "auto" and not (upright and fits):
+        return Standing("level", lift=-ground)
+    casters = () if added is None else tuple(_support(data.oMi[1], k, at, ground) for k, at in enumerate(added))
+    return Standing("free", casters, -ground)
+
+
+def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: Contact) -> bool:
+    """Whether what carries a wheel is the base, or hangs on it by joints that turn about the vertical."""
+    model, joint = robot.model, contact.joint
+    axle = data.oMi[joint].rotation @ contact.axle
+    while joint > 1:
+        index = model.joints[joint].idx_v
+        axis = columns[3:, index]
+        own = joint == contact.joint and not contact.spins and abs(axis @ axle) > 1 - _LEVEL
+        if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL):
+            return False
+        joint = model.parents[joint]
+    return bool(model.inertias[1].mass > 0)
+
+
+def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
+    """Whether a weight lies well inside the convex hull of points (k, 2)."""
+    size = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+    if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
+        return False
+    sides = ConvexHull(points).equations  # a x + b <= 0 inside, a of unit length
+    return bool((sides[:, :2] @ weight + sides[:, 2] < -_MARGIN * size).all())
+
+
+def _outriggers(points: np.ndarray) -> np.ndarray | None:
+    """Two points before and behind wheels on a line, as far from its middle as they are; None for other wheels."""
+    middle = points.mean(axis=0)
+    size = float(np.linalg.norm(points - middle, axis=1).max())
+    _, spread, directions = np.linalg.svd(points - middle)
+    if size < _LEVEL or spread[1] > 1e-3 * size:
+        return None
+    return middle + size * np.array([directions[1], -directions[1]])
+
+
+def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> Contact:
+    center = base.actInv(np.array([*at, ground + _CASTER]))
+    return Contact(f"caster[{number}]", 1, center, _UP, _CASTER, "none", round=True)

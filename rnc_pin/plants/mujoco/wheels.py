@@ -1,0 +1,174 @@
+"""What a robot stands on: wheels, balls and supports of its constraints, and wheels that are only drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.constraints import Caster, NoSideSlip, RollingBall, RollingRows, RollingWheel
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
+
+_ALONG = 1e-3  # what a drawn wheel may be off the line of its axle, in radii
+_LARGE = 0.5  # of the largest cylinder on an axle: what is smaller is its shaft or a hub
+_UP = np.array([0.0, 0.0, 1.0])
+
+Grip = Literal["all", "forward", "across", "none"]
+"""Along which directions it holds on to the ground: all, its heading alone, across it alone, or none."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Something round that touches the ground.
+
+    Attributes:
+        name: of the frame; numbered where a frame has several.
+        joint: index of the joint whose body carries it.
+        center, axle: in the axes of that joint (3,) [m]; of a ball the axle means nothing.
+        radius: [m].
+        grip: along which directions it holds on.
+        spins: whether it is a wheel that is only drawn, which MuJoCo has to turn on a hinge of its own.
+        blade: whether it is a point that glides along its heading, with no wheel to be seen.
+        round: whether it is a ball.
+    """
+
+    name: str
+    joint: int
+    center: np.ndarray
+    axle: np.ndarray
+    radius: float
+    grip: Grip = "all"
+    spins: bool = False
+    blade: bool = False
+    round: bool = False
+
+    def at(self, placement: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
+        """Its center and its lowest point (3,), where its joint is placed like this."""
+        center = placement.act(self.center)
+        if self.round or self.blade:
+            return center, center - self.radius * _UP
+        axle = placement.rotation @ self.axle
+        down = -(_UP - (_UP @ axle) * axle)
+        return center, center + self.radius * down / max(float(np.linalg.norm(down)), 1e-9)
+
+
+def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
+    """All that touches the ground, in the order of the constraints.
+
+    Raises:
+        ConfigurationError: a wheel whose rollers MuJoCo has no body for.
+    """
+    found: list[Contact] = []
+    for block in blocks:
+        kind = block.kind
+        if isinstance(kind, RollingWheel) and isinstance(block, RollingRows):
+            found.append(_wheel(robot, kind, block))
+        elif isinstance(kind, RollingBall):
+            found.append(_ball(robot, kind.frame, kind.radius, "all"))
+        elif isinstance(kind, Caster):
+            found.append(_ball(robot, kind.frame, kind.radius, "none"))
+        elif isinstance(kind, NoSideSlip):
+            found += _edge(robot, kind)
+    return found
+
+
+def _wheel(robot: Robot, kind: RollingWheel, rows: RollingRows) -> Contact:
+    if kind.roller is not None and abs(kind.roller) > 1e-9:
+        raise ConfigurationError(
+            f"MuJoCo: wheel '{kind.frame}' touches the ground with rollers that lie askew, of which the robot has no "
+            "bodies; wheels, omni wheels (roller=0), wheels that skid (lateral=False), balls and casters can be made"
+        )
+    frame = robot.model.frames[rows.frame]
+    axle = frame.placement.rotation @ rows.axle
+    grip: Grip = "all" if kind.roller is None and kind.lateral else "forward"
+    return Contact(kind.frame, frame.parentJoint, frame.placement.translation.copy(), axle, kind.radius, grip)
+
+
+def _ball(robot: Robot, name: str, radius: float, grip: Grip) -> Contact:
+    frame = robot.model.frames[robot.frame_id(name)]
+    center = frame.placement.translation.copy()
+    if not radius:  # a point: a small ball above it
+        radius = 1e-3
+        center = center + frame.placement.rotation @ (radius * _UP)
+    return Contact(name, frame.parentJoint, center, _UP, radius, grip, round=True)
+
+
+# ------------------------------------------------------------------ knife edges
+
+
+def _edge(robot: Robot, kind: NoSideSlip) -> list[Contact]:
+    """The wheels that are drawn on the line of a knife edge; a blade where there are none."""
+    frame = robot.model.frames[robot.frame_id(kind.frame)]
+    axle = frame.placement.rotation[:, axis_index(kind.axis)]
+    middle = frame.placement.act(np.asarray(kind.at, dtype=float))
+    wheels = _drawn(robot, frame.parentJoint, middle, axle)
+    if not wheels:
+        return [Contact(kind.frame, frame.parentJoint, middle, axle, 0.0, "across", blade=True)]
+    names = [kind.frame] if len(wheels) == 1 else [f"{kind.frame}[{number}]" for number in range(len(wheels))]
+    return [
+        Contact(name, frame.parentJoint, center, axle, radius, spins=True)
+        for name, (center, radius) in zip(names, wheels, strict=True)
+    ]
+
+
+def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Centers and radii of cylinders on a line through a body, without hubs and shafts, in order along the line."""
+    largest: dict[float, float] = {}
+    for geometry in (robot.visual_model, robot.collision_model):
+        for shape in [] if geometry is None else geometry.geometryObjects:
+            if shape.parentJoint != joint or not _is_cylinder(shape.geometry):
+                continue
+            offset = shape.placement.translation - middle
+            along, radius = float(offset @ axle), float(shape.geometry.radius)
+            if abs(shape.placement.rotation[:, 2] @ axle) < 0.9999:
+                continue
+            if np.linalg.norm(offset - along * axle) < _ALONG * radius:
+                place = round(along, 6)
+                largest[place] = max(radius, largest.get(place, 0.0))
+        if largest:
+            break
+    enough = _LARGE * max(largest.values(), default=0.0)
+    return [(middle + along * axle, radius) for along, radius in sorted(largest.items()) if radius >= enough]
+
+
+def _is_cylinder(geometry: object) -> bool:
+    return hasattr(geometry, "halfLength") and type(geometry).__name__ == "Cylinder"
+
+
+# ------------------------------------------------------------------ level ground
+
+
+def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tuple[list[Contact], float]:
+    """The same with their lowest points in one plane, and its height in the world of the robot's model [m].
+
+    What a file's few digits leave between wheels would decide which of them carry: they are made to reach the ground.
+
+    Raises:
+        ConfigurationError: a wheel hangs in the air.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    low = {each.name: float(each.at(data.oMi[each.joint])[1][2]) for each in contacts if not each.blade}
+    wheels = [value for value in low.values()] or [
+        float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade
+    ]
+    ground = min(wheels)
+    found = []
+    for each in contacts:
+        if each.blade:
+            center, _ = each.at(data.oMi[each.joint])
+            found.append(replace(each, radius=float(center[2]) - ground))
+            continue
+        gap = low[each.name] - ground
+        if gap > 0.01 * each.radius:
+            raise ConfigurationError(
+                f"MuJoCo: wheel '{each.name}' hangs {gap:.3g} m above the ground on which the others stand"
+            )
+        found.append(replace(each, radius=each.radius + gap))
+    return found, ground
