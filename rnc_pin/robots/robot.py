@@ -13,14 +13,16 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.printing import Portrait, Printed, counted, items
 from rnc_pin.robots import urdf_files
-from rnc_pin.robots.inertias import Massless, UselessInertia, check_inertias, check_size, massless, remedy
-from rnc_pin.robots.names import ToldApart
+from rnc_pin.robots.admission import check_model
+from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
+from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, values_of
+from rnc_pin.robots.locked import Locked
+from rnc_pin.robots.mounted import Mounted
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import ROOT_JOINTS
 from rnc_pin.robots.sources.meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
-JointValue = float | Sequence[float] | np.ndarray
 
 _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
@@ -74,7 +76,7 @@ class Robot(Printed):
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
-        self._check()
+        check_model(model)
 
     # ------------------------------------------------------------------ construction
 
@@ -159,7 +161,7 @@ class Robot(Printed):
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
         check_size(read.model)
-        model = _Locked(read.model, lock).model if lock else read.model
+        model = Locked(read.model, lock).model if lock else read.model
         return massless(model, read.bodies)
 
     @classmethod
@@ -214,19 +216,13 @@ class Robot(Printed):
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
-            try:
-                acceleration = np.asarray(gravity, dtype=float)
-            except (TypeError, ValueError):
-                acceleration = np.empty(0)
-            if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
-                raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
-            model.gravity.linear = acceleration
+            model.gravity.linear = _acceleration(gravity)
         # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
         if not lock:
             robot = admitted(model)
             robot._load_geometry = read.geometry
         else:
-            locked = _Locked(model, lock)
+            locked = Locked(model, lock)
             robot = admitted(locked.model)
             robot._load_geometry = lambda kind: locked.geometry(read.geometry(kind))
         robot.mimics = read.mimics
@@ -280,25 +276,11 @@ class Robot(Printed):
         index = self.frame_id(frame)
         if "root_joint" in other.joint_names:
             raise ModelError(f"robot '{other.name}' has a base that moves: load it with base='fixed' to mount it")
-        mine, others = self.model, other.model
-        for what, first, second in (
-            ("joint", list(mine.names)[1:], list(others.names)[1:]),
-            ("frame", [each.name for each in mine.frames][1:], [each.name for each in others.frames][1:]),
-        ):
-            for name in second:
-                if name in first:
-                    raise ModelError(f"robots '{self.name}' and '{other.name}' both have a {what} '{name}'")
-        where = pin.SE3.Identity() if placement is None else placement
-        apart = ToldApart(mine, others)
-        model = pin.appendModel(*apart.models, index, where)
-        apart.restore(model)
-        model.name = f"{self.name} with {other.name}"
-        model.gravity = mine.gravity  # appendModel takes that of the second
-        robot = Robot(model)
+        mounted = Mounted(self.model, other.model, index, placement)
+        robot = Robot(mounted.model)
 
         def load(kind: str) -> pin.GeometryModel:
-            parts = [each._geometry_model(kind) or pin.GeometryModel() for each in (self, other)]
-            return pin.appendModel(*apart.models, *parts, index, where)[1]
+            return mounted.geometry(*(each._geometry_model(kind) or pin.GeometryModel() for each in (self, other)))
 
         robot._load_geometry = load
         robot.mimics = (*self.mimics, *other.mimics)
@@ -312,7 +294,7 @@ class Robot(Printed):
 
     def joint_id(self, name: str) -> int:
         """Index of a joint; raises ModelError with the nearest name."""
-        return _Names(self.model).joint(name)
+        return joint_index(self.model, name)
 
     def frame_id(self, name: str) -> int:
         """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name.
@@ -363,20 +345,11 @@ class Robot(Printed):
         Raises:
             ModelError: unknown joint, or the wrong number of values for one.
         """
-        return _configuration(self.model, _Names(self.model), values or {})
+        return configuration(self.model, values or {})
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
         """The inverse of ``configuration`` at q (nq,): joint name to angle [rad] or displacement [m], or several."""
-        values: dict[str, float | list[float]] = {}
-        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
-            entry = q[joint.idx_q : joint.idx_q + joint.nq]
-            if _goes_round(joint):
-                values[name] = float(np.arctan2(entry[1], entry[0]))
-            elif joint.shortname() == "JointModelPlanar":
-                values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
-            else:
-                values[name] = float(entry[0]) if joint.nq == 1 else entry.tolist()
-        return values
+        return values_of(self.model, q)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
         """A configuration (nq,) from the generator, within joint limits and ``spread`` [rad or m] of neutral."""
@@ -428,115 +401,17 @@ class Robot(Printed):
         title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
         return Portrait(title, [("joints", items(self.joint_names))])
 
-    # ------------------------------------------------------------------ checks
-
-    def _check(self) -> None:
-        """Refuse what cannot be simulated: no joints, two of one name, branches that are mixed, and bad inertias."""
-        if self.nv == 0:
-            raise ModelError(f"robot '{self.name}' has no moving joint: load it with base='planar' or 'free'")
-        check_size(self.model)
-        for name in self.joint_names:
-            if self.joint_names.count(name) > 1:
-                raise ModelError(f"robot '{self.name}' has two joints named '{name}'")
-        self._check_order()
-        check_inertias(self.model)
-
-    def _check_order(self) -> None:
-        """Pinocchio takes the joints behind a joint for those numbered next; else its inertia matrix is wrong."""
-        names = list(self.model.names)
-        for joint, behind in enumerate(list(self.model.subtrees)[1:], start=1):
-            for number, other in enumerate(behind, start=joint):
-                if number != other:
-                    raise ModelError(
-                        f"robot '{self.name}': joint '{names[number]}' was added between '{names[joint]}' and "
-                        f"'{names[other]}' behind it, for which Pinocchio's inertia matrix is wrong; "
-                        "add joints branch by branch"
-                    )
-
-
-class _Locked:
-    """A model without joints that are frozen, and the same of its geometry."""
-
-    def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
-        names = _Names(model)
-        self._full = model
-        self._joints = [names.joint(name) for name in lock]
-        if "root_joint" in lock and model.joints[names.joint("root_joint")].nv > 1:
-            raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
-        self._reference = _configuration(model, names, lock)
-        self.model = self._reduced(None)[0]
-
-    def geometry(self, full: pin.GeometryModel) -> pin.GeometryModel:
-        """Geometry of the whole robot, on what is left of it."""
-        return self._reduced(full)[1]
-
-    def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:
-        apart = ToldApart(self._full)
-        (full,) = apart.models
-        if geometry is None:
-            model, reduced = pin.buildReducedModel(full, self._joints, self._reference), None
-        else:
-            model, reduced = pin.buildReducedModel(full, geometry, self._joints, self._reference)
-        apart.restore(model)
-        return model, reduced
-
-
-class _Names:
-    """Joint look-up on a bare model, before there is a Robot."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model = model
-
-    def joint(self, name: str) -> int:
-        valid = list(self.model.names)[1:]
-        if name not in valid:
-            raise ModelError(f"no joint '{name}' in robot '{self.model.name}'{nearest(str(name), valid)}")
-        return self.model.getJointId(name)
-
-
-def _configuration(model: pin.Model, names: _Names, values: Mapping[str, JointValue]) -> np.ndarray:
-    q = pin.neutral(model)
-    if not isinstance(values, Mapping):
-        raise ModelError(f"joint values have to be a mapping from joint names, found {values!r}")
-    for name, value in values.items():
-        joint = model.joints[names.joint(name)]
-        try:
-            entry = np.atleast_1d(np.asarray(value, dtype=float))
-        except (TypeError, ValueError):
-            raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
-        if not np.isfinite(entry).all():
-            raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
-        q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
-    return q
-
-
-def _goes_round(joint: pin.JointModel) -> bool:
-    """Whether a joint is continuous, its configuration (cos, sin); about a skew axis its class is another."""
-    return bool(joint.nq == 2 and joint.nv == 1)
-
-
-def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> np.ndarray:
-    kind = joint.shortname()
-    if _goes_round(joint) and entry.size == 1:
-        return np.array([np.cos(entry[0]), np.sin(entry[0])])
-    if kind == "JointModelPlanar" and entry.size == 3:
-        return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])
-    if kind in ("JointModelFreeFlyer", "JointModelSpherical") and entry.size == joint.nq:
-        length = np.linalg.norm(entry[-4:])
-        if length < 1e-9:
-            raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
-        return np.r_[entry[:-4], entry[-4:] / length]
-    if entry.size == joint.nq == joint.nv:
-        return entry
-    expected = {
-        "JointModelPlanar": "3 (x, y, yaw)",
-        "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)",
-        "JointModelSpherical": "4 (quaternion x, y, z, w)",
-    }
-    count = expected.get(kind, str(joint.nv))
-    raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
-
 
 def _check_base(base: object) -> None:
     if not isinstance(base, str) or base not in ROOT_JOINTS:
         raise ModelError(f"base '{base}' is not known{nearest(str(base), ROOT_JOINTS)}")
+
+
+def _acceleration(gravity: object) -> np.ndarray:
+    try:
+        acceleration = np.asarray(gravity, dtype=float)
+    except (TypeError, ValueError):
+        acceleration = np.empty(0)
+    if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+        raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
+    return acceleration

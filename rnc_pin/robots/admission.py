@@ -1,0 +1,38 @@
+"""Models that are no robots: refused before anything is computed with them."""
+
+from __future__ import annotations
+
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError
+from rnc_pin.robots.inertias import check_inertias, check_size
+
+
+def check_model(model: pin.Model) -> None:
+    """Refuse what cannot be simulated; warn about what no body is.
+
+    Raises:
+        ModelError: no joints or too many, two of one name, branches that are mixed, or bad inertias.
+    """
+    if model.nv == 0:
+        raise ModelError(f"robot '{model.name}' has no moving joint: load it with base='planar' or 'free'")
+    check_size(model)
+    names = list(model.names)[1:]
+    for name in names:
+        if names.count(name) > 1:
+            raise ModelError(f"robot '{model.name}' has two joints named '{name}'")
+    _check_order(model)
+    check_inertias(model)
+
+
+def _check_order(model: pin.Model) -> None:
+    """Pinocchio takes the joints behind a joint for those numbered next; else its inertia matrix is wrong."""
+    names = list(model.names)
+    for joint, behind in enumerate(list(model.subtrees)[1:], start=1):
+        for number, other in enumerate(behind, start=joint):
+            if number != other:
+                raise ModelError(
+                    f"robot '{model.name}': joint '{names[number]}' was added between '{names[joint]}' and "
+                    f"'{names[other]}' behind it, for which Pinocchio's inertia matrix is wrong; "
+                    "add joints branch by branch"
+                )

@@ -1,0 +1,82 @@
+"""Joints by name, and their values in a configuration: angles and displacements in, entries of q out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError, nearest
+
+JointValue = float | Sequence[float] | np.ndarray
+
+
+def joint_index(model: pin.Model, name: str) -> int:
+    """Index of a joint; raises ModelError with the nearest name."""
+    valid = list(model.names)[1:]
+    if name not in valid:
+        raise ModelError(f"no joint '{name}' in robot '{model.name}'{nearest(str(name), valid)}")
+    return model.getJointId(name)
+
+
+def configuration(model: pin.Model, values: Mapping[str, JointValue]) -> np.ndarray:
+    """The neutral configuration (nq,) with some joints set.
+
+    Raises:
+        ModelError: unknown joint, or values that are not what it takes.
+    """
+    q = pin.neutral(model)
+    if not isinstance(values, Mapping):
+        raise ModelError(f"joint values have to be a mapping from joint names, found {values!r}")
+    for name, value in values.items():
+        joint = model.joints[joint_index(model, name)]
+        try:
+            entry = np.atleast_1d(np.asarray(value, dtype=float))
+        except (TypeError, ValueError):
+            raise ModelError(f"joint '{name}' takes numbers, found {value!r}") from None
+        if not np.isfinite(entry).all():
+            raise ModelError(f"joint '{name}' takes finite numbers, found {value!r}")
+        q[joint.idx_q : joint.idx_q + joint.nq] = _joint_coordinates(name, joint, entry)
+    return q
+
+
+def values_of(model: pin.Model, q: np.ndarray) -> dict[str, float | list[float]]:
+    """The inverse of ``configuration`` at q (nq,)."""
+    values: dict[str, float | list[float]] = {}
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        entry = q[joint.idx_q : joint.idx_q + joint.nq]
+        if _goes_round(joint):
+            values[name] = float(np.arctan2(entry[1], entry[0]))
+        elif joint.shortname() == "JointModelPlanar":
+            values[name] = [float(entry[0]), float(entry[1]), float(np.arctan2(entry[3], entry[2]))]
+        else:
+            values[name] = float(entry[0]) if joint.nq == 1 else entry.tolist()
+    return values
+
+
+def _goes_round(joint: pin.JointModel) -> bool:
+    """Whether a joint is continuous, its configuration (cos, sin); about a skew axis its class is another."""
+    return bool(joint.nq == 2 and joint.nv == 1)
+
+
+def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> np.ndarray:
+    kind = joint.shortname()
+    if _goes_round(joint) and entry.size == 1:
+        return np.array([np.cos(entry[0]), np.sin(entry[0])])
+    if kind == "JointModelPlanar" and entry.size == 3:
+        return np.array([entry[0], entry[1], np.cos(entry[2]), np.sin(entry[2])])
+    if kind in ("JointModelFreeFlyer", "JointModelSpherical") and entry.size == joint.nq:
+        length = np.linalg.norm(entry[-4:])
+        if length < 1e-9:
+            raise ModelError(f"joint '{name}': the quaternion (x, y, z, w) has zero length")
+        return np.r_[entry[:-4], entry[-4:] / length]
+    if entry.size == joint.nq == joint.nv:
+        return entry
+    expected = {
+        "JointModelPlanar": "3 (x, y, yaw)",
+        "JointModelFreeFlyer": "7 (x, y, z, quaternion x, y, z, w)",
+        "JointModelSpherical": "4 (quaternion x, y, z, w)",
+    }
+    count = expected.get(kind, str(joint.nv))
+    raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
