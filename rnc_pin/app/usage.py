@@ -37,6 +37,13 @@ _force = click.option("--force", is_flag=True, help="Write into a folder that rn
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
+_plant = click.option(
+    "--plant",
+    type=click.Choice(["reduced", "mujoco"]),
+    help="What moves: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
+)
+
+
 def _command(name: str) -> Callable[..., Given]:
     """What a command does, with all that it needs imported."""
     with interruptible_imports():
@@ -83,6 +90,7 @@ def list_scenarios(**given: Given) -> None:
 @_scenario
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
 @_options
+@_plant
 @_showing
 @_json
 @_force
@@ -154,6 +162,7 @@ def replay(**given: Given) -> None:
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
 @_options
+@_plant
 @_json
 @_force
 @_debug

@@ -103,7 +103,7 @@ class FaultyMachine:
 
     def __getattr__(self, name: str) -> Any:
         """What else the machine has to tell."""
-        if name in ("work", "friction_used", "friction_names"):
+        if name in ("work", "friction_used", "wheel_names"):
             return getattr(self.machine, name)
         raise AttributeError(name)
 

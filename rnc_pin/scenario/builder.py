@@ -5,12 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control import Controller, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
+from rnc_pin.loop import LoopOptions
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
@@ -18,7 +20,9 @@ from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 from rnc_pin.planning import CarPath, Hold, Reference
 from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.plants import Machine
 from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.machines import build_machine
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import Context
 from rnc_pin.scenario.schema.controllers.base import reduced_velocity
@@ -51,7 +55,7 @@ def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything a run needs."""
+    """Everything a run needs; without a machine the reduced model itself moves."""
 
     scenario: Scenario
     reduced: ReducedModel
@@ -61,6 +65,14 @@ class Experiment:
     simulation: SimulationSettings
     warnings: tuple[str, ...]
     provenance: Provenance
+    machine: Machine | None = None
+
+    @property
+    def loop(self) -> LoopOptions:
+        """Options of the loop around the controller, as far as the scenario has a word for them."""
+        said = self.scenario.loop
+        options = {} if said is None else {key: getattr(said, key) for key in type(said).model_fields}
+        return cast(LoopOptions, {key: value for key, value in options.items() if value is not None})
 
     @property
     def notes(self) -> dict[str, Json]:
@@ -131,6 +143,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
             path=path.planned,
         ),
+        machine=build_machine(scenario, reduced, q0, folder),
     )
 
 

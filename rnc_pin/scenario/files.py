@@ -138,6 +138,19 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
     return result
 
 
+def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
+    """The option that makes another plant move in a scenario, which keeps the settings that it has for it.
+
+    Args:
+        scenario: a built-in name or a file.
+        plant: "reduced" or "mujoco"; None leaves it as it is.
+    """
+    if plant is None:
+        return {}
+    said = read_yaml(find_scenario(scenario)).get("plant")
+    return {"plant.type" if isinstance(said, Mapping) and plant == "mujoco" else "plant": plant}
+
+
 def describe(value: object) -> str:
     """A value in a few words."""
     if isinstance(value, dict):

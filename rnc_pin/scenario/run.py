@@ -176,6 +176,8 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             substeps=settings.substeps,
             plant=settings.plant,
             stop=settings.stop,
+            machine=experiment.machine,
+            loop=experiment.loop,
             observer=observer,
             meta=provenance,
         ), None

@@ -4,6 +4,7 @@ from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
+from rnc_pin.simulation.reduced_plant import ReducedPlant
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
 from rnc_pin.simulation.run_info import (
     Columns,
@@ -30,6 +31,7 @@ __all__ = [
     "PlannedPath",
     "Plant",
     "Provenance",
+    "ReducedPlant",
     "Rollout",
     "RunInfo",
     "Sample",

@@ -18,8 +18,7 @@ class SeenMachine:
     """Any machine, looked at through the outputs of a model.
 
     Of what a machine may say besides, this is read: ``actual()``, configuration and velocity where ``read()`` gives
-    what sensors say; ``applied``, the inputs that act; ``work`` done so far; ``friction_used``, with names in
-    ``friction_names``.
+    what sensors say; ``applied``, the inputs that act; ``work`` done so far; ``friction_used()``, of ``wheel_names``.
 
     Args:
         machine: that moves.
@@ -30,7 +29,7 @@ class SeenMachine:
         self.machine, self._reduced = machine, reduced
         self._exact = machine if isinstance(machine, ReducedPlant) and machine.reduced is reduced else None
         self._sensed: tuple[np.ndarray, np.ndarray] = (_NOTHING, _NOTHING)
-        self.friction_names: tuple[str, ...] = tuple(getattr(machine, "friction_names", ()))
+        self.friction_names: tuple[str, ...] = tuple(getattr(machine, "wheel_names", ()))
 
     def look(self) -> Evaluation:
         """The state as it is; once a sample, for sensors are read.
@@ -72,4 +71,5 @@ class SeenMachine:
     @property
     def friction_used(self) -> np.ndarray:
         """Share of the grip that each contact uses, (w,)."""
-        return np.asarray(getattr(self.machine, "friction_used", _NOTHING))
+        tell = getattr(self.machine, "friction_used", None)
+        return _NOTHING if tell is None or not self.friction_names else np.asarray(tell())

@@ -13,7 +13,7 @@ from rnc_pin.app.tables import print_files, print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
-from rnc_pin.scenario.files import parse_options
+from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw
 from rnc_pin.scenario.replay import view_of
@@ -24,6 +24,7 @@ def run_scenario(
     scenario: str,
     out: Path | None,
     options: tuple[str, ...],
+    plant: str | None,
     show: bool,
     speed: float,
     browser: bool,
@@ -32,7 +33,7 @@ def run_scenario(
     force: bool,
 ) -> int:
     """Run a scenario and write its folder; the exit status."""
-    prepared = plan(scenario, parse_options(options))
+    prepared = plan(scenario, {**plant_option(scenario, plant), **parse_options(options)})
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file called "...yaml" is no reason to write into ".."

@@ -12,7 +12,7 @@ from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.scenario.files import parse_options
+from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.sweep import drawn_keys, run_names, sweep
 from rnc_pin.scenario.sweep_table import Row, spread, write_table
@@ -27,13 +27,14 @@ def sweep_scenario(
     scheduler: str | None,
     out: Path,
     options: tuple[str, ...],
+    plant: str | None,
     as_json: bool,
     force: bool,
 ) -> int:
     """Run a scenario many times with drawn values and write a table; the exit status."""
     if jobs == 0:
         raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
-    parsed = parse_options(options)
+    parsed = {**plant_option(scenario, plant), **parse_options(options)}
     drawn_keys(scenario, parsed)
     rows: list[Row] = []
     names = [*run_names(runs), "sweep.csv", "sweep.json"]

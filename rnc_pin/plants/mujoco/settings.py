@@ -96,7 +96,9 @@ class MuJoCoSettings:
         for name, choices in _CHOICES.items():
             value = getattr(self, name)
             if value not in choices:
-                raise ConfigurationError(f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}")
+                raise ConfigurationError(
+                    f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
+                )
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float | int) and not np.isfinite(value):

@@ -13,6 +13,7 @@ from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
+from rnc_pin.scenario.schema.plant import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
 from rnc_pin.scenario.schema.simulation import SimulationSettings
@@ -64,6 +65,12 @@ class Scenario(Strict):
     reference: References = References()
     controller: ControllerItem | None = None
     simulation: SimulationSettings | None = None
+    plant: PlantSettings | None = None
+    """What moves: "reduced", our own, or "mujoco", with its settings."""
+    faults: FaultSettings | None = None
+    """What the machine does otherwise than the controller believes."""
+    loop: LoopSettings | None = None
+    """The loop around the controller."""
     preflight: Literal["warn", "refuse"] = "warn"
     """What to do about a reference that leads to a singular configuration, found before anything moves."""
     seed: Annotated[int, Field(ge=0)] = 0
