@@ -20,8 +20,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plain import Json, plain_mapping
-from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
+from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turns
 from rnc_pin.scenario.draft.mobility import Entry, Mobility
 from rnc_pin.scenario.draft.source import Source
 from rnc_pin.scenario.draft.text import Drafted, write_draft
@@ -84,9 +84,8 @@ class Attempt:
 
     def _aside(self, name: str) -> float:
         """A value of a joint beside that at the start, within its range."""
-        turns = self.robot.velocity_units[self.robot.velocity_indices(name).start] == "rad/s"
         low, high = joint_limits(self.robot, name)
-        step = min(_TURNED_ASIDE if turns else _PULLED, (high - low) / 4)
+        step = min(_TURNED_ASIDE if turns(self.robot, name) else _PULLED, (high - low) / 4)
         return round(self.start[name] + (step if self.start[name] + step < high else -step), 4)
 
     @cached_property
@@ -163,7 +162,7 @@ class Attempt:
     def _find_momentum(self) -> None:
         """Joints without effort are passive, and one of them on the ground may keep its momentum."""
         robot, mobility = self.robot, self.mobility
-        limits = {name: _effort(robot, name) for name in self.start}
+        limits = {name: effort_limit(robot, name) for name in self.start}
         weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
         if len(weak) < len(limits):
             mobility.passive |= set(weak)
@@ -304,43 +303,9 @@ class Attempt:
     def _step(self, name: str) -> float:
         """How far a joint's reference goes: a little, and to the side where there is room."""
         low, high = joint_limits(self.robot, name)
-        turns = self.robot.velocity_units[self.robot.velocity_indices(name).start] == "rad/s"
         above, below = high - self.start[name], self.start[name] - low  # both infinite where nothing ends
-        length = min(_BENT if turns else _SLID, 0.3 * max(above, below))
+        length = min(_BENT if turns(self.robot, name) else _SLID, 0.3 * max(above, below))
         return round(length if above >= below - 1e-12 else -length, 4)
-
-
-def start_values(robot: Robot) -> dict[str, float]:
-    """Joints of one degree of freedom: at zero, or where that is not well inside their range, in its middle.
-
-    Joints that mimic others are where those put them.
-    """
-    start = {}
-    for index, name in enumerate(robot.joint_names, start=1):
-        if robot.model.joints[index].nv != 1:
-            continue
-        low, high = joint_limits(robot, name)
-        margin = 0.02 * (high - low) if np.isfinite(high - low) else 0.0
-        inside = low + margin < 0 < high - margin or low >= high
-        start[name] = 0.0 if inside else round(float((low + high) / 2), 4)
-    for _ in robot.mimics:  # chains of them
-        for joint, of, multiplier, offset in robot.mimics:
-            if joint in start:
-                start[joint] = round(multiplier * start.get(of, 0.0) + offset, 9) + 0.0
-    return start
-
-
-def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
-    """Range of a joint [rad or m], infinite where the file gives none."""
-    joint = robot.model.joints[robot.joint_id(name)]
-    if joint.nq != 1:
-        return -np.inf, np.inf
-    low, high = robot.model.lowerPositionLimit[joint.idx_q], robot.model.upperPositionLimit[joint.idx_q]
-    return (float(low), float(high)) if low < high else (-np.inf, np.inf)
-
-
-def _effort(robot: Robot, name: str) -> float:
-    return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
 
 
 def _build(entry: Mapping[str, Json]) -> OutputKind:

@@ -9,7 +9,6 @@ import numpy as np
 from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
 from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
-from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.wheels import Wheel
 
@@ -163,7 +162,7 @@ def _is_supported(chassis: Chassis, site: Site) -> bool:
     ground = chassis.fixed[0].center[2] - chassis.fixed[0].radius
     own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
     slack = _NEAR * chassis.fixed[0].radius
-    everything = [*shapes(site.robot, "collision", site.q), *shapes(site.robot, "visual", site.q)]
+    everything = [each for kind in site.shapes.values() for each in kind]
     return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
 
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
-from rnc_pin.scenario.draft.attempt import Attempt, start_values
+from rnc_pin.scenario.draft.attempt import Attempt
 from rnc_pin.scenario.draft.balancing import balances, is_bicycle, on_a_bicycle, on_two_wheels
 from rnc_pin.scenario.draft.chassis import Chassis, chassis
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
+from rnc_pin.scenario.draft.joints import start_values
 from rnc_pin.scenario.draft.mobility import Mobility
 from rnc_pin.scenario.draft.on_rollers import has_rollers, in_any_direction, on_rollers
 from rnc_pin.scenario.draft.on_wheels import on_drawn_axles, on_wheels
@@ -65,11 +66,11 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
 def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
     """How the robot may stand, the likeliest first; what the user asks for has no alternative."""
     if asked in (None, "planar"):
-        wheels = find_wheels(site.robot, site.q, site.root)
+        wheels = find_wheels(site)
         if wheels:
             yield from _ways_on_wheels(chassis(wheels), site, asked, source.mass_of_base())
             return
-        axles = find_drawn_axles(site.robot, site.q)
+        axles = find_drawn_axles(site)
         if axles and not site.own_base:
             yield lambda: on_drawn_axles(axles, site)
     yield lambda: without_wheels(site, asked, source.mass_of_base())

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.shapes import Shape, shapes
+from rnc_pin.scenario.draft.shapes import Shape
+from rnc_pin.scenario.draft.site import Site
 
 _LEVEL = 0.1  # largest vertical part of an axle
 _NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
@@ -35,11 +35,9 @@ class DrawnAxle:
     center: np.ndarray
 
 
-def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
+def find_drawn_axles(site: Site) -> list[DrawnAxle]:
     """Pairs of lying cylinders at the ground, fixed to one body: wheels that do not turn in the model."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    drawn = shapes(robot, "visual", q)
+    drawn = site.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
     disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < _LEVEL and _thin(s)]
@@ -55,7 +53,7 @@ def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
             aligned = apart > radii[0] and abs(across @ axle) > 0.999 * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
                 continue
-            place = _frame_on(robot, data, one.joint, one.points.mean(axis=0), axle)
+            place = _frame_on(site, one.joint, one.points.mean(axis=0), axle)
             if place is not None and all(place[0] != each.frame for each in axles):
                 center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
                 axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
@@ -73,14 +71,14 @@ def _radius(cylinder: Shape) -> float:
     return float(np.linalg.norm(offsets - np.outer(offsets @ cylinder.axis, cylinder.axis), axis=1).max())
 
 
-def _frame_on(robot: Robot, data: pin.Data, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
+def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
     """A frame of the body with its origin above or on the axle, and its own axis along it."""
     best = None
-    for index, frame in enumerate(robot.model.frames):
+    for index, frame in enumerate(site.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
             continue
-        offset = data.oMf[index].translation - point
-        along = np.abs(data.oMf[index].rotation.T @ axle)
+        offset = site.data.oMf[index].translation - point
+        along = np.abs(site.data.oMf[index].rotation.T @ axle)
         beside = offset - (offset @ axle) * axle
         if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
             best = (str(frame.name), "xyz"[int(along.argmax())])

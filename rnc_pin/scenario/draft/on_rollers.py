@@ -7,10 +7,11 @@ import numpy as np
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import Chassis
+from rnc_pin.scenario.draft.joints import turning_axis
 from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
-from rnc_pin.scenario.draft.wheels import Wheel, turning_axis
+from rnc_pin.scenario.draft.wheels import Wheel
 
 _OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
 _APART = 0.05  # smallest singular value of the rows on the base's motion that counts as three

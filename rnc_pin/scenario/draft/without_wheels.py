@@ -7,6 +7,7 @@ import re
 import pinocchio as pin
 
 from rnc_pin.errors import few
+from rnc_pin.scenario.draft.joints import effort_limit
 from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility
 from rnc_pin.scenario.draft.on_rollers import push
 from rnc_pin.scenario.draft.site import Site
@@ -47,9 +48,8 @@ def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobili
 
 def held_fast(site: Site) -> Mobility:
     """A bolted robot whose joints without effort are held: what falls when nothing drives it."""
-    model = site.robot.model
     result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
-    weak = [name for name in site.start if model.upperEffortLimit[site.robot.velocity_indices(name).start] == 0]
+    weak = [name for name in site.start if effort_limit(site.robot, name) == 0]
     result.hold(weak, site.start, "effort 0 in the file, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, site)
 
