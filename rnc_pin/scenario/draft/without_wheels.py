@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pinocchio as pin
 
@@ -21,13 +22,13 @@ _WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
-def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobility:
+def without_wheels(site: Site, asked: str | None, mass_of_base: Callable[[], float]) -> Mobility:
     """A robot without wheels.
 
     Args:
         site: the robot.
         asked: "fixed", "planar" or "free", or None.
-        mass_of_base: of its first link [kg].
+        mass_of_base: gives that of its first link [kg], for which the robot has to be loaded.
     """
     if asked == "planar":
         return _doubting_wheels(_on_ice(site), site)
@@ -65,20 +66,21 @@ def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
     return result
 
 
-def _floats(site: Site, mass_of_base: float) -> str:
+def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
     """Why it is taken to float, or nothing."""
     if site.is_rigid:
         return "one rigid body"
-    if site.root or mass_of_base <= 0:
+    mass = 0.0 if site.root else mass_of_base()
+    if mass <= 0:
         return ""
     limbs = len(site.robot.model.children[0])
     if limbs >= _LIMBS:
         return f"no wheels, and {limbs} limbs on one body"
     if _AFLOAT.search(site.words):
         return "no wheels, and a name of something that floats"
-    total = mass_of_base + sum(inertia.mass for inertia in site.robot.model.inertias[1:])
-    if mass_of_base > _HEAVY * total and not _BOLTED.search(site.words):
-        return f"no wheels, and {100 * mass_of_base / total:.0f} % of the mass in the first link: nothing is bolted so"
+    total = mass + sum(inertia.mass for inertia in site.robot.model.inertias[1:])
+    if mass > _HEAVY * total and not _BOLTED.search(site.words):
+        return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
     return ""
 
 
