@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few
+from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.robots.sources.description import Body
 
 _TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
@@ -219,7 +220,7 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
     if not diagonal.all():
         entry = int(np.argmin(diagonal))
         return entry, np.eye(len(diagonal))[entry]
-    values, vectors = np.linalg.eigh(inertia_matrix / np.outer(diagonal, diagonal))
+    values, vectors = np.linalg.eigh(unit_diagonal(inertia_matrix))
     return None if values[0] >= _SINGULAR else (None, vectors[:, 0] / diagonal)
 
 
