@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import few
 from rnc_pin.scenario.draft.joints import effort_limit
-from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility
+from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility
 from rnc_pin.scenario.draft.on_rollers import push
 from rnc_pin.scenario.draft.site import Site
 
@@ -86,11 +86,7 @@ def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
 
 def _on_ice(site: Site) -> Mobility:
     result = Mobility("planar", "asked for; no wheels were found, so that it moves in any direction", site.frame)
-    push(result, site.frame)
-    result.outputs += [
-        ({"frame_position": {"frame": site.frame, "axes": "xy"}}, DRIVEN),
-        ({"frame_yaw": site.frame}, TURNED),
-    ]
+    push(result)
     return result
 
 
