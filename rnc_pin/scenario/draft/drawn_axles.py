@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.scenario.draft.shapes import Shape
+from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
 from rnc_pin.scenario.draft.site import Site
-
-_LEVEL = 0.1  # largest vertical part of an axle
-_NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
 
 
 @dataclass(frozen=True)
@@ -40,17 +37,17 @@ def find_drawn_axles(site: Site) -> list[DrawnAxle]:
     drawn = site.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
-    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < _LEVEL and _thin(s)]
+    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
     for one in disks:
         for other in disks:
             if one.name >= other.name or one.joint != other.joint:
                 continue
-            axle, across = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
+            axle, between = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
             assert axle is not None
             radii = [_radius(each) for each in (one, other)]
-            apart = np.linalg.norm(across)
-            level = one.bottom - ground < _NEAR * radii[0]
-            aligned = apart > radii[0] and abs(across @ axle) > 0.999 * apart
+            apart = np.linalg.norm(between)
+            level = one.bottom - ground < NEAR * radii[0]
+            aligned = apart > radii[0] and abs(between @ axle) > 0.999 * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
                 continue
             place = _frame_on(site, one.joint, one.points.mean(axis=0), axle)
@@ -68,7 +65,7 @@ def _thin(disk: Shape) -> bool:
 def _radius(cylinder: Shape) -> float:
     assert cylinder.axis is not None
     offsets = cylinder.points - cylinder.points.mean(axis=0)
-    return float(np.linalg.norm(offsets - np.outer(offsets @ cylinder.axis, cylinder.axis), axis=1).max())
+    return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
 
 
 def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
@@ -79,7 +76,7 @@ def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tu
             continue
         offset = site.data.oMf[index].translation - point
         along = np.abs(site.data.oMf[index].rotation.T @ axle)
-        beside = offset - (offset @ axle) * axle
+        beside = across(offset, axle)
         if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
             best = (str(frame.name), "xyz"[int(along.argmax())])
     return best

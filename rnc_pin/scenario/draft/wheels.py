@@ -10,12 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.scenario.draft.joints import body_frame, joint_limits, turning_axis
-from rnc_pin.scenario.draft.shapes import Shape, round_about
+from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, round_about
 from rnc_pin.scenario.draft.site import Site
 
-_LEVEL = 0.1  # largest vertical part of an axle
 _UPRIGHT = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
-_NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
 _TURNS = 4 * np.pi  # a joint that turns farther than a wrist does is a wheel like a continuous one
 _WIDEST = 8.0  # width of a wheel in radii
 _ROLLERS = 4  # so many joints on a rim are rollers
@@ -142,7 +140,7 @@ class _Found:
     named: bool
 
     def touches(self, ground: float) -> bool:
-        slack = 1.0 if self.wheel.measured in ("height", "inertia") else _NEAR
+        slack = 1.0 if self.wheel.measured in ("height", "inertia") else NEAR
         return self.bottom - ground < slack * self.wheel.radius
 
 
@@ -161,7 +159,7 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
                 continue
             rollers = []  # gears and hubs that a wheel carries
         turns_on = _travel(site, index) > _TURNS + 1e-6
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns_on or named) or other:
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in site.shapes.items()}
@@ -179,7 +177,7 @@ def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]
     origin = site.data.oMi[joint].translation
     for index, frame in enumerate(site.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
-        if called and np.abs(_beside(site.data.oMf[index].translation - origin, axle)).max() < 1e-6:
+        if called and np.abs(across(site.data.oMf[index].translation - origin, axle)).max() < 1e-6:
             return str(frame.name), site.data.oMf[index].translation.copy()
     return body_frame(site.robot, joint), origin.copy()
 
@@ -229,11 +227,11 @@ def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
     axle = site.data.oMi[candidate.index].rotation.T @ candidate.axle
     tensor, lever = inertia.inertia, inertia.lever
     about = float(axle @ tensor @ axle)
-    across = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
-    across = np.delete(across, int(np.argmin(np.abs(across))))
+    moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
+    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # those about axes across the axle
     radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
-    beside = np.linalg.norm(lever - (lever @ axle) * axle)
-    is_round = across[0] > 0 and across[1] < 1.15 * across[0] and beside < 0.2 * radius
+    beside = np.linalg.norm(across(lever, axle))
+    is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
     return radius if is_round and _believed(radius) else None
 
 
@@ -261,7 +259,7 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
     while parent > site.root and model.joints[parent].nv == 1:
         axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
-        if axis.any() and max(np.abs(_beside(axis, candidate.axle)).max(), np.abs(_beside(along, axis)).max()) < 1e-6:
+        if axis.any() and max(np.abs(across(axis, candidate.axle)).max(), np.abs(across(along, axis)).max()) < 1e-6:
             pass  # a gear on its axle turns it and does not move it
         elif springs and abs(axis[2]) > _UPRIGHT:
             free = _travel(site, parent) >= 2 * np.pi - 1e-3
@@ -283,11 +281,6 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
         rollers=tuple(str(model.names[each]) for each in candidate.rollers),
         is_ball=size.is_ball,
     )
-
-
-def _beside(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """What of a vector (3,) is not along an axis (3,) of length one."""
-    return np.asarray(vector - (vector @ axis) * axis)
 
 
 def _floor(site: Site) -> float | None:
