@@ -36,6 +36,11 @@ def plain_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
     return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
 
 
+def significant(value: float, digits: int = 2) -> float:
+    """A number as somebody would write it, with so many digits."""
+    return float(f"{value:.{digits}g}")
+
+
 def json_text(content: object) -> str:
     """JSON of plain content; numbers that JSON has no word for, infinities and NaN, are null."""
     return json.dumps(_finite(content), indent=2, allow_nan=False)

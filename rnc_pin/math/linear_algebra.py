@@ -68,6 +68,12 @@ def unit_rows(matrix: np.ndarray) -> np.ndarray:
     return matrix / np.where(lengths > 0, lengths, 1.0)
 
 
+def unit_diagonal(matrix: np.ndarray) -> np.ndarray:
+    """A symmetric matrix (..., n, n) with a positive diagonal, scaled from both sides to ones on it."""
+    sizes = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
+    return matrix / (sizes[..., :, None] * sizes[..., None, :])
+
+
 def condition_number(matrix: np.ndarray) -> np.ndarray | float:
     """2-norm condition number (...) of (..., n, n) after scaling rows to unit length."""
     values = np.linalg.svd(unit_rows(matrix), compute_uv=False)

@@ -10,11 +10,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few
+from rnc_pin.math.linear_algebra import unit_diagonal
+from rnc_pin.plain import significant
 from rnc_pin.robots.sources.description import Body
 
 _TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
 _SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix with ones on its diagonal
 _SUGGESTED = 0.1  # [kg] for a link that has no mass and no size
+_LIGHTEST = 0.01  # [kg] for one that has a size
 _DENSITY = 300.0  # [kg/m^3] of the boxes around links that have a size: robots are hollow
 _SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
 
@@ -199,7 +202,12 @@ def _is_wrong(body: Body, why: str) -> bool:
 def _mass(body: Body) -> float:
     if body.mass > 0:
         return body.mass
-    return float(f"{max(_DENSITY * body.volume(), 0.01):.2g}") if body.shaped else _SUGGESTED
+    return max(mass_of_box(body.volume()), _LIGHTEST) if body.shaped else _SUGGESTED
+
+
+def mass_of_box(volume: float) -> float:
+    """Suggested mass [kg] of a body that fills a box [m^3]."""
+    return significant(_DENSITY * volume)
 
 
 def _mend(model: pin.Model, each: Massless) -> None:
@@ -219,7 +227,7 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
     if not diagonal.all():
         entry = int(np.argmin(diagonal))
         return entry, np.eye(len(diagonal))[entry]
-    values, vectors = np.linalg.eigh(inertia_matrix / np.outer(diagonal, diagonal))
+    values, vectors = np.linalg.eigh(unit_diagonal(inertia_matrix))
     return None if values[0] >= _SINGULAR else (None, vectors[:, 0] / diagonal)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rnc_pin.errors import InputError
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow
@@ -60,7 +61,7 @@ class Recording:
         for self._stage.frame, state in enumerate(states):
             show.update(state)
             values, colors = show.board.figures(state)
-            frames.append([float(f"{value:.4g}") for value in values])
+            frames.append([significant(value, 4) for value in values])
             chips.append(colors)
         heading = title if title != "rnc_pin" else ""
         self._stage.board(heading, show.board.labels(), show.legend(), frames=frames, chips=chips, rate=RATE)

@@ -6,10 +6,9 @@ import re
 
 import numpy as np
 
-from rnc_pin.plain import Json
+from rnc_pin.plain import Json, significant
 from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
-from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
-from rnc_pin.scenario.draft.shapes import shapes
+from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility, measured, place_and_heading, rolls
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.wheels import Wheel
 
@@ -17,7 +16,6 @@ _SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot
 _BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
 _TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is built to balance
 _NEAR = 0.3  # how far above the ground something that carries may be, in radii
-_DRIVEN = 0.5  # how far the reference goes [m]
 _FAR, _FAST = 0.05, 0.5  # what counts as much as a lean of a tenth of a radian [m, m/s]
 _PUSHED = 0.1  # how fast a bicycle leans at the start [rad/s]; one that leans may as well ride in a circle
 _FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
@@ -53,13 +51,13 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
     for wheel in wheels:
         result.constraints.append((rolls(wheel), measured(wheel)))
         result.actuators.append((wheel.joint, ""))
-        way = float(np.sign(wheel.heading @ forward)) * _DRIVEN / wheel.radius
+        way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
-        cost[wheel.joint] = float(f"{(wheel.radius / _FAR) ** 2:.2g}")
-        cost[f"{wheel.joint}_dot"] = float(f"{(wheel.radius / _FAST) ** 2:.2g}")
+        cost[wheel.joint] = significant((wheel.radius / _FAR) ** 2)
+        cost[f"{wheel.joint}_dot"] = significant((wheel.radius / _FAST) ** 2)
     result.outputs.append((leaning, 0.0))
     result.untracked.add(tilt)
-    result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
+    result.vertical += place_and_heading(site.frame)
     result.feedback = {
         "type": "state_feedback",
         "coordinates": [*(wheel.joint for wheel in wheels), leaning],
@@ -103,7 +101,7 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     leaning: dict[str, Json] = {"frame_tilt": {"frame": site.frame, "axis": across}}
     driven: dict[str, Json] = {"frame_speed": {"frame": site.frame, "axis": along}}
     result.outputs += [(driven, 0.0), (leaning, 0.0), ({"joint": steering}, 0.0)]
-    result.vertical += [{"frame_position": {"frame": site.frame, "axes": "xy"}}, {"frame_yaw": site.frame}]
+    result.vertical += place_and_heading(site.frame)
     feedback: dict[str, Json] = {
         "type": "state_feedback",
         "coordinates": [leaning, steering],
@@ -135,8 +133,7 @@ def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
     result.ground = 0.0
     pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}
     moving = {wheel.joint for wheel in wheels} | pivots
-    carriers = [joint for wheel in wheels for joint in wheel.carriers]
-    result.hold(carriers, site.start, "locked, because they would lift wheels off the ground")
+    result.hold_carriers(wheels, site.start)
     others = [name for name in site.start if name not in moving and name not in result.lock]
     result.hold(others, site.start, "held still, while the base is balanced")
 
@@ -163,7 +160,7 @@ def _is_supported(chassis: Chassis, site: Site) -> bool:
     ground = chassis.fixed[0].center[2] - chassis.fixed[0].radius
     own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
     slack = _NEAR * chassis.fixed[0].radius
-    everything = [*shapes(site.robot, "collision", site.q), *shapes(site.robot, "visual", site.q)]
+    everything = [each for kind in site.shapes.values() for each in kind]
     return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
 
 
@@ -171,4 +168,4 @@ def _input_cost(chassis: Chassis, site: Site) -> float:
     """One over the square of the torque that holds a body which leans by a tenth of a radian [1/(N m)^2]."""
     above, _ = _center_of_mass(chassis, site)
     weight = 9.81 * sum(inertia.mass for inertia in site.robot.model.inertias)
-    return float(f"{(0.1 * weight * max(above, chassis.fixed[0].radius)) ** -2:.2g}")
+    return significant((0.1 * weight * max(above, chassis.fixed[0].radius)) ** -2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,11 @@ class Carriage:
 
     pivot: Pivot
     wheels: tuple[Wheel, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Of the pivot and of the wheels."""
+        return self.pivot.joint, *(wheel.joint for wheel in self.wheels)
 
     @property
     def is_lone(self) -> bool:
@@ -80,7 +85,7 @@ class Chassis:
         return in_line(self.fixed)
 
 
-def in_line(wheels: list[Wheel]) -> list[list[Wheel]]:
+def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
     """Wheels by the line they turn about."""
     axles: list[list[Wheel]] = []
     for wheel in wheels:
@@ -113,24 +118,25 @@ def chassis(wheels: list[Wheel]) -> Chassis:
             groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
     for group in groups.values():
         carriage = Carriage(group[0].pivots[0], tuple(group))
-        _role(carriage)(result).append(carriage)
+        _others_like(carriage, result).append(carriage)
     if not result.fixed and result.casters and all(_CASTER.search(_words(each)) is None for each in result.casters):
         result.steered, result.casters = result.steered + result.casters, []  # a base on driven swivels
     return result
 
 
-def _role(carriage: Carriage) -> Callable[[Chassis], list[Carriage]]:
+def _others_like(carriage: Carriage, chassis: Chassis) -> list[Carriage]:
+    """Which of the lists of a chassis it belongs to."""
     words, trail, radius = _words(carriage), carriage.trail, carriage.wheels[0].radius
     if _TOWED.search(words):
-        return lambda chassis: chassis.trailers
+        return chassis.trailers
     if _STEERED.search(words):
-        return lambda chassis: chassis.steered
+        return chassis.steered
     if _CASTER.search(words):
-        return lambda chassis: chassis.casters
+        return chassis.casters
     if not carriage.is_lone:
-        return lambda chassis: chassis.trailers if trail > _AXLE * radius else chassis.steered
+        return chassis.trailers if trail > _AXLE * radius else chassis.steered
     follows = trail > _TRAILS * radius and carriage.pivot.turns_round
-    return lambda chassis: chassis.casters if follows else chassis.steered
+    return chassis.casters if follows else chassis.steered
 
 
 def _words(carriage: Carriage) -> str:

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
-from rnc_pin.scenario.draft.attempt import Attempt, start_values
+from rnc_pin.scenario.draft.attempt import Attempt
 from rnc_pin.scenario.draft.balancing import balances, is_bicycle, on_a_bicycle, on_two_wheels
 from rnc_pin.scenario.draft.chassis import Chassis, chassis
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
+from rnc_pin.scenario.draft.joints import start_values
 from rnc_pin.scenario.draft.mobility import Mobility
 from rnc_pin.scenario.draft.on_rollers import has_rollers, in_any_direction, on_rollers
 from rnc_pin.scenario.draft.on_wheels import on_drawn_axles, on_wheels
@@ -65,20 +66,20 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
 def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
     """How the robot may stand, the likeliest first; what the user asks for has no alternative."""
     if asked in (None, "planar"):
-        wheels = find_wheels(site.robot, site.q, site.root)
+        wheels = find_wheels(site)
         if wheels:
-            yield from _ways_on_wheels(chassis(wheels), site, asked, source.mass_of_base())
+            yield from _ways_on_wheels(chassis(wheels), site, asked, source)
             return
-        axles = find_drawn_axles(site.robot, site.q)
+        axles = find_drawn_axles(site)
         if axles and not site.own_base:
             yield lambda: on_drawn_axles(axles, site)
-    yield lambda: without_wheels(site, asked, source.mass_of_base())
+    yield lambda: without_wheels(site, asked, source.mass_of_base)
     if asked is None:
-        yield lambda: without_wheels(site, "fixed", 0.0)
+        yield lambda: without_wheels(site, "fixed", source.mass_of_base)
         yield lambda: held_fast(site)
 
 
-def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, mass_of_base: float) -> Iterator[_Way]:
+def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
     if asked is None and balances(found, site):
         yield lambda: on_two_wheels(found, site)
     if asked is None and is_bicycle(found):
@@ -88,7 +89,7 @@ def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, mass_of_base:
     elif found.fixed and found.is_straight:
         yield lambda: on_wheels(found, site)
     elif found.fixed and not found.steered:  # discs at right angles that carry nothing
-        yield lambda: without_wheels(site, asked, mass_of_base)
+        yield lambda: without_wheels(site, asked, source.mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
     if found.fixed:
         why = "these wheels cannot roll together as they are read"

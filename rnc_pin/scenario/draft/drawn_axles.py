@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.shapes import Shape, shapes
-
-_LEVEL = 0.1  # largest vertical part of an axle
-_NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
+from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
+from rnc_pin.scenario.draft.site import Site
 
 
 @dataclass(frozen=True)
@@ -35,27 +32,25 @@ class DrawnAxle:
     center: np.ndarray
 
 
-def find_drawn_axles(robot: Robot, q: np.ndarray) -> list[DrawnAxle]:
+def find_drawn_axles(site: Site) -> list[DrawnAxle]:
     """Pairs of lying cylinders at the ground, fixed to one body: wheels that do not turn in the model."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    drawn = shapes(robot, "visual", q)
+    drawn = site.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
-    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < _LEVEL and _thin(s)]
+    disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
     for one in disks:
         for other in disks:
             if one.name >= other.name or one.joint != other.joint:
                 continue
-            axle, across = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
+            axle, between = one.axis, other.points.mean(axis=0) - one.points.mean(axis=0)
             assert axle is not None
             radii = [_radius(each) for each in (one, other)]
-            apart = np.linalg.norm(across)
-            level = one.bottom - ground < _NEAR * radii[0]
-            aligned = apart > radii[0] and abs(across @ axle) > 0.999 * apart
+            apart = np.linalg.norm(between)
+            level = one.bottom - ground < NEAR * radii[0]
+            aligned = apart > radii[0] and abs(between @ axle) > 0.999 * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
                 continue
-            place = _frame_on(robot, data, one.joint, one.points.mean(axis=0), axle)
+            place = _frame_on(site, one.joint, one.points.mean(axis=0), axle)
             if place is not None and all(place[0] != each.frame for each in axles):
                 center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
                 axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
@@ -70,18 +65,18 @@ def _thin(disk: Shape) -> bool:
 def _radius(cylinder: Shape) -> float:
     assert cylinder.axis is not None
     offsets = cylinder.points - cylinder.points.mean(axis=0)
-    return float(np.linalg.norm(offsets - np.outer(offsets @ cylinder.axis, cylinder.axis), axis=1).max())
+    return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
 
 
-def _frame_on(robot: Robot, data: pin.Data, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
+def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
     """A frame of the body with its origin above or on the axle, and its own axis along it."""
     best = None
-    for index, frame in enumerate(robot.model.frames):
+    for index, frame in enumerate(site.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
             continue
-        offset = data.oMf[index].translation - point
-        along = np.abs(data.oMf[index].rotation.T @ axle)
-        beside = offset - (offset @ axle) * axle
+        offset = site.data.oMf[index].translation - point
+        along = np.abs(site.data.oMf[index].rotation.T @ axle)
+        beside = across(offset, axle)
         if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
             best = (str(frame.name), "xyz"[int(along.argmax())])
     return best

@@ -64,6 +64,20 @@ class Mobility:
             self.lock.update({joint: start.get(joint, 0.0) for joint in named})
             self.notes.append(f"{why}: {', '.join(named)}")
 
+    def hold_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
+        """Lock the joints that would move wheels."""
+        carriers = (joint for wheel in wheels for joint in wheel.carriers)
+        self.hold(carriers, start, "locked, because they would lift wheels off the ground")
+
+    def go_anywhere(self) -> None:
+        """Want its place on the ground and its heading as outputs."""
+        self.outputs += zip(place_and_heading(self.frame), (DRIVEN, TURNED), strict=True)
+
+
+def place_and_heading(frame: str) -> list[dict[str, Json]]:
+    """Entries of the outputs that say where a frame is on the ground."""
+    return [{"frame_position": {"frame": frame, "axes": "xy"}}, {"frame_yaw": frame}]
+
 
 def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """The entry of a wheel."""

@@ -7,10 +7,11 @@ import numpy as np
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import Chassis
-from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility, measured, rolls
+from rnc_pin.scenario.draft.joints import turning_axis
+from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
-from rnc_pin.scenario.draft.wheels import Wheel, turning_axis
+from rnc_pin.scenario.draft.wheels import Wheel
 
 _OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
 _APART = 0.05  # smallest singular value of the rows on the base's motion that counts as three
@@ -47,7 +48,8 @@ def on_rollers(chassis: Chassis, site: Site) -> Mobility:
     if not parallel:
         result.notes.append("wheels in different headings can only move the base if they are omni wheels")
     _release(result, chassis, site)
-    return _outputs(result)
+    result.go_anywhere()
+    return result
 
 
 def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
@@ -62,38 +64,26 @@ def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
         "locked and only drawn",
     )
     _release(result, chassis, site)
-    push(result, site.frame)
-    return _outputs(result)
-
-
-def push(result: Mobility, frame: str) -> None:
-    """Forces on the base, along and across, and a torque that turns it."""
-    for axis in "xy":
-        force: dict[str, Json] = {"force": {"frame": frame, "axis": axis}}
-        result.actuators.append((force, "what the wheels do together"))
-    result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, ""))
-
-
-def _outputs(result: Mobility) -> Mobility:
-    frame = result.frame
-    result.outputs += [
-        ({"frame_position": {"frame": frame, "axes": "xy"}}, DRIVEN),
-        ({"frame_yaw": frame}, TURNED),
-    ]
+    push(result)
     return result
+
+
+def push(result: Mobility) -> None:
+    """Let a base go anywhere, by forces along and across and a torque that turns it."""
+    for axis in "xy":
+        force: dict[str, Json] = {"force": {"frame": result.frame, "axis": axis}}
+        result.actuators.append((force, "what the wheels do together"))
+    result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
+    result.go_anywhere()
 
 
 def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
     """Hold what lifts wheels, and wheels that only support."""
-    result.hold(
-        (joint for wheel in chassis.wheels for joint in wheel.carriers),
-        site.start,
-        "locked, because they would lift wheels off the ground",
-    )
+    result.hold_carriers(chassis.wheels, site.start)
     supports = [
         joint
         for carriage in (*chassis.casters, *chassis.trailers)
-        for joint in (carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels))
+        for joint in carriage.joints
         if joint not in result.lock
     ]
     supports += [wheel.joint for wheel in chassis.balls if wheel.joint not in result.lock]

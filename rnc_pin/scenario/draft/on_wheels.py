@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
+from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel, in_line
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, Mobility, measured, rolls
 from rnc_pin.scenario.draft.site import Site
@@ -15,11 +15,7 @@ from rnc_pin.scenario.draft.wheels import Wheel
 def on_wheels(chassis: Chassis, site: Site) -> Mobility:
     """Wheels on one axle or several, some of them steered, with casters and trailers."""
     result = planar(site, _kind(chassis), chassis.wheels)
-    result.hold(
-        (joint for wheel in chassis.wheels for joint in wheel.carriers),
-        site.start,
-        "locked, because they would lift wheels off the ground",
-    )
+    result.hold_carriers(chassis.wheels, site.start)
     gliding = [wheel.joint for wheel in chassis.balls]
     result.hold(gliding, site.start, "balls glide where they do not roll, so that they are locked and only drawn")
     for dolly in chassis.dollies:
@@ -38,7 +34,7 @@ def on_wheels(chassis: Chassis, site: Site) -> Mobility:
     for carriage in chassis.casters:
         for wheel in carriage.wheels:
             result.constraints.append((rolls(wheel), f"a caster, not driven; {measured(wheel)}"))
-        result.passive |= {carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels)}
+        result.passive |= set(carriage.joints)
     for carriage in chassis.trailers:
         _tow(result, carriage)
     result.vertical.append({"frame_position": {"frame": site.frame, "axes": "xy"}})
@@ -149,7 +145,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
         result.constraints.append((rolls(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
     result.actuators.append((leader, "steering"))
     result.outputs.append(({"joint": leader}, BENT))
-    result.passive |= {first.pivot.joint, *(wheel.joint for wheel in first.wheels)} - {leader}
+    result.passive |= set(first.joints) - {leader}
     for other in beside[:1]:
         pair = [first.pivot.joint, other.pivot.joint]
         together = site.leader(pair[1]) == leader
@@ -161,7 +157,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
         for wheel in other.wheels:
             entry = rolls(wheel, lateral=False) if together else rolls(wheel)
             result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
-        result.passive |= {other.pivot.joint, *(wheel.joint for wheel in other.wheels)} - {leader}
+        result.passive |= set(other.joints) - {leader}
     straight = [each for each in others if each not in beside[:1]]
     for each in straight:
         for wheel in each.wheels:
@@ -180,13 +176,12 @@ def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
 
 
 def _tow(result: Mobility, carriage: Carriage) -> None:
-    guide = carriage.wheels[0]
+    guides = {wheel.joint for wheel in in_line(carriage.wheels)[0]}
     for wheel in carriage.wheels:
-        same_axle = abs(float((wheel.center - guide.center) @ guide.heading)) < 0.1 * wheel.radius
-        entry = rolls(wheel) if same_axle else rolls(wheel, lateral=False)
-        what = "" if same_axle else ", skids sideways"
+        entry = rolls(wheel) if wheel.joint in guides else rolls(wheel, lateral=False)
+        what = "" if wheel.joint in guides else ", skids sideways"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
     result.notes.append(
         f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, put it among the actuators"
     )
-    result.passive |= {carriage.pivot.joint, *(wheel.joint for wheel in carriage.wheels)}
+    result.passive |= set(carriage.joints)

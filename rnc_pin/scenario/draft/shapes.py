@@ -11,6 +11,12 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot import Robot
 
+LEVEL = 0.1
+"""Largest vertical part of an axle."""
+
+NEAR = 0.3
+"""How far above the ground a wheel's lowest point may be, in radii."""
+
 _CIRCLE = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
 
 
@@ -112,7 +118,7 @@ def round_about(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     )
     extents = high - low
     radius = max(
-        float(np.linalg.norm(_across(part.points - center, axle), axis=1).max()) + part.margin for part in parts
+        float(np.linalg.norm(across(part.points - center, axle), axis=1).max()) + part.margin for part in parts
     )
     middle = np.abs(high + low)[:2] / 2
     is_round = extents[:2].min() > 0.9 * extents[:2].max() and middle.max() < 0.1 * radius
@@ -122,8 +128,9 @@ def round_about(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     return Disk(radius, min(part.bottom for part in parts), float(extents[2]))
 
 
-def _across(offsets: np.ndarray, axle: np.ndarray) -> np.ndarray:
-    return offsets - np.outer(offsets @ axle, axle)
+def across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """What of vectors (..., 3) is not along an axis (3,) of length one."""
+    return np.asarray(vectors - (vectors @ axis)[..., None] * axis)
 
 
 def _low(parts: list[Shape], axis: np.ndarray, center: np.ndarray) -> float:

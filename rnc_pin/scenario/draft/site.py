@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.wheels import body_frame, turning_axis
+from rnc_pin.scenario.draft.joints import body_frame, sliding_axis, turning_axis
+from rnc_pin.scenario.draft.shapes import Shape, shapes
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,11 @@ class Site:
         return data
 
     @cached_property
+    def shapes(self) -> dict[str, list[Shape]]:
+        """Of its geometry, "collision" and "visual"."""
+        return {kind: shapes(self.robot, kind, self.q) for kind in ("collision", "visual")}
+
+    @cached_property
     def own_base(self) -> tuple[str, ...]:
         """Joints of the file that let the base move over the ground: two slides and a turn, with nothing between."""
         model = self.robot.model
@@ -53,10 +59,8 @@ class Site:
             index = int(model.children[index][0])
             if model.joints[index].nv != 1:
                 return ()
-            column = pin.getJointJacobian(model, self.data, index, pin.LOCAL_WORLD_ALIGNED)
             axis = turning_axis(model, self.data, index)
-            direction = column.reshape(6, model.nv)[:3, model.joints[index].idx_v]
-            slides += not axis.any() and abs(direction[2]) < 1e-3
+            slides += not axis.any() and abs(sliding_axis(model, self.data, index)[2]) < 1e-3
             turns += abs(axis[2]) > 0.999
             joints.append(str(model.names[index]))
         return tuple(joints) if (slides, turns) == (2, 1) else ()

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.plain import Json
-from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia
+from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, is_file, shipped_directory
@@ -23,7 +23,6 @@ from rnc_pin.scenario.schema.robot import RobotSource
 Lock = Mapping[str, float | list[float]]
 
 _BASE = "root_joint"  # one without mass is given some, not held
-_DENSITY = 300.0  # [kg/m^3] of the box around a base that has no mass
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ class Source:
             link = None if base in (None, "fixed") else _weightless_base(robot)
             if link is None or link in self.masses:
                 return robot
-            self.masses[link] = float(f"{_DENSITY * _volume(robot):.2g}")
+            self.masses[link] = mass_of_box(_volume(robot))
 
     def as_it_is(self, base: str | None, lock: Lock | None = None) -> Robot:
         """The robot, or an error where a joint of it moves no mass."""

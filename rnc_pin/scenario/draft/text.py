@@ -44,13 +44,13 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility: Mobility) -> str:
+def write_draft(name: str, scenario: Drafted, remark: str, mobility: Mobility) -> str:
     """The text of a scenario file.
 
     Args:
         name: of the robot.
         scenario: its parts.
-        remarks: on other parts, by key.
+        remark: on the controller.
         mobility: what was assumed of the base.
     """
     outputs = scenario["outputs"]
@@ -82,7 +82,7 @@ def write_draft(name: str, scenario: Drafted, remarks: dict[str, str], mobility:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
         lines += [*_remark(f"a gentle motion, {words}"), f"reference: {_flow(scenario['reference'])}"]
     lines += [
-        *_remark(remarks.get("controller", "adaptive: knows no inertia; tracker: computed_torque knows them all")),
+        *_remark(remark),
         f"controller: {_flow(scenario['controller'])}",
         f"simulation: {_flow(scenario['simulation'])}",
         f"view: {_flow(scenario['view'])}",

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.shapes import Shape, round_about, shapes
+from rnc_pin.scenario.draft.joints import body_frame, joint_limits, turning_axis
+from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, round_about
+from rnc_pin.scenario.draft.site import Site
 
-_LEVEL = 0.1  # largest vertical part of an axle
 _UPRIGHT = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
-_NEAR = 0.3  # how far above the ground a wheel's lowest point may be, in radii
 _TURNS = 4 * np.pi  # a joint that turns farther than a wrist does is a wheel like a continuous one
 _WIDEST = 8.0  # width of a wheel in radii
 _ROLLERS = 4  # so many joints on a rim are rollers
@@ -100,32 +99,28 @@ class _Candidate:
     rollers: tuple[int, ...]
 
 
-def find_wheels(robot: Robot, q: np.ndarray, root: int) -> list[Wheel]:
-    """The wheels of a robot that stands on the ground at ``q`` (nq,), its base behind joint ``root``."""
-    data = robot.model.createData()
-    pin.computeJointJacobians(robot.model, data, q)
-    pin.updateFramePlacements(robot.model, data)
-    geometry = {kind: shapes(robot, kind, q) for kind in ("collision", "visual")}
-    floor = _floor(robot, data, root)
+def find_wheels(site: Site) -> list[Wheel]:
+    """The wheels of a robot that stands on the ground."""
+    floor = _floor(site)
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
-    candidates = list(_candidates(robot, data, geometry, root))
+    candidates = list(_candidates(site))
     rollers = {each for candidate in candidates for each in candidate.rollers}
     for candidate in candidates:
         if candidate.index in rollers:
             continue
-        size = _measured(robot, data, candidate, floor)
+        size = _measured(site, candidate, floor)
         if size is not None:
-            wheel = _wheel(robot, data, candidate, size, root)
+            wheel = _wheel(site, candidate, size)
             found.append(_Found(wheel, size.bottom, candidate.named))
         elif candidate.named:
             unmeasured.append(candidate)
-    wheels = _on_the_ground(found, geometry["collision"] or geometry["visual"], root)
+    wheels = _on_the_ground(found, site.shapes["collision"] or site.shapes["visual"], site.root)
     for candidate in unmeasured if wheels else ():  # as high as their mates stand
         ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
         height = float(candidate.center[2] - ground)
         if _believed(height) and height < 2 * max(wheel.radius for wheel in wheels):
-            wheels.append(_wheel(robot, data, candidate, _Size(height, ground, "height"), root))
+            wheels.append(_wheel(site, candidate, _Size(height, ground, "height")))
     carriers = {joint for wheel in wheels for joint in wheel.carriers}
     return [wheel for wheel in wheels if wheel.joint not in carriers]
 
@@ -145,42 +140,46 @@ class _Found:
     named: bool
 
     def touches(self, ground: float) -> bool:
-        slack = 1.0 if self.wheel.measured in ("height", "inertia") else _NEAR
+        slack = 1.0 if self.wheel.measured in ("height", "inertia") else NEAR
         return self.bottom - ground < slack * self.wheel.radius
 
 
-def _candidates(robot: Robot, data: pin.Data, geometry: dict[str, list[Shape]], root: int) -> Iterator[_Candidate]:
+def _candidates(site: Site) -> Iterator[_Candidate]:
     """Joints that turn on and on about a level axis, with nothing behind them but rollers."""
-    model = robot.model
-    for index in range(root + 1, model.njoints):
-        joint, name = model.joints[index], model.names[index]
-        if joint.nv != 1:
+    model = site.robot.model
+    for index in range(site.root + 1, model.njoints):
+        if model.joints[index].nv != 1:
             continue
-        axle = turning_axis(model, data, index)
-        frame, center = _on_axle(robot, data, index, axle)
-        named, other = _called(name, frame)
+        axle = turning_axis(model, site.data, index)
+        frame, center = _on_axle(site, index, axle)
+        named, other = _called(model.names[index], frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(model, rollers):
             if not named:
                 continue
             rollers = []  # gears and hubs that a wheel carries
-        span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
-        turns = joint.nq == 2 or not np.isfinite(span) or span <= 0 or span > _TURNS + 1e-6
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > _LEVEL or not (turns or named) or other:
+        turns_on = _travel(site, index) > _TURNS + 1e-6
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
             continue
         behind = {index, *rollers}
-        parts = {kind: [each for each in every if each.joint in behind] for kind, every in geometry.items()}
+        parts = {kind: [each for each in every if each.joint in behind] for kind, every in site.shapes.items()}
         yield _Candidate(index, frame, axle, center, named, parts, tuple(rollers))
 
 
-def _on_axle(robot: Robot, data: pin.Data, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+def _travel(site: Site, index: int) -> float:
+    """Length of a joint's range [rad or m]."""
+    low, high = joint_limits(site.robot, str(site.robot.model.names[index]))
+    return high - low
+
+
+def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
     """The frame of a wheel and where it is (3,): a link on the axle that is called one, or the joint's own."""
-    origin = data.oMi[joint].translation
-    for index, frame in enumerate(robot.model.frames):
+    origin = site.data.oMi[joint].translation
+    for index, frame in enumerate(site.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
-        if called and np.abs(_beside(data.oMf[index].translation - origin, axle)).max() < 1e-6:
-            return str(frame.name), data.oMf[index].translation.copy()
-    return body_frame(robot, joint), origin.copy()
+        if called and np.abs(across(site.data.oMf[index].translation - origin, axle)).max() < 1e-6:
+            return str(frame.name), site.data.oMf[index].translation.copy()
+    return body_frame(site.robot, joint), origin.copy()
 
 
 def _called(joint: str, link: str) -> tuple[bool, bool]:
@@ -195,7 +194,7 @@ def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
     return not joints or (len(joints) >= _ROLLERS and leaves)
 
 
-def _measured(robot: Robot, data: pin.Data, candidate: _Candidate, floor: float | None) -> _Size | None:
+def _measured(site: Site, candidate: _Candidate, floor: float | None) -> _Size | None:
     """How large a wheel is, or None where it is none.
 
     By its shapes; where there are none, by its height over a floor that the file has, by its inertia, or by its height
@@ -205,7 +204,7 @@ def _measured(robot: Robot, data: pin.Data, candidate: _Candidate, floor: float 
         disk = round_about(parts, candidate.center, candidate.axle)
         if disk is not None and disk.width < _WIDEST * disk.radius:
             return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
-    spun = _spun_radius(robot, data, candidate)
+    spun = _spun_radius(site, candidate)
     if not candidate.named and (spun is None or any(candidate.parts.values())):
         return None
     height = float(candidate.center[2]) - (0.0 if floor is None else floor)
@@ -220,19 +219,19 @@ def _believed(radius: float) -> bool:
     return _SIZES[0] < radius < _SIZES[1]
 
 
-def _spun_radius(robot: Robot, data: pin.Data, candidate: _Candidate) -> float | None:
+def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
     """Radius [m] of the solid disk that has this inertia, or None where it is not that of something round."""
-    inertia = robot.model.inertias[candidate.index]
+    inertia = site.robot.model.inertias[candidate.index]
     if inertia.mass <= 0:
         return None
-    axle = data.oMi[candidate.index].rotation.T @ candidate.axle
+    axle = site.data.oMi[candidate.index].rotation.T @ candidate.axle
     tensor, lever = inertia.inertia, inertia.lever
     about = float(axle @ tensor @ axle)
-    across = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
-    across = np.delete(across, int(np.argmin(np.abs(across))))
+    moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
+    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # those about axes across the axle
     radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
-    beside = np.linalg.norm(lever - (lever @ axle) * axle)
-    is_round = across[0] > 0 and across[1] < 1.15 * across[0] and beside < 0.2 * radius
+    beside = np.linalg.norm(across(lever, axle))
+    is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
     return radius if is_round and _believed(radius) else None
 
 
@@ -251,20 +250,19 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
     return [each.wheel for each in found if each.touches(ground)]
 
 
-def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, root: int) -> Wheel:
-    model = robot.model
+def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
+    model, data = site.robot.model, site.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
     springs = True  # only slides so far: a suspension
     parent = model.parents[candidate.index]
-    while parent > root and model.joints[parent].nv == 1:
-        joint, axis = model.joints[parent], turning_axis(model, data, parent)
+    while parent > site.root and model.joints[parent].nv == 1:
+        axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
-        if axis.any() and max(np.abs(_beside(axis, candidate.axle)).max(), np.abs(_beside(along, axis)).max()) < 1e-6:
+        if axis.any() and max(np.abs(across(axis, candidate.axle)).max(), np.abs(across(along, axis)).max()) < 1e-6:
             pass  # a gear on its axle turns it and does not move it
         elif springs and abs(axis[2]) > _UPRIGHT:
-            span = model.upperPositionLimit[joint.idx_q] - model.lowerPositionLimit[joint.idx_q]
-            free = joint.nq == 2 or not 0 < span < 2 * np.pi - 1e-3
+            free = _travel(site, parent) >= 2 * np.pi - 1e-3
             point = data.oMi[parent].translation.copy()
             pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
         else:
@@ -285,32 +283,11 @@ def _wheel(robot: Robot, data: pin.Data, candidate: _Candidate, size: _Size, roo
     )
 
 
-def _beside(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """What of a vector (3,) is not along an axis (3,) of length one."""
-    return np.asarray(vector - (vector @ axis) * axis)
-
-
-def _floor(robot: Robot, data: pin.Data, root: int) -> float | None:
+def _floor(site: Site) -> float | None:
     """Height of a frame of the base that is called its footprint, or None."""
     heights = [
-        float(data.oMf[index].translation[2])
-        for index, frame in enumerate(robot.model.frames)
-        if frame.parentJoint <= root and "footprint" in frame.name.lower()
+        float(site.data.oMf[index].translation[2])
+        for index, frame in enumerate(site.robot.model.frames)
+        if frame.parentJoint <= site.root and "footprint" in frame.name.lower()
     ]
     return min(heights, default=None)
-
-
-def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Axis in the world (3,) of a joint with one degree of freedom; zero where it slides."""
-    jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
-    column: np.ndarray = jacobian.reshape(6, model.nv)[3:, model.joints[joint].idx_v]  # (6,) where nv is 1
-    return column
-
-
-def body_frame(robot: Robot, joint: int) -> str:
-    """The frame of the link behind a joint, or the joint's own, which is at the same place."""
-    frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
-    for frame in frames:
-        if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
-            return str(frame.name)
-    return str(robot.model.names[joint])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pinocchio as pin
 
 from rnc_pin.errors import few
-from rnc_pin.scenario.draft.mobility import DRIVEN, TURNED, Mobility
+from rnc_pin.scenario.draft.joints import effort_limit
+from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility
 from rnc_pin.scenario.draft.on_rollers import push
 from rnc_pin.scenario.draft.site import Site
 
@@ -20,13 +22,13 @@ _WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
-def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobility:
+def without_wheels(site: Site, asked: str | None, mass_of_base: Callable[[], float]) -> Mobility:
     """A robot without wheels.
 
     Args:
         site: the robot.
         asked: "fixed", "planar" or "free", or None.
-        mass_of_base: of its first link [kg].
+        mass_of_base: gives that of its first link [kg], for which the robot has to be loaded.
     """
     if asked == "planar":
         return _doubting_wheels(_on_ice(site), site)
@@ -47,9 +49,8 @@ def without_wheels(site: Site, asked: str | None, mass_of_base: float) -> Mobili
 
 def held_fast(site: Site) -> Mobility:
     """A bolted robot whose joints without effort are held: what falls when nothing drives it."""
-    model = site.robot.model
     result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
-    weak = [name for name in site.start if model.upperEffortLimit[site.robot.velocity_indices(name).start] == 0]
+    weak = [name for name in site.start if effort_limit(site.robot, name) == 0]
     result.hold(weak, site.start, "effort 0 in the file, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, site)
 
@@ -65,30 +66,27 @@ def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
     return result
 
 
-def _floats(site: Site, mass_of_base: float) -> str:
+def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
     """Why it is taken to float, or nothing."""
     if site.is_rigid:
         return "one rigid body"
-    if site.root or mass_of_base <= 0:
+    mass = 0.0 if site.root else mass_of_base()
+    if mass <= 0:
         return ""
     limbs = len(site.robot.model.children[0])
     if limbs >= _LIMBS:
         return f"no wheels, and {limbs} limbs on one body"
     if _AFLOAT.search(site.words):
         return "no wheels, and a name of something that floats"
-    total = mass_of_base + sum(inertia.mass for inertia in site.robot.model.inertias[1:])
-    if mass_of_base > _HEAVY * total and not _BOLTED.search(site.words):
-        return f"no wheels, and {100 * mass_of_base / total:.0f} % of the mass in the first link: nothing is bolted so"
+    total = mass + sum(inertia.mass for inertia in site.robot.model.inertias[1:])
+    if mass > _HEAVY * total and not _BOLTED.search(site.words):
+        return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
     return ""
 
 
 def _on_ice(site: Site) -> Mobility:
     result = Mobility("planar", "asked for; no wheels were found, so that it moves in any direction", site.frame)
-    push(result, site.frame)
-    result.outputs += [
-        ({"frame_position": {"frame": site.frame, "axes": "xy"}}, DRIVEN),
-        ({"frame_yaw": site.frame}, TURNED),
-    ]
+    push(result)
     return result
 
 

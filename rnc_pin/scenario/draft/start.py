@@ -1,0 +1,50 @@
+"""A start at which every motion has energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.math.linear_algebra import unit_diagonal
+from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.joints import joint_limits, turns
+
+_SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
+_PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
+_MOVES = 3  # joints moved for that
+
+
+def turned_aside(robot: Robot, start: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
+    """Move a joint where the inertia matrix is singular at the start: two axes on one line, no mass between.
+
+    Args:
+        robot: it.
+        start: values of joints with one degree of freedom [rad or m].
+
+    Returns:
+        Such values, and a line on each joint that was moved.
+    """
+    values, notes = dict(start), []
+    for _ in range(_MOVES):
+        if _stiffness(robot, values) > _SINGULAR:
+            break
+        moved = {name: {**values, name: _aside(robot, name, values[name])} for name in values}
+        name = max(moved, key=lambda each: _stiffness(robot, moved[each]))
+        values = moved[name]
+        notes.append(f"{name} starts at {values[name]:g}: at zero axes lie on one line")
+    return values, notes
+
+
+def _stiffness(robot: Robot, start: Mapping[str, float]) -> float:
+    """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
+    M = pin.crba(robot.model, robot.model.createData(), robot.configuration(start))
+    return float(np.linalg.eigvalsh(unit_diagonal(M))[0])
+
+
+def _aside(robot: Robot, name: str, value: float) -> float:
+    """A value of a joint beside one that it has, within its range."""
+    low, high = joint_limits(robot, name)
+    step = min(_TURNED_ASIDE if turns(robot, name) else _PULLED, (high - low) / 4)
+    return round(value + (step if value + step < high else -step), 4)
