@@ -1,6 +1,6 @@
 """What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
 
-from . import analysis, constraints, control, errors, outputs, planning, robots, simulation
+from . import analysis, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
 from .analysis import Equilibrium, Linearization, Report, analyze, equilibrium, linearize, lqr
 from .constraints import (
     AckermannSteering,
@@ -26,6 +26,7 @@ from .errors import (
     SimulationError,
     SingularityError,
 )
+from .loop import ControlLoop
 from .model.actuation import FrameForce, FrameTorque
 from .model.measurement import Measurement
 from .model.reduced_model import ReducedModel
@@ -42,6 +43,7 @@ from .outputs import (
     JointPosition,
     Output,
 )
+from .plants import Faults
 from .robots.robot import Robot
 from .simulation import (
     Outcome,
@@ -62,9 +64,11 @@ __all__ = [
     "Caster",
     "ConfigurationError",
     "ConstraintError",
+    "ControlLoop",
     "Distance",
     "DivergenceError",
     "Equilibrium",
+    "Faults",
     "FrameForce",
     "FrameOrientation",
     "FramePosition",
@@ -111,9 +115,11 @@ __all__ = [
     "free_motion",
     "kinematic_rollout",
     "linearize",
+    "loop",
     "lqr",
     "outputs",
     "planning",
+    "plants",
     "preflight",
     "robots",
     "simulate",

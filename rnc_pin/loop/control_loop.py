@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypedDict, Unpack
+from typing import Any, Literal, NamedTuple, TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -40,14 +40,21 @@ class LoopOptions(TypedDict, total=False):
 
 
 class LoopState(NamedTuple):
-    """Everything that a loop remembers from one step to the next."""
+    """Everything that a loop remembers from one step to the next.
+
+    Example:
+        >>> rnc.loop.LoopState().trouble is None  # of a loop that has not begun
+        True
+    """
 
     begin: float | None = None
     """Time of the first step [s]: the controller's time zero."""
     time: float | None = None
     """Of the last measurement that was taken [s]."""
     q: Float[Array, " nq"] | None = None
+    """Configuration measured last."""
     v2: Float[Array, " r"] | None = None
+    """Reducing velocities then."""
     integrals: Float[Array, " r"] | None = None
     """Of the reducing velocities since the first step."""
     motion: Motion | None = None
@@ -57,6 +64,7 @@ class LoopState(NamedTuple):
     excess: Float[Array, " r"] | None = None
     """Reduced force that was asked for and not given."""
     controller: State = None
+    """What the controller remembers."""
     bad_since: float | None = None
     """Time of the first of the measurements that were not taken [s]."""
     trouble: str | None = None
@@ -129,24 +137,26 @@ class ControlLoop:
         reduced: ReducedModel,
         controller: Controller | Callable[[Measurement], Controller],
         dt: float,
-        **options: Unpack[LoopOptions],
+        *,
+        velocity: Literal["measured", "filtered", "observer"] = "measured",
+        cutoff: float | None = None,
+        limits: bool | Float[Array, " p"] = True,
+        on_trouble: Literal["hold", "brake", "zero", "raise"] = "hold",
+        patience: float | None = None,
+        fastest: float = 100.0,
+        margin: float = 0.0,
+        brake: float = 5.0,
     ) -> None:
-        unknown = set(options) - set(LoopOptions.__annotations__)
-        if unknown:
-            raise TypeError(f"ControlLoop has no option '{sorted(unknown)[0]}'")
         if not 0 < dt < np.inf:
             raise ConfigurationError(f"dt of a loop has to be positive, found {dt}")
         self.reduced, self.dt = reduced, dt
         self._given = controller
         self._controller: Controller | None = controller if isinstance(controller, Controller) else None
-        self._on_trouble = _one_of("on_trouble", options.get("on_trouble", "hold"), _SAFE)
-        self._estimator = self._velocity(options.get("velocity", "measured"), options.get("cutoff"))
-        self._limits = _limits(reduced, options.get("limits", True))
-        patience = options.get("patience")
+        self._on_trouble = _one_of("on_trouble", on_trouble, _SAFE)
+        self._estimator = self._velocity(velocity, cutoff)
+        self._limits = _limits(reduced, limits)
         self._patience = 5 * dt if patience is None else patience
-        self._fastest, self._margin = options.get("fastest", 100.0), options.get("margin", 0.0)
-        self._brake = options.get("brake", 5.0)
-        self._braking: np.ndarray | None = None
+        self._fastest, self._margin, self._brake = fastest, margin, brake
         self.state = LoopState()
         self.last: Decision | None = None
         self._input_matrix: np.ndarray | None = None
@@ -200,7 +210,13 @@ class ControlLoop:
             return self._safe(v)
 
     def decide(self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None) -> Float[Array, " p"]:
-        """The same for a state that is known to be true and has been evaluated; errors are raised."""
+        """The same for a state that is known to be true and has been evaluated; errors are raised.
+
+        Args:
+            t: when [s].
+            state: of the loop's model, with its velocity.
+            integrals: as for ``step``.
+        """
         before, self.at_work = self.state, "the model"
         if integrals is None:
             integrals = self._integrated(t, state)
@@ -233,7 +249,11 @@ class ControlLoop:
         return T
 
     def acted(self, T: Float[Array, " p"]) -> None:
-        """Tell what the actuators gave instead of what the last step asked for, where that is known."""
+        """Tell what the actuators gave instead of what the last step asked for, where that is known.
+
+        Args:
+            T: that (p,).
+        """
         if self._input_matrix is None:
             return
         T = np.asarray(T, dtype=float)
@@ -348,11 +368,18 @@ class ControlLoop:
             self._controller = None
 
     def resume(self, state: LoopState) -> None:
-        """Go on from a state of this loop, or of one with the same controller and model."""
+        """Go on from a state of this loop, or of one with the same controller and model.
+
+        Args:
+            state: that of the other.
+        """
         self.state, self._input_matrix = state, None
 
     def save(self, path: str | Path) -> None:
         """Write the state to an ``.npz`` file.
+
+        Args:
+            path: of the file.
 
         Raises:
             ConfigurationError: the controller remembers something that is neither numbers, text nor tuples of them.
@@ -361,6 +388,9 @@ class ControlLoop:
 
     def load(self, path: str | Path) -> None:
         """Go on from what ``save`` wrote, to the bit.
+
+        Args:
+            path: of the file.
 
         Raises:
             ConfigurationError: not such a file, or one of another controller.

@@ -16,6 +16,17 @@ class ChangingMachine:
         before, after: the machines, with the same configurations and actuators. What motion the second cannot have is
             gone at once, as in an impact.
         time: when [s].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> sliding = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> locked = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh"), rnc.NoSideSlip("sleigh", axis="x")])
+        >>> machine = rnc.plants.ChangingMachine(rnc.simulation.ReducedPlant(sliding), rnc.simulation.ReducedPlant(locked.reduce()), time=0.1)
+        >>> machine.reset(robot.configuration(), np.array([1.0, 0.0, 0.0]))
+        >>> machine.advance(0.1), machine.advance(0.1)
+        (None, None)
+        >>> machine.read()[0][0].round(3)  # a metre a second, for a tenth of a second
+        np.float64(0.1)
     """
 
     def __init__(self, before: Machine, after: Machine, time: float) -> None:

@@ -38,6 +38,14 @@ class Faults:
 
     Raises:
         ConfigurationError: a number that makes no sense.
+
+    Example:
+        >>> rnc.Faults(position_noise=1e-4, counts=4096, delay=2, effort=50.0).delay
+        2
+        >>> rnc.Faults(dropped=1.5)
+        Traceback (most recent call last):
+        ...
+        rnc_pin.errors.ConfigurationError: fault dropped is a share, at most 1, found 1.5
     """
 
     position_noise: float = 0.0
@@ -78,6 +86,14 @@ class FaultyMachine:
         reduced: the model whose configurations and actuators they are.
         dt: sampling period, of which ``jitter`` is a share [s].
         seed: of the noise: the same numbers in the same order, whatever runs beside it.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> bent = rnc.plants.FaultyMachine(rnc.simulation.ReducedPlant(reduced), rnc.Faults(position_bias=0.1), reduced, dt=0.01)
+        >>> bent.reset(robot.configuration(), np.zeros(3))
+        >>> (bent.read()[0] - bent.actual()[0])[:2].round(2)
+        array([0.09, 0.1 ])
     """
 
     def __init__(self, machine: Machine, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:

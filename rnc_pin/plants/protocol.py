@@ -14,6 +14,12 @@ class Machine(Protocol):
 
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions, whatever the
     machine keeps inside. Velocities are as the machine has them: they need not satisfy the constraints.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> isinstance(rnc.simulation.ReducedPlant(reduced), rnc.plants.Machine)
+        True
     """
 
     def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:

@@ -23,6 +23,16 @@ class ReducedPlant:
         reduced: the model.
         plant: what takes part beside it.
         substeps: integration steps each time that ``advance`` is called.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> push = [rnc.FrameForce("sleigh", "x")]
+        >>> plant = rnc.simulation.ReducedPlant(rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], push).reduce())
+        >>> plant.reset(robot.configuration(), np.zeros(3))
+        >>> plant.apply(np.array([2.0]))
+        >>> plant.advance(0.01)
+        >>> bool(plant.read()[1][0] > 0)
+        True
     """
 
     def __init__(self, reduced: ReducedModel, plant: Plant = NOTHING_BESIDE, substeps: int = 1) -> None:
