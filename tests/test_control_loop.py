@@ -1,0 +1,289 @@
+"""A controller in a loop that somebody else runs: what it keeps, what it refuses, what it does in trouble."""
+
+import re
+
+import numpy as np
+import pytest
+from systems import space_robot
+
+import rnc_pin as rnc
+from rnc_pin.plants import FaultyMachine
+from rnc_pin.simulation import ReducedPlant
+
+DT = 0.01
+GOAL = np.array([1.0, 0.5])
+
+
+def sleigh():
+    """A sleigh with a thruster and a flywheel, on its way to a place along its nose and to a heading."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    way = rnc.planning.MinimumJerk(np.zeros(2), GOAL, duration=1.0)
+    target = rnc.control.ReducingOutputController(reduced, way)
+    return reduced, rnc.control.VelocityTracker(target, rnc.control.VelocityGains(k=20.0, beta=20.0))
+
+
+def drive(loop, machine, times, spoil=lambda sample, q, v: (q, v)):
+    """Inputs of a loop around a machine, (N, p)."""
+    inputs = []
+    for sample, t in enumerate(times):
+        T = loop.step(t, *spoil(sample, *machine.read()))
+        machine.apply(T)
+        machine.advance(DT)
+        inputs.append(T)
+    return np.array(inputs)
+
+
+def started(reduced):
+    machine = ReducedPlant(reduced)
+    machine.reset(reduced.robot.configuration(), np.zeros(reduced.n))
+    return machine
+
+
+def test_it_does_what_a_simulation_does():
+    reduced, tracker = sleigh()
+    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 1.5, DT)
+    loop = rnc.ControlLoop(reduced, tracker, DT)
+    inputs = drive(loop, started(reduced), run.time)
+    assert np.abs(inputs - run.T).max() < 1e-3 * np.abs(run.T).max()  # its integrals are trapezoidal
+    assert np.abs(run.x2[-1] - GOAL).max() < 0.02
+
+
+def test_time_may_begin_anywhere():
+    reduced, tracker = sleigh()
+    times = DT * np.arange(50)
+    early = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), times)
+    late = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), 1.7e9 + times)
+    assert np.abs(late - early).max() < 1e-4 * np.abs(early).max()  # clocks count in 2e-7 s there
+
+
+def test_references_may_start_at_the_measured_state():
+    reduced, _ = sleigh()
+
+    def controller(measurement):
+        hold = rnc.planning.Hold(measurement.x2 + np.array([0.0, 0.1]))
+        return rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, hold))
+
+    loop = rnc.ControlLoop(reduced, controller, DT)
+    start = reduced.robot.configuration({"root_joint": [3.0, -2.0, 0.7]})
+    T = loop.step(0.0, start, np.zeros(3))
+    assert loop.last.command.x2_desired == pytest.approx([0.0, 0.8])
+    assert T[0] == pytest.approx(0.0) and T[1] > 0
+
+
+@pytest.mark.parametrize("through", ["memory", "file"])
+def test_it_resumes_to_the_bit(tmp_path, through):
+    reduced, tracker = sleigh()
+    times = DT * np.arange(60)
+    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, velocity="observer")
+    drive(loop, machine, times[:30])
+    other = rnc.ControlLoop(reduced, tracker, DT, velocity="observer")
+    if through == "file":
+        loop.save(tmp_path / "loop.npz")
+        other.load(tmp_path / "loop.npz")
+    else:
+        other.resume(loop.state)
+    q, v = machine.read()
+    twin = ReducedPlant(reduced)
+    twin.reset(q, v)
+    machine.reset(q, v)
+    machine.apply(loop.state.T)
+    twin.apply(loop.state.T)
+    assert np.array_equal(drive(loop, machine, times[30:]), drive(other, twin, times[30:]))
+
+
+def test_a_state_of_another_controller_is_refused(tmp_path):
+    reduced, tracker = sleigh()
+    loop = rnc.ControlLoop(reduced, tracker, DT)
+    drive(loop, started(reduced), [0.0, DT])
+    loop.save(tmp_path / "loop.npz")
+    other = rnc.ControlLoop(reduced, rnc.control.ComputedTorque(reduced, tracker.target), DT)
+    with pytest.raises(rnc.ConfigurationError, match="another controller: it holds a 'TrackerState'"):
+        other.load(tmp_path / "loop.npz")
+    (tmp_path / "text.npz").write_text("no state")
+    with pytest.raises(rnc.ConfigurationError, match=r"text\.npz: not the state of a loop"):
+        loop.load(tmp_path / "text.npz")
+    with pytest.raises(rnc.ConfigurationError, match=r"no file '.*gone\.npz'"):
+        loop.load(tmp_path / "gone.npz")
+
+
+BAD = {
+    "NaN in q": (lambda q, v: (q * np.nan, v), r"q\[0\] is not finite"),
+    "NaN in v": (lambda q, v: (q, v * np.nan), r"v\[0\] is not finite"),
+    "infinite": (lambda q, v: (q, v + np.inf), r"v\[0\] is not finite"),
+    "too short": (lambda q, v: (q[:-1], v), r"q has shape \(3,\), expected \(4,\)"),
+    "no velocity": (lambda q, v: (q, None), "v is missing"),
+    "a jump": (lambda q, v: (q + [5.0, 0, 0, 0], v), "q jumped"),
+    "too fast": (lambda q, v: (q, v + 1e4), r"v reaches 1e\+04 rad/s or m/s"),
+    "no direction": (lambda q, v: (q * [1, 1, 0.1, 0.1], v), "not of unit length"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_one_bad_sample_does_no_harm(what):
+    """It is not taken: inputs are held, and what was learnt stays sound."""
+    spoil, reason = BAD[what]
+    reduced, tracker = sleigh()
+    times = DT * np.arange(150)
+    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT)
+    reasons = []
+
+    def once(sample, q, v):
+        reasons.append(loop.state.trouble)
+        return spoil(q, v) if sample == 20 else (q, v)
+
+    inputs = drive(loop, machine, times, once)
+    assert np.array_equal(inputs[20], inputs[19])
+    assert re.search(reason, reasons[21]) and reasons[22] is None
+    clean = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), times)
+    assert np.abs(inputs[-1] - clean[-1]).max() < 0.05 * np.abs(clean).max()
+    with pytest.raises(rnc.InputError, match=reason):
+        loop = rnc.ControlLoop(reduced, tracker, DT, on_trouble="raise")
+        machine = started(reduced)
+        loop.step(0.0, *machine.read())
+        loop.step(DT, *spoil(*machine.read()))
+
+
+@pytest.mark.parametrize("later", [0.0, -0.5, np.nan])
+def test_time_that_does_not_run_is_no_measurement(later):
+    reduced, tracker = sleigh()
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    first = loop.step(1.0, *machine.read())
+    state = loop.state.controller
+    assert np.array_equal(loop.step(1.0 + later, *machine.read()), first)
+    assert "time" in loop.state.trouble and loop.state.controller is state
+
+
+@pytest.mark.parametrize(("safe", "expected"), [("hold", 1.0), ("zero", 0.0), ("brake", -1.0)])
+def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
+    reduced, tracker = sleigh()
+    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3.5 * DT)
+    times = DT * np.arange(40)
+    inputs = drive(loop, machine, times, lambda sample, q, v: (q * np.nan, v) if sample >= 30 else (q, v))
+    assert np.array_equal(inputs[30:34], np.tile(inputs[29], (4, 1)))  # patience first
+    v2 = reduced.at(*machine.read()[:1], v=machine.read()[1]).v2
+    assert v2[0] > 0.1
+    if safe == "brake":
+        assert inputs[-1, 0] < 0
+    else:
+        assert np.array_equal(inputs[-1], expected * inputs[29])
+
+
+def test_a_singular_configuration_ends_the_controller_not_the_loop():
+    reduced = space_robot()  # the tip's x and y and joint 1: singular where the arm is straight
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(3)))
+    loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), DT, on_trouble="zero", margin=0.002)
+    robot = reduced.robot
+    loop.step(0.0, robot.configuration({"joint_2": 1.0}), np.zeros(4))
+    assert loop.state.trouble is None
+    T = loop.step(2 * DT, robot.configuration({"joint_2": 1e-3}), np.zeros(4))
+    assert not T.any() and loop.state.failed and "margin 0.002" in loop.state.trouble
+    assert not loop.step(3 * DT, robot.configuration({"joint_2": 1.0}), np.zeros(4)).any()  # for good
+    loop.reset()
+    assert loop.step(0.0, robot.configuration({"joint_2": 1.0}), np.zeros(4)).any()
+
+
+def test_integrals_are_kept_where_nobody_gives_them():
+    """Speed is a quasi-velocity: its position is what the loop made of it, not zero."""
+    reduced, tracker = sleigh()
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, machine, DT * np.arange(100))
+    assert loop.state.integrals[0] == pytest.approx(machine.integrals[0], abs=0.02)
+    assert loop.state.integrals[0] > 0.5
+
+
+@pytest.mark.parametrize("kind", ["filtered", "observer"])
+@pytest.mark.parametrize("counts", [np.inf, 4096])
+def test_velocities_from_encoders(kind, counts):
+    """Differences of 4,096 counts are steps of 0.15 rad/s here; estimates are smooth, and the sleigh arrives."""
+    reduced, tracker = sleigh()
+    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(counts=counts), reduced, DT)
+    run = rnc.simulate(
+        reduced, tracker, reduced.robot.configuration(), 3.0, DT, machine=machine,
+        loop={"velocity": kind, "cutoff": 60.0},
+    )  # fmt: skip
+    assert run.outcome == "completed"
+    assert np.abs(run.x2[-1] - GOAL).max() < 0.02
+
+
+def test_an_observer_does_not_lag_while_accelerations_are_steady():
+    """The parabola q = t^2 / 2: the filter is late by 2 / cutoff, the observer is not."""
+    reduced, tracker = sleigh()
+    found = {}
+    for kind in ("filtered", "observer"):
+        loop = rnc.ControlLoop(reduced, tracker, DT, velocity=kind, cutoff=20.0)
+        for t in DT * np.arange(200):
+            loop.step(t, reduced.robot.configuration({"root_joint": [t**2 / 2, 0, 0]}))
+        found[kind] = t - loop.state.motion.v[0]
+    assert found["filtered"] == pytest.approx(2 / 20.0, rel=0.1)
+    assert abs(found["observer"]) < 1e-6
+
+
+def test_options_that_are_none_are_refused():
+    reduced, tracker = sleigh()
+    for options, reason in (
+        ({"velocity": "guessed"}, "velocity of a loop: expected one of measured, filtered, observer"),
+        ({"on_trouble": "panic"}, "on_trouble of a loop: expected one of hold, brake, zero, raise"),
+        ({"limits": np.ones(5)}, "limits of a loop have to be 2 numbers"),
+        ({"cutoff": -1.0, "velocity": "filtered"}, "cutoff of a loop has to be positive"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=reason):
+            rnc.ControlLoop(reduced, tracker, DT, **options)
+    with pytest.raises(rnc.ConfigurationError, match="dt of a loop has to be positive"):
+        rnc.ControlLoop(reduced, tracker, 0.0)
+
+
+# ---------------------------------------------------------------------- actuators that give too little
+
+
+def swing(limits):
+    """The space robot on its way with the tip and a steady platform; actuators clipped as asked."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    joints = ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+    reduced = system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.JointPosition("platform")])
+    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
+    way = rnc.planning.MinimumJerk(reduced.outputs(q0)[1], [1.3, -0.4, 0.9], duration=1.5)
+    target = rnc.control.ReducingOutputController(reduced, way)
+    tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, adaptation=5.0)
+    return rnc.simulate(reduced, tracker, q0, 5.0, 0.003, loop={"limits": limits})
+
+
+def late_error(run):
+    late = run.time > 4.0
+    return np.abs(run.x2 - run.x2_desired)[late].max()
+
+
+def test_the_velocity_tracker_recovers_from_clipped_actuators(monkeypatch):
+    """At half of the largest inputs; without anti-windup it goes on swinging."""
+    free = swing(limits=False)
+    limits = 0.5 * np.abs(free.T).max(axis=0)
+    run = swing(limits)
+    assert (np.abs(run.T) >= limits - 1e-9).mean(axis=0).min() > 0.05  # clipped, each of them, and not for an instant
+    assert late_error(run) < 2e-3
+    monkeypatch.setattr("rnc_pin.control.velocity_tracker.asks_for_more", lambda excess, added: np.zeros(3, bool))
+    assert late_error(swing(limits)) > 0.05
+
+
+def pushed(limit):
+    """A mass on a rail that the position tracker moves a metre, its actuator clipped."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    rails = rnc.Pfaffian(lambda q: np.eye(3)[1:], lambda q, v: np.zeros((2, 3)), ["across", "turning"])
+    system = rnc.NonholonomicSystem(robot, [rails], [rnc.FrameForce("sleigh", "x")])
+    reduced = system.reduce([rnc.FramePosition("sleigh", "x")])
+    way = rnc.planning.MinimumJerk(np.zeros(1), [1.0], duration=1.0)
+    tracker = rnc.control.PositionTracker(way, rnc.control.PositionGains(beta=200.0))
+    return rnc.simulate(reduced, tracker, robot.configuration(), 8.0, DT, loop={"limits": limit})
+
+
+def test_the_position_tracker_recovers_from_a_clipped_actuator(monkeypatch):
+    free = pushed(False)
+    assert np.abs(free.x2[-1] - 1.0) < 0.02
+    limit = 0.3 * np.abs(free.T).max(axis=0)
+    run = pushed(limit)
+    monkeypatch.setattr("rnc_pin.control.position_tracker.asks_for_more", lambda excess, added: np.zeros(1, bool))
+    other = pushed(limit)
+    assert np.abs(run.x2[-1] - 1.0) < 0.002
+    assert run.x2.max() - 1.0 < 0.5 * (other.x2.max() - 1.0)  # overshoots

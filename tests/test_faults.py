@@ -1,0 +1,186 @@
+"""Machines that differ from what their controller believes: sensors, actuators, masses, ground."""
+
+import json
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.plants import ChangingMachine, FaultyMachine
+from rnc_pin.scenario.run import plan
+from rnc_pin.simulation import ReducedPlant
+from systems import mobile_manipulator
+
+DT = 0.01
+
+
+def faulty(dt=DT, **faults):
+    reduced = mobile_manipulator()
+    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(**faults), reduced, dt, seed=3)
+    machine.reset(reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.4, 0.0, 0.3, 0.1, -0.2]))
+    return machine
+
+
+def errors(machine, samples):
+    """What sensors add to q (as a velocity's worth) and v over some samples, without time passing."""
+    model = mobile_manipulator().robot.model
+    q, v = machine.actual()
+    read = [machine.read() for _ in range(samples)]
+    return (np.array([pin.difference(model, q, each) for each, _ in read]), np.array([each for _, each in read]) - v)
+
+
+def test_noise_and_bias():
+    in_q, in_v = errors(faulty(position_noise=1e-3, position_bias=2e-3, velocity_noise=0.1, velocity_bias=-0.3), 2000)
+    assert in_q.std(axis=0) == pytest.approx(np.full(5, 1e-3), rel=0.1)
+    assert in_q.mean(axis=0) == pytest.approx(np.full(5, 2e-3), rel=0.1)
+    assert in_v.std(axis=0) == pytest.approx(np.full(5, 0.1), rel=0.1)
+    assert in_v.mean(axis=0) == pytest.approx(np.full(5, -0.3), rel=0.1)
+
+
+def test_noise_is_the_same_each_time_and_does_not_depend_on_other_faults():
+    one, two = errors(faulty(position_noise=1e-3), 20), errors(faulty(position_noise=1e-3, velocity_noise=1.0), 20)
+    assert np.array_equal(one[0], two[0])
+    machine = faulty(position_noise=1e-3)
+    first = errors(machine, 20)
+    machine.reset(*machine.actual())
+    assert np.array_equal(errors(machine, 20)[0], first[0])
+
+
+def test_encoders_count():
+    machine = faulty(counts=4096)
+    machine.advance(DT)
+    step = 2 * np.pi / 4096
+    (q, _), (exact, _) = machine.read(), machine.actual()
+    assert q[4:] / step == pytest.approx(np.round(q[4:] / step), abs=1e-6)  # joints
+    assert 0 < np.abs(q[4:] - exact[4:]).max() <= step / 2
+    assert not errors(machine, 1)[1].any()
+
+
+def test_delay_jitter_lost_and_garbled_samples():
+    machine, plain = faulty(delay=3), faulty()
+    late, seen = [], []
+    for _ in range(10):
+        late.append(machine.read()[0])
+        seen.append(plain.read()[0])
+        machine.advance(DT)
+        plain.advance(DT)
+    assert np.array_equal(late[3:], seen[:-3])
+    jitter = errors(faulty(jitter=1.0), 500)[0]
+    assert 0.9 * DT * 0.4 < np.abs(jitter[:, 0]).max() <= DT * 0.4 + 1e-12  # a period's way at most
+    garbled = errors(faulty(garbage=0.2), 1000)[0]
+    assert np.isnan(garbled).all(axis=1).mean() == pytest.approx(0.2, abs=0.04)
+    lost = faulty(dropped=0.5)
+    reads = []
+    for _ in range(200):
+        reads.append(lost.read()[0])
+        lost.advance(1e-4)
+    assert np.mean([np.array_equal(a, b) for a, b in zip(reads, reads[1:], strict=False)]) == pytest.approx(
+        0.5, abs=0.1
+    )
+
+
+def test_actuators():
+    machine = faulty(effort=2.0, dead_zone=0.5)
+    machine.apply(np.array([5.0, -0.3, -7.0, 1.0]))
+    assert np.array_equal(machine.applied, [2.0, -0.3, -2.0, 1.0])  # the loop knows limits, not dead zones
+    assert np.array_equal(machine.machine.applied, [2.0, 0.0, -2.0, 1.0])
+    rubbing = faulty(friction=1.5)
+    rubbing.apply(np.zeros(4))
+    assert rubbing.machine.applied == pytest.approx([-1.5, -1.5, -1.5, 1.5])  # against what moves
+
+
+def test_slip_shows_in_what_is_measured_and_recorded():
+    """The residual of a run is that of the velocity as it is."""
+    reduced = mobile_manipulator()
+    machine = FaultyMachine(
+        ReducedPlant(reduced), rnc.Faults(slip_time=0.095, slip_speed=0.17, slip_duration=0.05), reduced, DT
+    )
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
+    start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    run = rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, target), start, 0.3, DT, machine=machine)
+    slipping = (run.time > 0.105) & (run.time < 0.155)
+    assert run.slip[slipping, 0] == pytest.approx(np.full(slipping.sum(), 0.17))
+    assert run.constraint_residual.max() == pytest.approx(0.17)
+    assert run.constraint_residual[~slipping].max() < 1e-9
+    assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) == pytest.approx(0.17 * 0.05, rel=0.15)
+
+
+@pytest.mark.parametrize("bad", [{"dropped": 2.0}, {"position_noise": -1.0}, {"counts": 0}, {"effort": np.nan}])
+def test_faults_that_are_none_are_refused(bad):
+    with pytest.raises(rnc.ConfigurationError, match=f"fault {next(iter(bad))}"):
+        rnc.Faults(**bad)
+
+
+def test_a_machine_that_changes_keeps_its_state():
+    reduced = mobile_manipulator()
+    machine = ChangingMachine(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)
+    twin = ReducedPlant(reduced)
+    q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    v = reduced.velocity(q, [0.3, 0.1, 0.2, 0.1])
+    for each in (machine, twin):
+        each.reset(q, v)
+        each.apply(np.array([1.0, 0.1, 0.2, -0.1]))
+        for _ in range(5):
+            each.advance(DT)
+    assert np.abs(machine.read()[0] - twin.read()[0]).max() < 1e-10
+
+
+# ---------------------------------------------------------------------- in scenarios
+
+
+def experiment(name, **options):
+    return plan(
+        name, {"comparisons": {}, **{key.replace("__", "."): value for key, value in options.items()}}
+    ).experiment
+
+
+def test_truth_differs_from_belief():
+    made = experiment("space-robot", faults={"masses": 0.3, "payload": {"frame": "tip", "mass": 2.0, "time": 0.0}})
+    true = made.machine.machine._after.reduced.robot.model
+    believed = made.reduced.robot.model
+    ratios = [a.mass / b.mass for a, b in zip(true.inertias[1:4], believed.inertias[1:4], strict=False)]
+    assert all(0.7 <= ratio <= 1.3 and ratio != 1.0 for ratio in ratios)
+    before = made.machine.machine._before.reduced.robot.model
+    assert sum(each.mass for each in true.inertias) - sum(each.mass for each in before.inertias) == pytest.approx(2.0)
+    again = experiment("space-robot", faults={"masses": 0.3}).machine.machine.reduced.robot.model
+    assert again.inertias[2].mass == before.inertias[2].mass  # drawn by the seed
+
+
+def test_a_joint_gets_stuck():
+    made = experiment("space-robot", faults={"stuck": {"joint": "joint_2", "time": 0.5}}, simulation__dt=0.01)
+    run = rnc.simulate(made.reduced, made.controller, made.q0, 1.0, 0.01, machine=made.machine)
+    column = made.reduced.robot.velocity_indices("joint_2").start
+    assert np.abs(run.v[run.time > 0.505, column]).max() < 1e-9 < np.abs(run.v[run.time < 0.495, column]).max()
+
+
+@pytest.mark.parametrize(
+    ("faults", "line"),
+    [
+        ({"payload": {"frame": "hand", "mass": 1.0}}, r"faults: .*no frame 'hand'"),
+        ({"stuck": {"joint": "joint_9"}}, r"faults: no joint 'joint_9' in robot 'space_robot'; did you mean"),
+        ({"noise": 1.0}, r"faults: 'noise' is not known"),
+        ({"dropped": 3.0}, r"faults: fault dropped is a share, at most 1, found 3"),
+    ],
+)
+def test_wrong_faults_are_one_line(call, faults, line):
+    status, _, said = call("run", "space-robot", "--set", f"faults={json.dumps(faults)}")
+    assert status == 2
+    assert re.search(line, said)
+    assert said.count("\n") == 1
+
+
+def test_estimators_learn_the_machine_not_the_model():
+    """Wheels of another size than the model has: what is measured tells, ``R v2`` of the model would not."""
+    true = experiment("wheels-uncertain")
+    wrong = {f"constraints__{wheel}__rolling_wheel__radius": 0.15 for wheel in (0, 1)}
+    believed = experiment("wheels-uncertain", simulation__dt=0.005, **wrong)
+    machine = ReducedPlant(true.reduced)
+    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.005, machine=machine)
+    assert run.outcome == "completed"
+    assert np.abs(run.prediction_error).max() > 0.05
+    radius, track = run.estimates[-1]
+    assert radius == pytest.approx(0.1, rel=0.02)
+    assert abs(track - 0.4) < 0.5 * abs(0.24 - 0.4)  # on its way
+    assert np.abs(run.slip).max() > 0.05  # of the wheels that are believed
