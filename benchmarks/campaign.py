@@ -89,7 +89,8 @@ def reference(scenario: str) -> dict[str, Any]:
     run = execute(prepared).trajectory
     last = [name for name in robot.joint_names if name in reduced.actuation.names]
     return {
-        "outcome": outcome, "error": error, "peak": float(np.abs(run.T).max()), "joint": (last or [robot.joint_names[-1]])[-1],
+        "outcome": outcome, "error": error, "peak": float(np.abs(run.T).max()),
+        "joint": (last or [robot.joint_names[-1]])[-1],
         "frame": robot.model.frames[-1].name, "mass": float(sum(each.mass for each in robot.model.inertias)),
     }  # fmt: skip
 

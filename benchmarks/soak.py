@@ -2,8 +2,8 @@
 
     python -m benchmarks.soak --hours 1
 
-A tracker goes round and round in a ``ControlLoop`` over measured q and v with noise, garbage and clipped actuators; what
-it remembers, and the memory of the process, are looked at every few simulated minutes.
+A tracker goes round and round in a ``ControlLoop`` over measured q and v with noise and garbage; the memory of the
+process is looked at every few simulated minutes.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 import json
 import re
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -76,9 +77,7 @@ def test_delay_jitter_lost_and_garbled_samples():
     for _ in range(200):
         reads.append(lost.read()[0])
         lost.advance(1e-4)
-    assert np.mean([np.array_equal(a, b) for a, b in zip(reads, reads[1:], strict=False)]) == pytest.approx(
-        0.5, abs=0.1
-    )
+    assert np.mean([np.array_equal(a, b) for a, b in pairwise(reads)]) == pytest.approx(0.5, abs=0.1)
 
 
 def test_actuators():

@@ -192,7 +192,9 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
 
 
 def _decided(loop: ControlLoop, state: Evaluation) -> tuple[Measurement, Command]:
-    """What the loop's last step saw and asked for; nothing was asked for where it gave the safe command."""
-    if loop.last is None or loop.state.trouble is not None:
+    """What the loop's last step saw and asked for; where it gave the safe command, what was wanted before."""
+    if loop.last is None:
         return state.measure(loop.state.integrals), Command(T=loop.state.T)
+    if loop.state.trouble is not None:
+        return loop.last.measurement, loop.last.command._replace(F=None, T=loop.state.T)
     return loop.last.measurement, loop.last.command
