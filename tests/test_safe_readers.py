@@ -189,6 +189,7 @@ def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
         (arm(limit='<limit lower="0" upper="1" effort="-1" velocity="1"/>'), "effort of joint 'j' is negative"),
         (arm(mass="1e308"), "more than 1e.15"),
         (arm(moment="1e300"), "more than 1e.15"),
+        (arm('<origin xyz="0 1e308 0"/>'), "'j' is 1e.308 m from what it is fixed to"),
     ],
 )
 def test_what_no_machine_is_is_refused(text, words, tmp_path):
@@ -240,11 +241,26 @@ def mjcf(body, head=""):
         (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' ends before it begins"),
         (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'), "more than one <inertial>"),
         (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "settotalmass takes a number"),
+        (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
+        (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
     ],
 )
 def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+def test_a_joint_of_the_bases_name_is_refused_beside_a_base(tmp_path):
+    path = write(tmp_path / "r.xml", mjcf(HINGE.replace('"j"', '"root_joint"') + GEOM))
+    with pytest.raises(rnc.ModelError, match="a joint cannot be called 'root_joint'"):
+        rnc.Robot.from_mjcf(path, base="planar")
+    assert rnc.Robot.from_mjcf(path).joint_names == ("root_joint",)
+
+
+def test_a_coupling_without_bound_is_refused(tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(2, "continuous")))
+    with pytest.raises(rnc.ConstraintError, match="rows of the constraints are too long"):
+        rnc.NonholonomicSystem(robot, [rnc.JointCoupling("j0", "j1", -1e308, 1.0)])
 
 
 def test_the_total_mass_is_what_the_file_sets(tmp_path):
@@ -402,6 +418,19 @@ def test_an_actuator_that_is_named_twice_is_refused():
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
     with pytest.raises(rnc.ConfigurationError, match="active actuator 'joint_1' is named twice"):
         effective_inertia(reduced, robot.configuration(), np.array([0]), ["joint_1", "joint_2", "joint_1"])
+
+
+def test_a_reference_of_no_bound_ends_a_run_in_a_line(call, tmp_path):
+    short = ["--set", "simulation.duration=0.05", "--set", "comparisons={}", "--set", "plots={}"]
+    there = ["--set", "reference.primary.minimum_jerk.to=[1e300, 1e300]"]
+    status, _, complaint = call("run", "space-robot", *short, *there, "--out", tmp_path)
+    assert status == 1
+    *warned, last = complaint.splitlines()
+    assert all(line.startswith("rnc-pin: warning: ") for line in warned)
+    assert last.startswith("rnc-pin: error: diverged at t = 0.002 s")
+    text = (tmp_path / "summary.json").read_text()
+    json.loads(text, parse_constant=pytest.fail)
+    assert "trajectory.npz" in {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize("value", ["1e300", "[0.1, 1e300]", "[[1e300]]", "1" + "0" * 400])

@@ -50,7 +50,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
-    _check(root, path)
+    _check(root, path, base)
     _check_unknown(root, path)
     bodies = root.findall("worldbody/body")
     if not bodies:
@@ -178,7 +178,7 @@ def _is_free(element: ElementTree.Element) -> bool:
     return element.tag == "freejoint" or (element.tag == "joint" and element.get("type") == "free")
 
 
-def _check(root: ElementTree.Element, path: Path) -> None:
+def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
     if root.find(".//include") is not None:
         name = root.find(".//include").get("file", "")  # type: ignore[union-attr]
         raise ModelError(f'{path}: <include file="{name}"> is not read: put what it includes into one file')
@@ -189,6 +189,11 @@ def _check(root: ElementTree.Element, path: Path) -> None:
             name = str(element.get("name"))
             if name in seen:
                 raise ModelError(f"{path}: joint '{name}' is there twice")
+            taken = name == "universe" or (
+                name == "root_joint" and ROOT_JOINTS[base or "fixed"] and not _is_free(element)
+            )
+            if taken:  # Pinocchio ends the process, or makes joints without end
+                raise ModelError(f"{path}: a joint cannot be called '{name}': it is the base's name")
             seen.add(name)
         if element.tag == "joint" and element.get("type", "hinge") not in _JOINTS and element in parts:
             kind = str(element.get("type"))
