@@ -19,6 +19,7 @@ import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 
@@ -54,6 +55,13 @@ _MJCF = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><defau
   <geom type="capsule" fromto="0 0 0 1 0 0" size="0.1" mass="1"/><body name="c"><joint name="k" type="slide" axis="1 0 0"/>
   <geom type="sphere" size="0.1" density="100"/></body></body></body></worldbody>
   <equality><joint joint1="j" joint2="k" polycoef="0 1 0 0 0"/></equality></mujoco>"""
+
+_SHORT_MJCF = """<mujoco><compiler settotalmass="6"/><default><joint damping="0.1"/></default><worldbody>
+  <frame pos="0 0 1" euler="0 0 30"><body name="a"><joint name="root" axis="1 2 3"/><geom type="box" size="1 1 0.1"/>
+  <replicate count="3" offset="0.5 0 0" euler="0 0 20"><body name="b" pos="1 0 0"><joint name="j" axis="0 1 0" range="-60 60"/>
+  <geom type="capsule" fromto="0 0 0 1 0 0" size="0.1" density="700"/><frame euler="90 0 20"><body name="c"><joint name="k"
+  type="slide" axis="1 0 1"/><geom type="sphere" size="0.1" pos="0 1 0"/><site name="tip"/></body></frame></body></replicate>
+  </body></frame></worldbody></mujoco>"""
 
 _WORDS = [
     "1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "1e400", "0", "-1", "9" * 400, "0x10", "1_0", "1,5", "true", "null", "~", "",
@@ -178,7 +186,7 @@ def sources(folder: Path) -> dict[str, list[bytes]]:
             (shipped_directory() / f"{name}.urdf").read_bytes() for name in ("mobile_manipulator", "chaplygin_sleigh")
         ],
         "xacro": [_XACRO.encode()],
-        "MJCF": [_MJCF.encode()],
+        "MJCF": [_MJCF.encode(), *([_SHORT_MJCF.encode()] if find_spec("mujoco") else [])],
         "scenario": [find_scenario(name).read_bytes() for name in scenarios],
         "run": [(folder / "source.npz").read_bytes()],
     }

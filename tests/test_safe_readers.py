@@ -234,8 +234,6 @@ def mjcf(body, head=""):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (mjcf(f'{HINGE}<frame pos="1 0 0">{GEOM}</frame>'), "<frame> is not read"),
-        (mjcf(f'{HINGE}{GEOM}<replicate count="5"><body>{GEOM}</body></replicate>'), "<replicate> is not read"),
         (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not read"),
         (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
         (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' ends before it begins"),
