@@ -10,6 +10,7 @@ swapped, numbers that leave no room, and words of the formats in wrong places. T
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import random
 import re
 import tempfile
@@ -18,9 +19,11 @@ import traceback
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from io import BytesIO
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -217,8 +220,19 @@ def attack(kind: str, number: int, content: bytes, folder: Path) -> tuple[str, s
     return ending, fault
 
 
-def run(count: int, first: int = 0, kinds: tuple[str, ...] = tuple(READERS)) -> tuple[Counter[str], list[str]]:
+def run(
+    count: int,
+    first: int = 0,
+    kinds: tuple[str, ...] = tuple(READERS),
+    tell: Callable[[str], None] = lambda fault: None,
+) -> tuple[Counter[str], list[str]]:
     """Attack every reader with so many files.
+
+    Args:
+        count: of files for each reader.
+        first: number of the first file.
+        kinds: of readers.
+        tell: called with each fault as it is found.
 
     Returns:
         How often each kind ended how, and what went wrong.
@@ -229,13 +243,35 @@ def run(count: int, first: int = 0, kinds: tuple[str, ...] = tuple(READERS)) -> 
         folder = Path(name)
         originals = sources(folder)
         for kind in kinds:
-            for number in range(first, first + count):
-                content = originals[kind][number % len(originals[kind])]
-                ending, fault = attack(kind, number, content, folder)
+            for number, ending, fault in _attacked(kind, range(first, first + count), originals[kind], folder):
                 endings[f"{kind} {ending}"] += 1
                 if fault is not None:
                     faults.append(f"{kind} {number}: {fault}")
+                    tell(faults[-1])
     return endings, faults
+
+
+def _attacked(kind: str, numbers: range, originals: list[bytes], folder: Path) -> Iterator[tuple[int, str, str | None]]:
+    """``attack`` in a process of its own: a file that ends it is a fault, and the next one goes on."""
+    fork = multiprocessing.get_context("fork")
+    while numbers:
+        receiver, sender = fork.Pipe(duplex=False)
+        child = fork.Process(target=_attack_all, args=(sender, kind, numbers, originals, folder))
+        child.start()
+        sender.close()
+        with suppress(EOFError):
+            while True:
+                yield receiver.recv()
+                numbers = numbers[1:]
+        child.join()
+        if numbers:
+            yield numbers[0], "broken", f"the process ended with {child.exitcode}"
+            numbers = numbers[1:]
+
+
+def _attack_all(sender: Connection, kind: str, numbers: range, originals: list[bytes], folder: Path) -> None:
+    for number in numbers:
+        sender.send((number, *attack(kind, number, originals[number % len(originals)], folder)))
 
 
 def main() -> None:
@@ -245,12 +281,11 @@ def main() -> None:
     parser.add_argument("--kind", choices=list(READERS), action="append", help="of readers; all by default")
     options = parser.parse_args()
     start = time.perf_counter()
-    endings, faults = run(options.count, options.first, tuple(options.kind or READERS))
+    kinds = tuple(options.kind or READERS)
+    endings, faults = run(options.count, options.first, kinds, lambda fault: print(fault.strip(), flush=True))
     for ending, number in sorted(endings.items()):
         print(f"{ending:20} {number:8,}")
     print(f"{sum(endings.values()):,} files in {time.perf_counter() - start:.0f} s, {len(faults)} faults")
-    for fault in faults[:20]:
-        print(fault.strip())
     raise SystemExit(bool(faults))
 
 
