@@ -33,7 +33,7 @@ from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 
-SLOWEST = 10.0  # [s]
+SLOWEST = 10.0  # [s] of processor time
 LONGEST = 5000  # letters of a message
 
 _XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -201,7 +201,7 @@ def attack(kind: str, number: int, content: bytes, folder: Path) -> tuple[str, s
     path = folder / name
     change = _mutated_member if kind == "run" and number % 2 else mutated
     path.write_bytes(change(content, random.Random(f"{kind} {number}")))
-    start = time.perf_counter()
+    start = time.process_time()  # a busy machine is nobody's fault
     fault = None
     try:
         with warnings.catch_warnings():
@@ -214,9 +214,9 @@ def attack(kind: str, number: int, content: bytes, folder: Path) -> tuple[str, s
             fault = f"a message that is no printable line: {text[:200]!r}"
     except Exception:
         ending, fault = "broken", traceback.format_exc(limit=-4)
-    taken = time.perf_counter() - start
+    taken = time.process_time() - start
     if taken > SLOWEST:
-        fault = f"{taken:.1f} s"
+        fault = f"{taken:.1f} s of processor time"
     return ending, fault
 
 
