@@ -17,6 +17,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.plain import json_text
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
+from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshes import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -329,6 +330,32 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
+
+
+def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
+    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
+    import trimesh
+
+    from rnc_pin.visualization.viser_screen import ViserScreen
+
+    (tmp_path / "robot").mkdir()
+    for name in ("elsewhere.png", "robot/skin.png"):
+        (tmp_path / name).write_bytes(PNG)
+    write(tmp_path / "robot/theirs.dae", collada("../elsewhere.png"))
+    write(tmp_path / "robot/own.dae", collada("skin.png"))
+    write(tmp_path / "robot/m.obj", "mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    visual = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("theirs.dae", "own.dae", "m.obj")
+    )
+    robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
+    opened, usual = [], trimesh.load_scene
+    monkeypatch.setattr(trimesh, "load_scene", lambda path, *more: opened.append(path) or usual(path, *more))
+    monkeypatch.setattr(trimesh, "load_mesh", lambda path, *more: opened.append(path))
+    with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is no image"):
+        live = LiveView(robot, open_browser=False, screen=ViserScreen)
+    live.close()
+    assert opened == [str(tmp_path / "robot/own.dae")]
 
 
 # ---------------------------------------------------------------------- errors that are not ours
