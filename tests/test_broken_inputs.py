@@ -359,7 +359,7 @@ FILES = {
     "MJCF that includes": (
         on_mjcf(),
         {"robot.xml": mjcf(head='<include file="other.xml"/>')},
-        ["robot.xml", "other.xml", "not read"],
+        ["robot.xml", "other.xml"],
     ),
     "MJCF joint twice": (
         on_mjcf(),

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -171,6 +172,26 @@ def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, t
     assert {path.name for path in tmp_path.iterdir()} == {MARK, "summary.json"}
 
 
+def test_results_are_kept_if_somebody_removes_the_folder_meanwhile(tmp_path):
+    out = tmp_path / "out"
+    with OutputFolder(out) as folder:
+        shutil.rmtree(out)
+        folder.file("summary.json").write_text("new")
+        folder.keep()
+    assert contents(out) == {"summary.json": "new"}
+    with OutputFolder(out) as folder:
+        shutil.rmtree(out)
+        out.mkdir()
+        (out / "summary.json").write_text("mine")
+        folder.file("summary.json").write_text("newer")
+        message = refusal(folder.keep)
+    assert contents(out)["summary.json"] == "mine"
+    assert (Path(message.split("are in ")[1]) / "summary.json").read_text() == "newer"
+    with OutputFolder(out, force=True):
+        shutil.rmtree(out)
+    assert not out.exists()
+
+
 # ---------------------------------------------------------------------- what is somebody else's
 
 
@@ -297,9 +318,13 @@ def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, k
 
 
 def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
-    path = tmp_path / "results"
+    path, pipe = tmp_path / "results", tmp_path / "pipe"
     path.write_text("mine")
-    assert f"--out {path}: is a file, expected a folder" in refusal(lambda: OutputFolder(path, force=True))
+    os.mkfifo(pipe)
+    for each in (path, pipe):
+        assert f"--out {each}: is a file, expected a folder" in refusal(
+            lambda each=each: OutputFolder(each, force=True)
+        )
     assert path.read_text() == "mine"
 
 

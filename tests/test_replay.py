@@ -1,8 +1,25 @@
 """``rnc-pin replay`` with several runs, and what it writes besides the page."""
 
+import os
+import resource
+import signal
+from pathlib import Path
+
 import pytest
 
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.visualization import capture
+
 SHORT = ["--set", "simulation.duration=0.5", "--set", "simulation.dt=0.01"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run that is replayed, and not changed."""
+    path = tmp_path_factory.mktemp("run") / "trajectory.npz"
+    options = {"simulation.duration": 0.5, "simulation.dt": 0.01, "comparisons": {}}
+    execute(plan("space-robot", options)).trajectory.save(path)
+    return path
 
 
 @pytest.fixture
@@ -36,9 +53,74 @@ def test_runs_are_compared_by_name(runs, call, tmp_path):
         (["--plot", "."], "--plot .: is a folder, expected a file"),
     ],
 )
-def test_what_cannot_be_written_is_one_line(arguments, words, runs, call, tmp_path, monkeypatch):
+def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    status, out, error = call("replay", runs["space-robot"], *arguments)
+    (tmp_path / "mine").touch()
+    status, out, error = call("replay", run, *arguments)
     assert (status, out) == (2, "")
     assert words in error
     assert len(error.splitlines()) == 1
+
+
+@pytest.fixture
+def stills(monkeypatch):
+    """Pictures without a browser."""
+    monkeypatch.setattr(capture, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
+
+
+KINDS = {"--html": "run.html", "--plot": "run.png", "--frames": "frames"}
+
+
+@pytest.mark.parametrize("option", ["--html", "--plot", "--frames"])
+def test_files_are_whole_and_nothing_of_others_is_written(option, run, call, tmp_path, stills, monkeypatch):
+    place, mine = tmp_path / KINDS[option], tmp_path / "mine"
+    mine.write_text("mine")
+    named = place / "frame_00001.png" if option == "--frames" else place
+    named.parent.mkdir(exist_ok=True)
+    for target in (mine, tmp_path / "nowhere"):  # links are not followed, also those that lead nowhere
+        named.symlink_to(target)
+        assert call("replay", run, option, place)[0] == 2
+        assert named.is_symlink()
+        assert call("replay", run, option, place, "--force")[0] == 0
+        assert not named.is_symlink()
+        named.unlink()
+    assert mine.read_text() == "mine"
+    assert not (tmp_path / "nowhere").exists()
+    if option == "--frames":
+        (place / "frame_00000.png").unlink()
+    else:
+        os.mkfifo(named)
+        status, _, error = call("replay", run, option, place, "--force")
+        assert (status, error.count("\n")) == (2, 1)
+        assert "is no plain file" in error
+        named.unlink()
+
+    link, names = os.link, os.listdir(tmp_path)
+
+    def late(source, target):  # somebody is quicker
+        Path(target).write_text("mine")
+        link(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "link", late)
+        status, _, error = call("replay", run, option, place)
+    assert (status, error.count("\n")) == (2, 1)
+    assert "cannot be written: File exists" in error
+    left = [path for path in (place.iterdir() if place.is_dir() else [place]) if path.read_text() == "mine"]
+    assert len(left) == 1
+    assert sorted(os.listdir(tmp_path)) == sorted({*names, place.name})
+
+
+@pytest.mark.parametrize("option", ["--html", "--plot", "--frames"])
+def test_a_full_disk_leaves_no_half_of_a_file(option, run, call, tmp_path, stills):
+    names = os.listdir(tmp_path)
+    usual, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1, usual[1]))
+    try:
+        status, _, error = call("replay", run, option, tmp_path / KINDS[option])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert (status, error.count("\n")) == (2, 1)
+    assert "cannot be written: File too large" in error
+    assert os.listdir(tmp_path) == names

@@ -17,6 +17,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.plain import json_text
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
+from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshes import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -189,6 +190,7 @@ def arm(inside="", mass="1", moment="1", link="", limit=LIMIT):
         (arm(limit='<limit lower="0" upper="1" effort="-1" velocity="1"/>'), "effort of joint 'j' is negative"),
         (arm(mass="1e308"), "more than 1e.15"),
         (arm(moment="1e300"), "more than 1e.15"),
+        (arm('<origin xyz="0 1e308 0"/>'), "'j' is 1e.308 m from what it is fixed to"),
     ],
 )
 def test_what_no_machine_is_is_refused(text, words, tmp_path):
@@ -233,18 +235,31 @@ def mjcf(body, head=""):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (mjcf(f'{HINGE}<frame pos="1 0 0">{GEOM}</frame>'), "<frame> is not read"),
-        (mjcf(f'{HINGE}{GEOM}<replicate count="5"><body>{GEOM}</body></replicate>'), "<replicate> is not read"),
         (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not read"),
         (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
         (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' ends before it begins"),
         (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'), "more than one <inertial>"),
         (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "settotalmass takes a number"),
+        (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
+        (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
     ],
 )
 def test_mjcf_that_is_not_read_is_refused_by_name(text, words, tmp_path):
     with pytest.raises(rnc.ModelError, match=words):
         rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
+
+
+def test_a_joint_of_the_bases_name_is_refused_beside_a_base(tmp_path):
+    path = write(tmp_path / "r.xml", mjcf(HINGE.replace('"j"', '"root_joint"') + GEOM))
+    with pytest.raises(rnc.ModelError, match="a joint cannot be called 'root_joint'"):
+        rnc.Robot.from_mjcf(path, base="planar")
+    assert rnc.Robot.from_mjcf(path).joint_names == ("root_joint",)
+
+
+def test_a_coupling_without_bound_is_refused(tmp_path):
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(2, "continuous")))
+    with pytest.raises(rnc.ConstraintError, match="rows of the constraints are too long"):
+        rnc.NonholonomicSystem(robot, [rnc.JointCoupling("j0", "j1", -1e308, 1.0)])
 
 
 def test_the_total_mass_is_what_the_file_sets(tmp_path):
@@ -315,6 +330,32 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
+
+
+def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
+    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
+    import trimesh
+
+    from rnc_pin.visualization.viser_screen import ViserScreen
+
+    (tmp_path / "robot").mkdir()
+    for name in ("elsewhere.png", "robot/skin.png"):
+        (tmp_path / name).write_bytes(PNG)
+    write(tmp_path / "robot/theirs.dae", collada("../elsewhere.png"))
+    write(tmp_path / "robot/own.dae", collada("skin.png"))
+    write(tmp_path / "robot/m.obj", "mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    visual = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("theirs.dae", "own.dae", "m.obj")
+    )
+    robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
+    opened, usual = [], trimesh.load_scene
+    monkeypatch.setattr(trimesh, "load_scene", lambda path, *more: opened.append(path) or usual(path, *more))
+    monkeypatch.setattr(trimesh, "load_mesh", lambda path, *more: opened.append(path))
+    with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is no image"):
+        live = LiveView(robot, open_browser=False, screen=ViserScreen)
+    live.close()
+    assert opened == [str(tmp_path / "robot/own.dae")]
 
 
 # ---------------------------------------------------------------------- errors that are not ours
@@ -402,6 +443,19 @@ def test_an_actuator_that_is_named_twice_is_refused():
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
     with pytest.raises(rnc.ConfigurationError, match="active actuator 'joint_1' is named twice"):
         effective_inertia(reduced, robot.configuration(), np.array([0]), ["joint_1", "joint_2", "joint_1"])
+
+
+def test_a_reference_of_no_bound_ends_a_run_in_a_line(call, tmp_path):
+    short = ["--set", "simulation.duration=0.05", "--set", "comparisons={}", "--set", "plots={}"]
+    there = ["--set", "reference.primary.minimum_jerk.to=[1e300, 1e300]"]
+    status, _, complaint = call("run", "space-robot", *short, *there, "--out", tmp_path)
+    assert status == 1
+    *warned, last = complaint.splitlines()
+    assert all(line.startswith("rnc-pin: warning: ") for line in warned)
+    assert last.startswith("rnc-pin: error: diverged at t = 0.002 s")
+    text = (tmp_path / "summary.json").read_text()
+    json.loads(text, parse_constant=pytest.fail)
+    assert "trajectory.npz" in {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.parametrize("value", ["1e300", "[0.1, 1e300]", "[[1e300]]", "1" + "0" * 400])

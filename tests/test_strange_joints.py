@@ -10,7 +10,7 @@ from scipy.special import ellipk
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.differences import gradient
-from rnc_pin.control import Command
+from rnc_pin.control import Command, MomentumRegressor, UnknownMass
 from rnc_pin.planning import Hold, TaskReference
 from rnc_pin.scenario.draft import draft
 from rnc_pin.scenario.files import read_yaml
@@ -258,6 +258,20 @@ def test_analysis_of_one_joint(swing):
     assert margins.stack.value == pytest.approx(1.0, abs=ROUNDING)
     # What the tip rises by in a radian.
     assert margins.A4.value == pytest.approx(weight * np.sin(1.0) / (MASS * GRAVITY), abs=ROUNDING)
+
+
+def test_momentum_of_one_joint_is_regressed():
+    model = pin.Model()
+    for name in ("base", "arm"):
+        joint = model.addJoint(model.njoints - 1, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.3), pin.SE3.Identity())
+    regressor = MomentumRegressor(rnc.Robot(model), "base", [UnknownMass("arm")])
+    q, v = np.array([0.3, 0.7]), np.array([-0.5, 1.0])  # without momentum: both spheres are alike
+    y, Y = regressor.regress(q, v)
+    assert (y.shape, Y.shape) == ((1,), (1, 1))
+    assert pytest.approx(y) == Y @ [2.0]
+    with pytest.raises(rnc.RncError, match="no body of known mass"):
+        MomentumRegressor(rnc.Robot(model), "base", [UnknownMass("base"), UnknownMass("arm")])
 
 
 def test_a_loop_that_is_always_closed_says_nothing(swing):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from pathlib import Path
 
 from rnc_pin.errors import ConfigurationError
@@ -11,11 +12,14 @@ def check_new_file(option: str, path: Path, force: bool) -> None:
     """See to it that a file can be written, before anything is computed for it.
 
     Raises:
-        ConfigurationError: it is a folder, in no folder, or there already without ``force``.
+        ConfigurationError: it is a folder, in no folder, or there already without ``force``; a device or a pipe is
+            never replaced.
     """
     if path.is_dir() or not path.name:
         raise ConfigurationError(f"{option} {path}: is a folder, expected a file")
-    if path.exists() and not force:
+    if os.path.lexists(path) and not force:  # a link that leads nowhere too
         raise ConfigurationError(f"{option} {path}: exists; choose another name or add --force")
+    if path.exists() and not path.is_file():
+        raise ConfigurationError(f"{option} {path}: is no plain file; choose another name")
     if not path.absolute().parent.is_dir():
         raise ConfigurationError(f"{option} {path}: there is no folder {path.absolute().parent}")

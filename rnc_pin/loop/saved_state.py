@@ -11,6 +11,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.plain import Json
+from rnc_pin.whole_files import written_whole
 
 _STRUCTURE = "structure"
 
@@ -23,15 +24,8 @@ def write_state(state: Any, path: Path) -> None:
     """
     arrays: dict[str, np.ndarray] = {}
     structure = json.dumps(_plain(state, arrays, "state"))
-    partial = path.with_name(path.name + ".partial")
-    partial.unlink(missing_ok=True)  # a link there would be written through
-    try:
-        with partial.open("xb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
-        partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with written_whole(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
 
 
 def _plain(value: Any, arrays: dict[str, np.ndarray], where: str) -> Json:

@@ -183,7 +183,10 @@ class Assembly:
         except np.linalg.LinAlgError:
             raise ConstraintError("the inertia matrix is not positive definite: masses are too far apart") from None
         # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
-        scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
+            if not np.isfinite(np.sum(scaled**2)):
+                raise ConstraintError("rows of the constraints are too long: numbers in them leave no room")
         reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(factor.T, reduced)

@@ -112,8 +112,9 @@ def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ..
         bodies: of its links, as far as they are known.
 
     Raises:
-        ModelError: an inertia or mass that is not finite.
+        ModelError: an inertia or mass that is not finite, or a place that is too far away.
     """
+    _check_places(model)
     model = model.copy()
     found = [each for joint in range(1, model.njoints) for each in _body(model, joint, bodies)]
     for each in found:
@@ -151,6 +152,14 @@ def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
     if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
         return words
     return f"hold {'it' if len(lock) == 1 else 'them'} with lock={lock}, or {words}"
+
+
+def _check_places(model: pin.Model) -> None:
+    places = [*zip(model.names, model.jointPlacements, strict=True), *((f.name, f.placement) for f in model.frames)]
+    for name, place in places:
+        farthest = float(np.abs(place.translation).max())
+        if not (farthest <= HEAVIEST and np.isfinite(place.rotation).all()):
+            raise ModelError(f"'{name}' is {farthest:g} m from what it is fixed to, more than {HEAVIEST:g}")
 
 
 def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Massless]:

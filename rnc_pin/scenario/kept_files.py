@@ -17,14 +17,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rnc_pin.whole_files import BEGINNING
+
 MARK = ".rnc_pin"
-STAGING = ".rnc_pin_"
+STAGING = BEGINNING
 """How the folder begins in which a run writes before its results are complete."""
 _FILES = re.compile(
     r"trajectory(_\w+)?\.npz|summary\.json|scenario\.yaml|animation\.html|sweep\.(csv|json)|[^/\0]+\.png"
 )
 _FOLDERS = re.compile(r"run_\d{4,}")
 _STAGINGS = re.compile(re.escape(STAGING) + r"\w+")
+_PARTIAL = re.compile(re.escape(STAGING) + r"\w+(\.\w+)?")
 _LONGEST_MARK = 64_000_000  # [bytes]
 
 
@@ -138,7 +141,7 @@ def remove_staging(staging: Path) -> None:
         if _is_folder(path, device):
             if _FOLDERS.fullmatch(path.name) or _STAGINGS.fullmatch(path.name):
                 remove_staging(path)
-        elif _FILES.fullmatch(path.name.removesuffix(".partial")) or path.name in (MARK, STAGING + "mark"):
+        elif _FILES.fullmatch(path.name) or _PARTIAL.fullmatch(path.name) or path.name == MARK:
             path.unlink()
     with suppress(OSError):
         staging.rmdir()

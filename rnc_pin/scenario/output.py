@@ -101,9 +101,26 @@ class OutputFolder:
     def _place(self, name: str) -> Path:
         if self._staging is None:
             raise ValueError(f"{self.path} is closed")
+        if not self._staging.is_dir():
+            self._staging = self._made_again()
         if name not in self._names:
             self._names.append(name)
         return self._staging / name
+
+    def _made_again(self) -> Path:
+        """Where to write if somebody removed the folder meanwhile: what a run has reached is not lost by that."""
+        assert self._lock is not None
+        os.close(self._lock)
+        self._lock = None
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.path)
+            self._before = Mark.read(self.path) or Mark()
+            self._before.write(self.path)
+            self._new, self._names, self._nothing_before = Mark(), [], False
+            return Path(tempfile.mkdtemp(prefix=STAGING, dir=self.path))
+        except OSError as error:
+            raise ConfigurationError(f"--out {self.path}: cannot be written: {error.strerror}") from None
 
     def write_json(self, name: str, content: Mapping[str, object]) -> Path:
         """Write JSON."""
@@ -189,7 +206,7 @@ class OutputFolder:
         if self._lock is None:
             return
         try:
-            if self._staging is not None:
+            if self._staging is not None and self._staging.is_dir():
                 kept_files.remove_staging(self._staging)
                 if self._marked and not self._known():
                     (self.path / MARK).unlink(missing_ok=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 from rnc_pin.scenario.output import OutputFolder
@@ -49,7 +51,7 @@ def draw(plan: Plan, result: Result, folder: OutputFolder) -> Drawn:
     for name, make in _pictures(plan, result) if len(result.trajectory.time) > 1 else ():
         path = folder.file(name)
         try:
-            with interruptible():
+            with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # of a run that diverged
                 something = make(path)
             if something:
                 drawn.written.append(path)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.plain import Json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
@@ -124,6 +126,11 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
 
         return call
 
+    with np.errstate(over="ignore", invalid="ignore"):  # such a run has diverged, and its outcome says so
+        return _executed(plan, watch, observer)
+
+
+def _executed(plan: Plan, watch: Callable[[float, Observer | None], Observer], observer: Observer | None) -> Result:
     # The summary's wall time is that of the simulation: building and drawing are not in it.
     start = time.perf_counter()
     trajectory, error = _simulate(plan, plan.experiment, watch(0.0, observer))

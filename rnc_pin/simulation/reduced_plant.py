@@ -27,7 +27,8 @@ class ReducedPlant:
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> push = [rnc.FrameForce("sleigh", "x")]
-        >>> plant = rnc.simulation.ReducedPlant(rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], push).reduce())
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], push)
+        >>> plant = rnc.simulation.ReducedPlant(system.reduce())
         >>> plant.reset(robot.configuration(), np.zeros(3))
         >>> plant.apply(np.array([2.0]))
         >>> plant.advance(0.01)

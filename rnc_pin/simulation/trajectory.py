@@ -19,6 +19,7 @@ from rnc_pin.plain import Json, json_text
 from rnc_pin.printing import Item, Portrait, Printed
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
+from rnc_pin.whole_files import written_whole
 
 _PLOTTERS = "rnc_pin.plotters"
 """Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
@@ -135,15 +136,8 @@ class Trajectory(Printed):
         """Write a compressed ``.npz`` at a path that ``load`` reads; nothing half-written is left on failure."""
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
-        partial = path.with_name(path.name + ".partial")
-        partial.unlink(missing_ok=True)  # a link there would be written through
-        try:
-            with partial.open("xb") as file:
-                np.savez_compressed(file, **arrays, meta=np.array(json_text(self.meta)))
-            partial.replace(path)
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
+        with written_whole(path) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays, meta=np.array(json_text(self.meta)))
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:

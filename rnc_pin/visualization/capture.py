@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.whole_files import written_folder, written_whole
 
 if TYPE_CHECKING:
     from rnc_pin.visualization.recording import Recording
@@ -77,27 +78,38 @@ def take_pictures(
 
 
 def write_frames(
-    recording: Recording, folder: str | Path, rate: float = 25.0, size: tuple[int, int] = (1280, 720)
+    recording: Recording,
+    folder: str | Path,
+    rate: float = 25.0,
+    size: tuple[int, int] = (1280, 720),
+    replace: bool = True,
 ) -> list[Path]:
-    """Write one PNG a frame, ``frame_00000.png`` and so on, into a folder that is made.
+    """Write one PNG a frame, ``frame_00000.png`` and so on, into a folder that is made, when there are all.
 
     Args:
         recording: what to take pictures of.
         folder: where to.
         rate: frames per second.
         size: width and height [pixels].
+        replace: files of the same names.
+
+    Raises:
+        OSError: it cannot be written.
     """
-    folder = Path(folder)
-    written = []
-    for k, picture in enumerate(take_pictures(recording, _times(recording, rate), size)):
-        folder.mkdir(parents=True, exist_ok=True)
-        written.append(folder / f"frame_{k:05d}.png")
-        written[-1].write_bytes(picture)
-    return written
+    folder, names = Path(folder), []
+    with written_folder(folder, replace) as staging:
+        for k, picture in enumerate(take_pictures(recording, _times(recording, rate), size)):
+            names.append(f"frame_{k:05d}.png")
+            (staging / names[-1]).write_bytes(picture)
+    return [folder / name for name in names]
 
 
 def write_video(
-    recording: Recording, path: str | Path, rate: float = 25.0, size: tuple[int, int] = (1280, 720)
+    recording: Recording,
+    path: str | Path,
+    rate: float = 25.0,
+    size: tuple[int, int] = (1280, 720),
+    replace: bool = True,
 ) -> Path:
     """Write an MP4 or a GIF; nothing half-written is left on failure.
 
@@ -106,9 +118,11 @@ def write_video(
         path: ends in ``.mp4`` or ``.gif``.
         rate: frames per second.
         size: width and height [pixels], even numbers.
+        replace: what is there by then.
 
     Raises:
         ConfigurationError: another ending, or ffmpeg or a browser is missing.
+        OSError: it cannot be written.
     """
     path = Path(path)
     if path.suffix not in VIDEOS:
@@ -116,28 +130,30 @@ def write_video(
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames can be had without")
-    partial = path.with_name(f".partial-{path.name}")
+    with written_whole(path, replace) as partial:
+        _encode(ffmpeg, path, partial, take_pictures(recording, _times(recording, rate), size, "jpeg"), rate)
+    return path
+
+
+def _encode(ffmpeg: str, path: Path, partial: Path, pictures: Iterable[bytes], rate: float) -> None:
     command = [ffmpeg, "-loglevel", "error", "-y", "-f", "image2pipe", "-framerate", f"{rate:g}", "-i", "-"]
-    command += [*_encoding(path.suffix), str(partial)]
+    command += [*_encoding(path.suffix), str(partial.absolute())]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdin is not None
     assert process.stderr is not None
     try:
-        for picture in take_pictures(recording, _times(recording, rate), size, "jpeg"):
+        for picture in pictures:
             process.stdin.write(picture)
         process.stdin.close()
         complaint = process.stderr.read().decode(errors="replace")
         if process.wait():
             raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split()) or 'failed'}")
-        partial.replace(path)
     except BrokenPipeError:
         complaint = process.stderr.read().decode(errors="replace")
         raise ConfigurationError(f"{path}: ffmpeg: {' '.join(complaint.split())}") from None
     finally:
         process.kill()
         process.wait()
-        partial.unlink(missing_ok=True)
-    return path
 
 
 def _encoding(suffix: str) -> Sequence[str]:

@@ -12,13 +12,18 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.plots import plot_run
+from rnc_pin.whole_files import written_whole
 
 _MOST_POINTS = 2000
 _DASHES = ("dash", "dashdot", "longdash", "dot", "longdashdot")
 
 
 def write_plots(
-    trajectory: Trajectory, path: str | Path, title: str, comparisons: Mapping[str, Trajectory] | None = None
+    trajectory: Trajectory,
+    path: str | Path,
+    title: str,
+    comparisons: Mapping[str, Trajectory] | None = None,
+    replace: bool = True,
 ) -> Path:
     """Write the plots of a run, by the ending of the name: interactive for .html, else a figure.
 
@@ -27,16 +32,20 @@ def write_plots(
         path: ends in .png, .pdf, .svg or .html.
         title: above the plots.
         comparisons: other runs by label, dashed.
+        replace: what is there by then.
 
     Raises:
         ConfigurationError: another ending, or plotly is not installed.
+        OSError: it cannot be written.
     """
     path = Path(path)
     if path.suffix in (".png", ".pdf", ".svg"):
-        return ps.save(plot_run(trajectory, title, comparisons), path)
+        return ps.save(plot_run(trajectory, title, comparisons), path, replace)
     if path.suffix != ".html":
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf, .svg or .html")
-    interactive_figure(trajectory, title, comparisons).write_html(path, include_plotlyjs=True)
+    figure = interactive_figure(trajectory, title, comparisons)
+    with written_whole(path, replace) as partial:
+        figure.write_html(partial, include_plotlyjs=True)
     return path
 
 

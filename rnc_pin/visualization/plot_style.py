@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rnc_pin.simulation import Trajectory
+from rnc_pin.whole_files import written_whole
 
 # Okabe and Ito, in an order in which neighbours differ in lightness too.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
@@ -78,10 +79,10 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return wrapped
 
 
-def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure; the ending of the name says what: .png, .pdf, .svg."""
-    with mpl.rc_context(STYLE):
-        figure.savefig(path)
+def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
+    """Write a figure; the ending of the name says what: .png, .pdf, .svg. Nothing half-written is left on failure."""
+    with mpl.rc_context(STYLE), written_whole(Path(path), replace) as partial:
+        figure.savefig(partial)
     return Path(path)
 
 

@@ -17,6 +17,7 @@ from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import RATE, recorded_states
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
+from rnc_pin.whole_files import written_whole
 
 
 class Recording:
@@ -75,13 +76,19 @@ class Recording:
         """
         return self._stage.window.page(begin)
 
-    def save(self, path: str | Path) -> Path:
-        """Write the page; nothing half-written is left on failure."""
-        path = Path(path)
-        partial = path.with_name(path.name + ".partial")
-        partial.write_text(self.html(), encoding="utf-8")
-        partial.replace(path)
-        return path
+    def save(self, path: str | Path, replace: bool = True) -> Path:
+        """Write the page; nothing half-written is left on failure.
+
+        Args:
+            path: of the page.
+            replace: what is there by then.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        with written_whole(Path(path), replace) as partial:
+            partial.write_text(self.html(), encoding="utf-8")
+        return Path(path)
 
     def _repr_html_(self) -> str:
         page = escape(self.html(), quote=True)

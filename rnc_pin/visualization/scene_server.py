@@ -194,6 +194,7 @@ class SceneWindow:
             default_handler_class=_Nothing,
             websocket_max_message_size=_LONGEST_MESSAGE,
             visitors=visitors,
+            log_function=lambda handler: None,  # what strangers ask for is not for the user's terminal
         )
 
     @property

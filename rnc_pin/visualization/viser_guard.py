@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -31,6 +32,7 @@ def guarded(visitors: Visitors) -> Iterator[None]:
         guards.append(True)
         inner = settings.pop("process_request", None)
         settings["max_size"] = _LONGEST_MESSAGE
+        settings["logger"] = _log()
         return usual(*arguments, **settings, process_request=_checked(visitors, inner))
 
     server.serve = serve  # type: ignore[assignment, misc]
@@ -43,6 +45,14 @@ def guarded(visitors: Visitors) -> Iterator[None]:
             "PINOCCHIO_VIEWER=viser: this version serves whoever asks; another version, or PINOCCHIO_VIEWER=meshcat, "
             "does not"
         )
+
+
+def _log() -> logging.Logger:
+    """Where it is said what strangers do wrong: nowhere, unless somebody listens."""
+    log = logging.getLogger("rnc_pin.viser")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
+    return log
 
 
 def _checked(visitors: Visitors, inner: Callable[..., Any] | None) -> Callable[..., Any]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, with_plan
 from rnc_pin.visualization.floor import floor_of
@@ -18,6 +20,7 @@ from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.state import State
 from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.textures import has_own_textures
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viser_guard import guarded
 from rnc_pin.visualization.visitors import Visitors
@@ -27,17 +30,29 @@ _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
 
 
 class _Visualizer(ViserVisualizer):  # type: ignore[misc]
-    """Pinocchio's visualizer for viser, which also draws meshes of formats that only Pinocchio reads."""
+    """Pinocchio's visualizer for viser, which opens no file but a Collada mesh whose textures are the robot's own.
+
+    Of other meshes it draws the triangles that Pinocchio has read: what reads them for viser would open whatever
+    textures and materials they name.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot.model, pin.GeometryModel(), robot.visual_model)
+        self._folders = robot.folders
 
     def loadViewerGeometryObject(
         self, geometry_object: pin.GeometryObject, prefix: str = "", color: Sequence[float] | None = None
     ) -> None:
         """Draw a shape."""
+        if not hasattr(geometry_object.geometry, "num_tris"):
+            super().loadViewerGeometryObject(geometry_object, prefix, color)
+            return
         try:
+            path = Path(geometry_object.meshPath)
+            if path.suffix.lower() != ".dae" or not has_own_textures(path, self._folders):
+                raise ValueError
             super().loadViewerGeometryObject(geometry_object, prefix, color)
         except Exception:  # no reader of its format is installed, or a texture is not there
-            if not hasattr(geometry_object.geometry, "num_tris"):
-                raise
             corners = (drawn_triangles(geometry_object) * drawn_scale(geometry_object)).reshape(-1, 3)
             faces, shade = np.arange(len(corners)).reshape(-1, 3), color or geometry_object.meshColor
             name = f"{prefix}/{geometry_object.name}" if prefix else geometry_object.name
@@ -65,7 +80,7 @@ class ViserScreen:
         with guarded(Visitors(host)):
             self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
-        self._visualizer: BaseVisualizer = _Visualizer(robot.model, pin.GeometryModel(), robot.visual_model)
+        self._visualizer: BaseVisualizer = _Visualizer(robot)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
         self._ground = floor_of(view, subject)

@@ -45,14 +45,15 @@ def replay_runs(
         if html is not None or frames is not None or video is not None:
             recording = record(runs, aside)
         if html is not None:
-            recording.save(html)
+            recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
         if frames is not None:
-            click.echo(f"wrote {len(write_frames(recording, frames, rate))} frames into {frames}")
+            click.echo(f"wrote {len(write_frames(recording, frames, rate, replace=force))} frames into {frames}")
         if video is not None:
-            click.echo(f"wrote {write_video(recording, video, rate)} ({video.stat().st_size / 1e6:.1f} MB)")
+            write_video(recording, video, rate, replace=force)
+            click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
         if plot is not None:
-            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others)}")
+            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others, force)}")
     except OSError as error:
         raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
     if show:

@@ -135,7 +135,12 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
 
 
 def read_numbers(text: str) -> np.ndarray | None:
-    """The numbers in an attribute, or None where a word is not a finite number."""
+    """The numbers in an attribute, or None where a word is not a finite number.
+
+    Blanks, digits and words of other kinds than those of C are refused: Python takes them, parsers in C do not.
+    """
+    if not text.isascii() or "_" in text:
+        return None
     try:
         numbers = np.array([float(word) for word in text.split()])
     except ValueError:

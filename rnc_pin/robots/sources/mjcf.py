@@ -24,11 +24,11 @@ from rnc_pin.robots.sources.description import (
     parse_xml,
     read_numbers,
 )
+from rnc_pin.robots.sources.flattening import flattened, included, is_short
 from rnc_pin.robots.sources.rounding import Roundings
 
 _JOINTS = ("hinge", "slide", "ball", "free")
-_MAKERS = ("frame", "replicate", "composite", "flexcomp", "attach")
-_PARTS = ("body", "joint", "freejoint", "geom", "inertial", "composite", "flexcomp", "attach")
+_SOFT = ("composite", "flexcomp", "attach")
 _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
@@ -50,7 +50,11 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
-    _check(root, path)
+    _check_makers(root, path)
+    if included(root, path) or is_short(root):
+        _check_makers(root, path)
+        root = flattened(root, path)
+    _check(root, path, base)
     _check_unknown(root, path)
     bodies = root.findall("worldbody/body")
     if not bodies:
@@ -92,16 +96,24 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     return Description(model, geometry, _couplings(root, path))
 
 
-def _check_unknown(root: ElementTree.Element, path: Path) -> None:
-    """Refuse what makes bodies and is not read; say what acts on joints and is left out.
+def _check_makers(root: ElementTree.Element, path: Path) -> None:
+    """Refuse what makes bodies and is not read.
 
     Raises:
-        ModelError: a body is placed, repeated or made by an element that is not read; negative damping; a range that
-            ends before it begins; a body with two inertias.
+        ModelError: a body is made by such an element.
     """
     for element in root.findall("worldbody//*"):
-        if element.tag in _MAKERS and any(each.tag in _PARTS for each in element.iter()):
+        if element.tag in _SOFT:
             raise ModelError(f"{path}: <{element.tag}> is not read: write out the bodies that it stands for")
+
+
+def _check_unknown(root: ElementTree.Element, path: Path) -> None:
+    """Refuse what no machine is; say what acts on joints and is left out.
+
+    Raises:
+        ModelError: negative damping; a range that ends before it begins; a body with two inertias.
+    """
+    for element in root.findall("worldbody//*"):
         if element.tag == "body" and len(element.findall("inertial")) > 1:
             raise ModelError(f"{path}: body '{element.get('name')}' has more than one <inertial>")
     springs = []
@@ -178,10 +190,7 @@ def _is_free(element: ElementTree.Element) -> bool:
     return element.tag == "freejoint" or (element.tag == "joint" and element.get("type") == "free")
 
 
-def _check(root: ElementTree.Element, path: Path) -> None:
-    if root.find(".//include") is not None:
-        name = root.find(".//include").get("file", "")  # type: ignore[union-attr]
-        raise ModelError(f'{path}: <include file="{name}"> is not read: put what it includes into one file')
+def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
     seen: set[str] = set()
     parts = {element for body in root.findall("worldbody/body") for element in body.iter()}  # the rest are defaults
     for element in root.iter():
@@ -189,6 +198,11 @@ def _check(root: ElementTree.Element, path: Path) -> None:
             name = str(element.get("name"))
             if name in seen:
                 raise ModelError(f"{path}: joint '{name}' is there twice")
+            taken = name == "universe" or (
+                name == "root_joint" and ROOT_JOINTS[base or "fixed"] and not _is_free(element)
+            )
+            if taken:  # Pinocchio ends the process, or makes joints without end
+                raise ModelError(f"{path}: a joint cannot be called '{name}': it is the base's name")
             seen.add(name)
         if element.tag == "joint" and element.get("type", "hinge") not in _JOINTS and element in parts:
             kind = str(element.get("type"))

@@ -1,0 +1,267 @@
+"""MJCF that stands for more than it says, written out by MuJoCo: included files, frames, bodies that are repeated.
+
+MuJoCo is the optional extra ``mujoco``. What it has compiled is written as bodies with inertias, joints and shapes, all
+numbers in full, which the reader of MJCF then reads like any other file.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError
+from rnc_pin.regular_files import LARGEST
+from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml
+
+_MOST_ELEMENTS = 20_000  # of bodies and their parts, when all is written out
+_KEPT = ("compiler", "option", "default", "asset", "worldbody")
+_MOVED = ("body", "joint", "freejoint", "geom", "inertial")
+_PARTS = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
+_CHILDREN = {
+    "mujoco": _KEPT,
+    "default": ("default", "joint", "geom", "mesh", "material", "site"),
+    "asset": ("mesh", "material"),
+    **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _PARTS),
+}
+_LEFT = ("equality", "tendon")  # looked at as they are
+_JOINTS = ("free", "ball", "slide", "hinge")
+_SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
+_ENDS = {"sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}  # numbers in its size
+_NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
+
+
+def is_short(root: ElementTree.Element) -> bool:
+    """Whether a file places or repeats parts of bodies by elements that are none."""
+    return bool(_makers(root))
+
+
+def _makers(root: ElementTree.Element) -> list[str]:
+    elements = root.findall("worldbody//frame") + root.findall("worldbody//replicate")
+    return [element.tag for element in elements if any(each.tag in _MOVED for each in element.iter())]
+
+
+def included(root: ElementTree.Element, path: Path) -> bool:
+    """Put in what a file includes, each file once and from its own folder or below; whether there was any.
+
+    Raises:
+        ModelError: a file elsewhere, twice, not MJCF, or without end; or MuJoCo, which says what becomes of elements
+            that are there twice then, is not installed.
+    """
+    seen: set[Path] = set()
+    found = root.find(".//include")
+    if found is not None:
+        _mujoco(f'{path}: <include file="{found.get("file", "")}">')
+        _include(root, path, seen)
+    return bool(seen)
+
+
+def _include(parent: ElementTree.Element, path: Path, seen: set[Path]) -> None:
+    for index, element in reversed(list(enumerate(parent))):
+        if element.tag != "include":
+            _include(element, path, seen)
+            continue
+        name = element.get("file", "")
+        file = _own(path, path.parent / name, f'<include file="{name}">')
+        if file in seen or file == path.resolve():
+            raise ModelError(f'{path}: <include file="{name}"> is there twice')
+        seen.add(file)
+        inner = parse_xml(file)
+        _include(inner, path, seen)
+        parent[index : index + 1] = list(inner)
+
+
+def flattened(root: ElementTree.Element, path: Path) -> ElementTree.Element:
+    """A file with every body written out.
+
+    Args:
+        root: of the file.
+        path: of the file; everything that it names has to be in its folder or below.
+
+    Raises:
+        ModelError: MuJoCo is not installed or refuses the file, it names a file elsewhere, or stands for too much.
+    """
+    mujoco = _mujoco(f"{path}: <{[*_makers(root), 'include'][0]}>")
+    if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
+        raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
+    meshes = _own_meshes(root, path)
+    text = ElementTree.Element("mujoco")
+    text.extend(element for element in root if element.tag in _KEPT)
+    _strip(text)
+    try:
+        with captured_stderr(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model = mujoco.MjModel.from_xml_string(ElementTree.tostring(text, encoding="unicode"))
+    except Exception as error:  # of its C side
+        raise ModelError(f"{path}: {brief(error)}") from None
+    return _written(model, root, meshes)
+
+
+def _own_meshes(root: ElementTree.Element, path: Path) -> dict[str, str]:
+    """Files of meshes by name, relative to the description; in the elements they are made absolute."""
+    folder, stripped = "", False
+    for compiler in root.findall("compiler"):
+        folder = compiler.get("meshdir", compiler.get("assetdir", folder))
+        stripped = compiler.attrib.pop("strippath", "false") == "true"
+    meshes = {}
+    for mesh in root.findall("asset/mesh"):
+        file = mesh.get("file")
+        if file:
+            place = path.parent / folder / (Path(file).name if stripped else file)
+            own = _own(path, place, f'<mesh file="{file}">')
+            mesh.set("file", str(own))
+            meshes[mesh.get("name") or Path(file).stem] = str(own.relative_to(path.parent.resolve()))
+    return meshes
+
+
+def _strip(element: ElementTree.Element) -> None:
+    """Take out what neither moves nor has a shape: pictures and fields of any size, sensors, plugins."""
+    kept = _CHILDREN.get(element.tag, ())
+    for child in list(element):
+        made = element.tag == "asset" and ("builtin" in child.attrib or "plugin" in child.attrib)
+        if child.tag not in kept or child.get("type") in ("hfield", "sdf") or made:
+            element.remove(child)
+        else:
+            child.attrib.pop("texture", None)
+            _strip(child)
+
+
+def _mujoco(what: str) -> Any:
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(f"{what} {_NEEDED}") from None
+    return mujoco
+
+
+def _own(path: Path, file: Path, where: str) -> Path:
+    """A file that a description may name.
+
+    Raises:
+        ModelError: it is not in the description's folder or below, is no plain file, or too large.
+    """
+    try:
+        file = file.resolve()
+        good = file.is_relative_to(path.parent.resolve()) and file.is_file() and file.stat().st_size <= LARGEST
+    except (OSError, ValueError, RuntimeError):
+        good = False
+    if not good:
+        raise ModelError(f"{path}: {where} is no file in the folder of the description or below")
+    return file
+
+
+def _size(element: ElementTree.Element, path: Path) -> int:
+    """How many elements one stands for."""
+    inside = 1 + sum(_size(each, path) for each in element)
+    if element.tag != "replicate":
+        return inside
+    count = element.get("count", "1")
+    if not (count.isascii() and count.isdigit() and len(count) < 20):
+        raise ModelError(f"{path}: <replicate> takes a whole number as its count, found '{count}'")
+    return inside * max(1, int(count))
+
+
+# ---------------------------------------------------------------------- what was compiled, as a file
+
+
+def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) -> ElementTree.Element:
+    flat = ElementTree.Element("mujoco", {"model": root.get("model", "robot")})
+    ElementTree.SubElement(flat, "compiler", {"angle": "radian"})
+    ElementTree.SubElement(flat, "option", {"gravity": _words(model.opt.gravity)})
+    assets = ElementTree.SubElement(flat, "asset")
+    for k in range(model.nmesh):
+        name = model.mesh(k).name
+        if name in files:
+            found = {"name": name, "file": files[name], "scale": _words(model.mesh_scale[k])}
+            ElementTree.SubElement(assets, "mesh", found)
+    bodies = [ElementTree.SubElement(flat, "worldbody")]
+    for k in range(1, model.nbody):
+        bodies.append(ElementTree.SubElement(bodies[model.body_parentid[k]], "body", _body(model, k)))
+        if model.body_mass[k] > 0:
+            ElementTree.SubElement(bodies[k], "inertial", _inertial(model, k))
+    for k in range(model.njnt):
+        kind = _JOINTS[model.jnt_type[k]]
+        tag = "freejoint" if kind == "free" else "joint"
+        ElementTree.SubElement(bodies[model.jnt_bodyid[k]], tag, _joint(model, k, kind))
+    for k in range(model.ngeom):
+        shape = _SHAPES.get(int(model.geom_type[k]))
+        if shape is not None and (shape != "mesh" or model.mesh(model.geom_dataid[k]).name in files):
+            ElementTree.SubElement(bodies[model.geom_bodyid[k]], "geom", _geom(model, k, shape))
+    for k in range(model.nsite):
+        place = {"pos": _words(model.site_pos[k]), "quat": _words(model.site_quat[k])}
+        ElementTree.SubElement(bodies[model.site_bodyid[k]], "site", {**_named(model.site(k).name), **place})
+    flat.extend(element for element in root if element.tag in _LEFT)
+    return flat
+
+
+def _named(name: str) -> dict[str, str]:
+    return {"name": name} if name else {}
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _body(model: Any, k: int) -> dict[str, str]:
+    return {**_named(model.body(k).name), "pos": _words(model.body_pos[k]), "quat": _words(model.body_quat[k])}
+
+
+def _inertial(model: Any, k: int) -> dict[str, str]:
+    return {
+        "mass": _words([model.body_mass[k]]),
+        "pos": _words(model.body_ipos[k]),
+        "quat": _words(model.body_iquat[k]),
+        "diaginertia": _words(model.body_inertia[k]),
+    }
+
+
+def _joint(model: Any, k: int, kind: str) -> dict[str, str]:
+    if kind == "free":
+        return _named(model.joint(k).name)
+    entry = model.jnt_dofadr[k]
+    found = {
+        **_named(model.joint(k).name),
+        "type": kind,
+        "pos": _words(model.jnt_pos[k]),
+        "damping": _words([model.dof_damping[entry]]),
+        "armature": _words([model.dof_armature[entry]]),
+        "frictionloss": _words([model.dof_frictionloss[entry]]),
+        "stiffness": _words(np.ravel(model.jnt_stiffness[k])[:1]),
+    }
+    if kind != "ball":
+        found["axis"] = _words(model.jnt_axis[k])
+    if kind != "ball" and model.jnt_limited[k]:
+        found["range"] = _words(model.jnt_range[k])
+    return found
+
+
+def _geom(model: Any, k: int, shape: str) -> dict[str, str]:
+    place = _place(model.geom_pos[k], model.geom_quat[k])
+    color = model.geom_rgba[k] if model.geom_matid[k] < 0 else model.mat_rgba[model.geom_matid[k]]
+    found = {
+        **_named(model.geom(k).name),
+        "type": shape,
+        "mass": "0",  # bodies have theirs
+        "rgba": _words(color),
+        "contype": str(model.geom_contype[k]),
+        "conaffinity": str(model.geom_conaffinity[k]),
+        "group": str(model.geom_group[k]),
+    }
+    if shape == "mesh":  # MuJoCo turns meshes to their principal axes
+        mesh = model.geom_dataid[k]
+        found["mesh"] = model.mesh(mesh).name
+        place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()
+    else:
+        found["size"] = _words(model.geom_size[k][: _ENDS[shape]])
+    x, y, z, w = pin.SE3ToXYZQUAT(place)[3:]
+    return {**found, "pos": _words(place.translation), "quat": _words([w, x, y, z])}
+
+
+def _place(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
+    w, x, y, z = quaternion
+    return pin.XYZQUATToSE3(np.array([*position, x, y, z, w]))
