@@ -21,7 +21,8 @@ class ChangingMachine:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> sliding = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
         >>> locked = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh"), rnc.NoSideSlip("sleigh", axis="x")])
-        >>> machine = rnc.plants.ChangingMachine(rnc.simulation.ReducedPlant(sliding), rnc.simulation.ReducedPlant(locked.reduce()), time=0.1)
+        >>> plants = [rnc.simulation.ReducedPlant(each) for each in (sliding, locked.reduce())]
+        >>> machine = rnc.plants.ChangingMachine(*plants, time=0.1)
         >>> machine.reset(robot.configuration(), np.array([1.0, 0.0, 0.0]))
         >>> machine.advance(0.1), machine.advance(0.1)
         (None, None)
