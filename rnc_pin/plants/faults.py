@@ -90,7 +90,8 @@ class FaultyMachine:
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-        >>> bent = rnc.plants.FaultyMachine(rnc.simulation.ReducedPlant(reduced), rnc.Faults(position_bias=0.1), reduced, dt=0.01)
+        >>> plant, faults = rnc.simulation.ReducedPlant(reduced), rnc.Faults(position_bias=0.1)
+        >>> bent = rnc.plants.FaultyMachine(plant, faults, reduced, dt=0.01)
         >>> bent.reset(robot.configuration(), np.zeros(3))
         >>> (bent.read()[0] - bent.actual()[0])[:2].round(2)
         array([0.09, 0.1 ])
