@@ -28,8 +28,8 @@ from rnc_pin.plants.mujoco.tree import Tree
 
 _ON_GROUND = (RollingWheel, RollingBall, Caster, NoSideSlip)
 _MADE = (
-    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the conservation "
-    "of momentum"
+    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
+    "conservation of momentum"
 )
 
 
@@ -135,7 +135,12 @@ class Couplings:
             tree.bodies[frame.parentJoint].add_site(name=sites[-1], pos=placement.translation, quat=quaternion)
         equality = mujoco.mjtEq.mjEQ_CONNECT if kind.kind == "point" else mujoco.mjtEq.mjEQ_WELD
         closed = self._spec.add_equality(
-            name=name, type=equality, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=sites[0], name2=sites[1], **self._firmness()
+            name=name,
+            type=equality,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            name1=sites[0],
+            name2=sites[1],
+            **self._firmness(),
         )
         if kind.kind != "point":
             closed.data[10] = 1.0  # turning counts like moving

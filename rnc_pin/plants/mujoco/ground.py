@@ -16,7 +16,7 @@ from rnc_pin.plants.mujoco.wheels import Contact
 _GROUND = "ground"
 _NO_GRIP = 1e-5  # the least that MuJoCo takes
 _THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
-_SHORT = 1e-3  # half the length of a wheel that holds on along one direction, in radii [1], and of a blade [m]
+_SHORT = 1e-6  # half the length [m] of a blade, and of a wheel that holds on along one direction: its ends both grip
 _BLADE = 0.005  # radius of a blade's edge [m]
 _SPRUNG = 10.0  # how much slower a support without friction pushes back: wheels beside it carry the most
 _LIGHT = 1e-6  # of the robot: a wheel that is only drawn has the mass of the body that it is drawn on
@@ -49,6 +49,13 @@ def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], set
         _pair(spec, contact, settings)
 
 
+def share_load(model: mujoco.MjModel, tree: Tree, contacts: Sequence[Contact]) -> None:
+    """Make the ground equally hard under all wheels: by itself MuJoCo makes it softer under what is light or turns."""
+    weight = sum(inertia.mass for inertia in list(tree.robot.model.inertias)[1:])
+    for contact in contacts:
+        model.body_invweight0[model.geom(contact.name).bodyid[0], 0] = 1.0 / weight
+
+
 def hinge_of(contact: Contact) -> str:
     """MuJoCo's name of the joint, and of the body, of a wheel that is only drawn."""
     return f"wheel {contact.name}"
@@ -74,7 +81,7 @@ def _shape(contact: Contact, settings: MuJoCoSettings) -> tuple[Any, list[float]
     if contact.blade:  # MuJoCo lays the first direction of friction along a capsule
         return shape.mjGEOM_CAPSULE, [_BLADE, _SHORT, 0.0], np.cross(contact.axle, [0.0, 0.0, 1.0])
     if contact.grip == "forward":
-        return shape.mjGEOM_CAPSULE, [radius, _SHORT * radius, 0.0], contact.axle
+        return shape.mjGEOM_CAPSULE, [radius, _SHORT, 0.0], contact.axle
     if contact.round or settings.wheel_shape == "sphere":
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], contact.axle
     half = _THIN[settings.wheel_shape] * radius

@@ -3,8 +3,8 @@
 A joint's actuator acts on that joint. A force or torque on a frame of a wheeled vehicle stands for what its wheels do:
 it becomes torques of the wheels, the smallest that do the same to the motion that the constraints leave,
 ``R^T B_wheels tau = R^T B T`` at the present configuration. Wheels take part that have no actuator of their own: first
-those on the frame's own body, then all of them. What no wheels can do, as a torque that turns one wheel about the vertical,
-acts on the frame itself.
+those on the frame's own body, then all of them. What no wheels can do, as a torque that turns a single one about the
+vertical, acts on the frame itself.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.couplings import Couplings
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.ground import Grips, add_ground, hinge_of
+from rnc_pin.plants.mujoco.ground import Grips, add_ground, hinge_of, share_load
 from rnc_pin.plants.mujoco.inputs import Inputs
 from rnc_pin.plants.mujoco.parts import Joints
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
@@ -37,9 +37,9 @@ class MuJoCoPlant:
     """The robot of a reduced model in MuJoCo: a ``Machine``.
 
     The MuJoCo model is made from the loaded robot, by names of joints. Momentum is not imposed, it emerges. Wheels grip
-    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides; ``NoSideSlip``
-    is made of the wheels that are drawn on its axle, which turn freely unless a force on their body drives them, or of
-    a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are read, however it
+    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides;
+    ``NoSideSlip`` is made of the wheels that are drawn on its axle, which turn freely unless a force on their body
+    drives them, or of a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are read, however it
     stands; see ``MuJoCoSettings``.
 
     Args:
@@ -92,6 +92,7 @@ class MuJoCoPlant:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._joints = Joints(tree.finish(self.model, self.data, self.settings.joint_damping), robot.nq, robot.nv)
+        share_load(self.model, tree, [*contacts, *standing.casters])
         self._couplings = couplings.compiled(self.model)
         self._inputs = Inputs(reduced, contacts, q)
         hinges = [self.model.joint(hinge_of(each)) for each in self._inputs.drawn]

@@ -96,7 +96,9 @@ class MuJoCoSettings:
         for name, choices in _CHOICES.items():
             value = getattr(self, name)
             if value not in choices:
-                raise ConfigurationError(f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}")
+                raise ConfigurationError(
+                    f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
+                )
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float | int) and not np.isfinite(value):
@@ -109,7 +111,8 @@ class MuJoCoSettings:
         friction = np.asarray(self.friction, dtype=float)
         if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
             raise ConfigurationError(
-                f"MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found {self.friction}"
+                "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "
+                f"{self.friction}"
             )
         if not 0 < self.contact_impedance < 1:
             raise ConfigurationError(

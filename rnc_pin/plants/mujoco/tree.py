@@ -159,7 +159,9 @@ class Tree:
             here, there = slice(part.v, part.v + part.nv), slice(part.dof, part.dof + part.nv)
             if isinstance(part, Planar | Standing | Free):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
-                    raise ConfigurationError(f"MuJoCo: base '{part.name}' has rotors or damping, which no base there has")
+                    raise ConfigurationError(
+                        f"MuJoCo: base '{part.name}' has rotors or damping, which no base there has"
+                    )
                 continue
             model.dof_armature[there] = own.armature[here]
             if damping:
