@@ -39,8 +39,8 @@ class MuJoCoPlant:
     The MuJoCo model is made from the loaded robot, by names of joints. Momentum is not imposed, it emerges. Wheels grip
     by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides;
     ``NoSideSlip`` is made of the wheels that are drawn on its axle, which turn freely unless a force on their body
-    drives them, or of a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are read, however it
-    stands; see ``MuJoCoSettings``.
+    drives them, or of a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are
+    read, however it stands; see ``MuJoCoSettings``.
 
     Args:
         reduced: the model whose robot, constraints and actuators are taken.

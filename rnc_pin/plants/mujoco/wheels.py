@@ -155,9 +155,7 @@ def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tu
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     low = {each.name: float(each.at(data.oMi[each.joint])[1][2]) for each in contacts if not each.blade}
-    wheels = list(low.values()) or [
-        float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade
-    ]
+    wheels = list(low.values()) or [float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade]
     ground = min(wheels)
     found = []
     for each in contacts:
