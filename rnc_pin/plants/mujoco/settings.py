@@ -23,7 +23,7 @@ _CHOICES: dict[str, tuple[object, ...]] = {
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
-_POSITIVE = ("step", "tolerance", "impratio")
+_POSITIVE = ("step", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,10 @@ class MuJoCoSettings:
         iterations: of the solver, at most.
         tolerance: of the solver.
         cone: of friction forces.
-        impratio: how much stiffer contacts are along the ground than across it; large values creep less.
-        contact_time: time constant in which a contact takes away what it penetrates, and slip below the grip [s]; at
-            least twice the step, which is the default. In a turn wheels creep sideways by half of it times the
-            centripetal acceleration: MuJoCo's contacts do not foresee that they turn.
-        contact_impedance: how rigid a contact is, below 1.
-        wheel_shape: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for upright wheels;
-            "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
+        contact_time: time constant in which a contact takes away what it penetrates [s]; at least four steps, which is
+            the default. The ground gives way under the weight by 10 m/s^2 times its square.
+        wheel_shape: of wheels that turn: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for
+            upright wheels; "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
         stance: how a vehicle stands that the robot's model keeps on a plane. "free": in all six degrees of freedom, it
             may lean and tip. "level": it moves up and down but cannot lean, so that its wheels share its weight evenly.
             "auto": free where its wheels carry it, level where it would tip.
@@ -76,9 +73,7 @@ class MuJoCoSettings:
     iterations: int = 50
     tolerance: float = 1e-12
     cone: Cone = "elliptic"
-    impratio: float = 100.0
     contact_time: float = 0.0
-    contact_impedance: float = 0.999
     wheel_shape: WheelShape = "ellipsoid"
     stance: Stance = "auto"
     casters: Literal["auto"] | bool = "auto"
@@ -90,7 +85,7 @@ class MuJoCoSettings:
     @property
     def firmness(self) -> float:
         """The time constant of contacts [s]."""
-        return max(self.contact_time, 2 * self.step)
+        return max(self.contact_time, 4 * self.step)
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
@@ -113,10 +108,6 @@ class MuJoCoSettings:
             raise ConfigurationError(
                 "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "
                 f"{self.friction}"
-            )
-        if not 0 < self.contact_impedance < 1:
-            raise ConfigurationError(
-                f"MuJoCo: contact_impedance has to lie between 0 and 1, found {self.contact_impedance}"
             )
         if self.iterations < 1:
             raise ConfigurationError(f"MuJoCo: iterations have to be at least 1, found {self.iterations}")
