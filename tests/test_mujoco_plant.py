@@ -340,11 +340,11 @@ def test_what_it_has_not_is_refused_by_name():
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"integrator": "rk4"}, "did you mean 'RK4'"),
+        ({"integrator": "RK5"}, "did you mean 'RK4'"),
         ({"step": 0.0}, "step has to be positive"),
         ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
         ({"settling": float("nan")}, "settling has to be finite"),
-        ({"contact_impedance": 1.0}, "between 0 and 1"),
+        ({"contact_time": -1.0}, "cannot be negative"),
         ({"stance": "standing"}, "stance 'standing' is not known"),
     ],
 )
@@ -353,15 +353,22 @@ def test_settings_that_make_no_sense_are_refused(wrong, words):
         MuJoCoSettings(**wrong)
 
 
-def test_a_state_that_is_not_finite_ends_the_run():
-    reduced = differential_drive()
+def test_what_is_not_finite_is_refused_and_what_becomes_so_ends_the_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
     plant = MuJoCoPlant(reduced)
-    plant.reset(reduced.robot.configuration(), np.zeros(5))
-    plant.apply(np.array([np.nan, 0.0]))
-    with pytest.raises(rnc.DivergenceError, match="not finite"):
-        plant.advance(0.01)
+    plant.reset(robot.configuration(), np.zeros(4))
+    with pytest.raises(rnc.InputError, match="T is not finite"):
+        plant.apply(np.array([np.nan, 0.0, 0.0, 0.0]))
     with pytest.raises(rnc.InputError, match=r"T has shape \(3,\)"):
         plant.apply(np.zeros(3))
+    with pytest.raises(rnc.InputError, match="expected that of q and v"):
+        plant.reset(robot.configuration(), np.zeros(3))
+    plant.apply(np.full(4, 1e200))
+    with pytest.raises(rnc.DivergenceError, match="have no bound"):
+        plant.advance(1.0)
+    assert not list(tmp_path.iterdir())  # MuJoCo writes logs where it stands
 
 
 def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch):

@@ -121,6 +121,7 @@ class Ground:
         self._adapts = settings.cone == "elliptic"
         self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
+        self._frictions = model.pair_friction[self._pairs].copy()
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
         self._gripping = np.array([[each.grip == "all", True] for each in self._holding]).reshape(-1, 2)
@@ -131,9 +132,12 @@ class Ground:
             model.body_invweight0[model.geom(each.name).bodyid[0], 0] = len(contacts) / mass
 
     def begin(self) -> None:
-        """Start again; positions are known."""
+        """Start again, with positions and velocities as they are written."""
         self._along[:] = 0.0
         model, data = self._model, self._data
+        model.pair_solreffriction[self._pairs] = 0.0
+        model.pair_friction[self._pairs] = self._frictions
+        mujoco.mj_forward(model, data)
         self._mobility = np.zeros(len(self.names))
         """How much a unit force along the ground accelerates what touches it, at most [1/kg]."""
         jacobian, moved = np.zeros((3, model.nv)), np.zeros((3, model.nv))

@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.couplings import Couplings
-from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.engine import mujoco, unlogged
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.inputs import Inputs
 from rnc_pin.plants.mujoco.parts import Joints
@@ -130,7 +130,6 @@ class MuJoCoPlant:
         self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         for coupling in self._couplings:
             coupling.set(self.model, self.data.qpos, fresh=True)
-        mujoco.mj_forward(self.model, self.data)
         self._ground.begin()
         if self.stance in ("free", "level"):
             self._settle(q)
@@ -145,6 +144,8 @@ class MuJoCoPlant:
         T = np.array(T, dtype=float)
         if T.shape != self._T.shape:
             raise InputError(f"T has shape {T.shape}, expected {self._T.shape}")
+        if not np.isfinite(T).all():
+            raise InputError(f"T is not finite: {T.tolist()}")
         self._T = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def advance(self, dt: float) -> None:
@@ -160,11 +161,10 @@ class MuJoCoPlant:
         wanted = np.zeros(len(self.wheel_names))
         wanted[self._drawn] = drawn
         direct = None if self._inputs.follows else held + self._inputs.direct(q, self._T)
-        for _ in range(steps):
-            force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
-            self._step(force, wanted)
-        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("the state in MuJoCo is not finite", time=self.time)
+        with unlogged():
+            for _ in range(steps):
+                force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
+                self._step(force, wanted)
 
     def _step(self, force: np.ndarray, wanted: np.ndarray) -> None:
         applied = self.data.qfrc_applied
@@ -174,6 +174,8 @@ class MuJoCoPlant:
         for coupling in self._couplings:
             coupling.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
+        if not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("velocities in MuJoCo have no bound", time=self.time)
 
     # ------------------------------------------------------------------ rest
 

@@ -60,10 +60,11 @@ class MuJoCoSettings:
         >>> from rnc_pin.plants.mujoco import MuJoCoSettings
         >>> MuJoCoSettings(friction=(0.4, 0.0, 0.0)).friction[0]
         0.4
-        >>> MuJoCoSettings(integrator="rk4")
-        Traceback (most recent call last):
-        ...
-        rnc_pin.errors.ConfigurationError: MuJoCo: integrator 'rk4' is not known; did you mean 'RK4'?
+        >>> try:
+        ...     MuJoCoSettings(solver="newton")
+        ... except rnc.ConfigurationError as error:
+        ...     print(error)
+        MuJoCo: solver 'newton' is not known; did you mean 'Newton'?
     """
 
     step: float = 0.0005
