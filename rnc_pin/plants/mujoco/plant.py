@@ -125,7 +125,7 @@ class MuJoCoPlant:
         if self.stance == "free":
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
-            self.data.qpos[self.model.joint("root_joint/z").qposadr[0]] = self._lift
+            self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
         rest = np.zeros_like(v)
         self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         for coupling in self._couplings:
@@ -182,16 +182,17 @@ class MuJoCoPlant:
     def _settle(self, q: np.ndarray) -> None:
         """Let the ground take the weight while pose and joints are held."""
         self.model.opt.timestep = self.settings.step
-        rest = np.zeros(self._reduced.robot.nv)
-        for _ in range(round(self.settings.settling / self.settings.step)):
-            mujoco.mj_fwdPosition(self.model, self.data)
-            mujoco.mj_fwdVelocity(self.model, self.data)
-            self.data.qfrc_applied[6 if self.stance == "free" else 4 :] = self.data.qfrc_bias[
-                6 if self.stance == "free" else 4 :
-            ]
-            mujoco.mj_step(self.model, self.data)
-            self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        rest, held = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
+        with unlogged():
+            for _ in range(round(self.settings.settling / self.settings.step)):
+                mujoco.mj_fwdPosition(self.model, self.data)
+                mujoco.mj_fwdVelocity(self.model, self.data)
+                self.data.qfrc_applied[held] = self.data.qfrc_bias[held]
+                mujoco.mj_step(self.model, self.data)
+                self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         self.data.qfrc_applied[:] = 0.0
+        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("the vehicle does not come to rest on the ground in MuJoCo")
 
     # ------------------------------------------------------------------ for the record
 
