@@ -341,10 +341,12 @@ def test_what_it_has_not_is_refused_by_name():
     ("wrong", "words"),
     [
         ({"integrator": "RK5"}, "did you mean 'RK4'"),
-        ({"step": 0.0}, "step has to be positive"),
+        ({"step": 0.0}, "step: expected a positive number, found 0.0"),
         ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
-        ({"settling": float("nan")}, "settling has to be finite"),
-        ({"contact_time": -1.0}, "cannot be negative"),
+        ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
+        ({"contact_time": -1.0}, "expected a number from 0"),
+        ({"iterations": "many"}, "expected a number from 1, found 'many'"),
+        ({"friction": "ice"}, "three numbers"),
         ({"stance": "standing"}, "stance 'standing' is not known"),
     ],
 )

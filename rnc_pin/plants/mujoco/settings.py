@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,6 +23,7 @@ _CHOICES: dict[str, tuple[object, ...]] = {
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
+_LEAST = {"step": 0.0, "iterations": 1, "tolerance": 0.0, "contact_time": 0.0, "settling": 0.0}
 _POSITIVE = ("step", "tolerance")
 
 
@@ -95,23 +96,18 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float | int) and not np.isfinite(value):
-                raise ConfigurationError(f"MuJoCo: {field.name} has to be finite, found {value}")
-            if field.name in _POSITIVE and not value > 0:
-                raise ConfigurationError(f"MuJoCo: {field.name} has to be positive, found {value}")
-        self._check_numbers()
-
-    def _check_numbers(self) -> None:
-        friction = np.asarray(self.friction, dtype=float)
+        for name, least in _LEAST.items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+            if not number or value < least or (name in _POSITIVE and not value > 0):
+                expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"
+                raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
+        try:
+            friction = np.asarray(self.friction, dtype=float)
+        except (TypeError, ValueError):
+            friction = np.empty(0)
         if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
             raise ConfigurationError(
                 "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "
-                f"{self.friction}"
+                f"{self.friction!r}"
             )
-        if self.iterations < 1:
-            raise ConfigurationError(f"MuJoCo: iterations have to be at least 1, found {self.iterations}")
-        for name in ("settling", "contact_time"):
-            if getattr(self, name) < 0:
-                raise ConfigurationError(f"MuJoCo: {name} cannot be negative, found {getattr(self, name)}")
