@@ -27,9 +27,10 @@ from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.tree import Tree
 
 _ON_GROUND = (RollingWheel, RollingBall, Caster, NoSideSlip)
+_RIGID = 0.999
 _MADE = (
-    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the conservation "
-    "of momentum"
+    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
+    "conservation of momentum"
 )
 
 
@@ -146,5 +147,4 @@ class Couplings:
             closed.data[10] = 1.0  # turning counts like moving
 
     def _firmness(self) -> dict[str, list[float]]:
-        rigid = self._settings.contact_impedance
-        return {"solref": [self._settings.firmness, 1.0], "solimp": [rigid, rigid, 0.001, 0.5, 2.0]}
+        return {"solref": [2 * self._settings.step, 1.0], "solimp": [_RIGID, _RIGID, 0.001, 0.5, 2.0]}

@@ -1,4 +1,10 @@
-"""Wheels on the ground, as MuJoCo's geometry and contact pairs. Nothing else of a robot touches anything."""
+"""What stands on the ground, as MuJoCo's geometry and contact pairs. Nothing else of a robot touches anything.
+
+MuJoCo's contacts are soft, and friction and load are solved for together: what slips is lifted, by friction times the
+deceleration that the contact asks for along the ground. Hard contacts hop then. So that a wheel slides at the limit of
+its grip with its load unchanged, contacts are springs and dampers across the ground (a low impedance), stiff along it
+(a high ratio of the two), and never ask for much more deceleration than grip can give: see ``Ground.prepare``.
+"""
 
 from __future__ import annotations
 
@@ -16,32 +22,31 @@ from rnc_pin.plants.mujoco.wheels import Contact
 _GROUND = "ground"
 _NO_GRIP = 1e-5  # the least that MuJoCo takes
 _THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
-_SHORT = 1e-3  # half the length of a wheel that holds on along one direction, in radii [1], and of a blade [m]
-_BLADE = 0.005  # radius of a blade's edge [m]
-_SPRUNG = 10.0  # how much slower a support without friction pushes back: wheels beside it carry the most
-_LIGHT = 1e-6  # of the robot: a wheel that is only drawn has the mass of the body that it is drawn on
+_SHORT = 1e-6  # half the length [m] of what holds on along one direction alone: its ends both grip
+_EDGE = 0.005  # radius of the edge of a blade [m]
+_SPRUNG = 3.0  # how much slower a support without friction pushes back: wheels beside it carry the most
+_IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramid has one for both directions
+_STIFFER = 1e5  # contacts along the ground, beside across it
+_STICKS = 1e-6  # slip that is none [m/s]
+_BEYOND = 2.0  # what a contact asks for of a wheel that slips, in decelerations that grip can give
 
 
 def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], settings: MuJoCoSettings) -> None:
-    """The plane z = 0, and everything round on it."""
+    """The plane z = 0, and everything on it."""
     if not contacts:
         return
-    shape = mujoco.mjtGeom
-    spec.worldbody.add_geom(name=_GROUND, type=shape.mjGEOM_PLANE, size=[0, 0, 1], contype=0, conaffinity=0)
-    weight = sum(inertia.mass for inertia in list(tree.robot.model.inertias)[1:])
+    spec.option.impratio = _STIFFER
+    plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _gives_way(settings, spec.option.gravity) / 2
+    spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=[0, 0, half], contype=0, conaffinity=0)
     for contact in contacts:
-        body = tree.bodies[contact.joint]
-        center = contact.center
-        if contact.spins:
-            body = _hung(body, contact, _LIGHT * weight)
-            center = np.zeros(3)
-        kind, size, axis = _shape(contact, settings)
-        body.add_geom(
+        kind, size, axis = _shape(contact, contact.radius + half, settings)
+        raised = contact.radius + half - _EDGE if contact.grip == "across" else 0.0
+        tree.bodies[contact.joint].add_geom(
             name=contact.name,
             type=kind,
             size=size,
-            pos=center - (0 if not contact.blade else (contact.radius - _BLADE) * np.array([0.0, 0.0, 1.0])),
-            quat=turned_to(axis),
+            pos=contact.center - raised * contact.up,
+            quat=_turned_to(axis),
             contype=0,
             conaffinity=0,
             mass=0,
@@ -49,32 +54,18 @@ def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], set
         _pair(spec, contact, settings)
 
 
-def hinge_of(contact: Contact) -> str:
-    """MuJoCo's name of the joint, and of the body, of a wheel that is only drawn."""
-    return f"wheel {contact.name}"
+def _gives_way(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
+    """How far wheels sink in [m]. Forces act in the middle of that: as far below their centers as a radius says."""
+    return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.firmness**2)
 
 
-def _hung(body: Any, contact: Contact, mass: float) -> Any:
-    """A wheel of next to no mass on a hinge."""
-    spin = mass * contact.radius**2
-    wheel = body.add_body(
-        name=hinge_of(contact),
-        pos=contact.center,
-        mass=mass,
-        inertia=[spin] * 3,
-        explicitinertial=True,
-    )
-    wheel.add_joint(name=hinge_of(contact), type=mujoco.mjtJoint.mjJNT_HINGE, axis=contact.axle)
-    return wheel
-
-
-def _shape(contact: Contact, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
-    """Kind, size and direction of the axis."""
-    shape, radius = mujoco.mjtGeom, contact.radius
-    if contact.blade:  # MuJoCo lays the first direction of friction along a capsule
-        return shape.mjGEOM_CAPSULE, [_BLADE, _SHORT, 0.0], np.cross(contact.axle, [0.0, 0.0, 1.0])
+def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
+    """Kind, size and direction of the axis. MuJoCo lays the first direction of friction along a capsule."""
+    shape = mujoco.mjtGeom
+    if contact.grip == "across":
+        return shape.mjGEOM_CAPSULE, [_EDGE, _SHORT, 0.0], np.cross(contact.axle, contact.up)
     if contact.grip == "forward":
-        return shape.mjGEOM_CAPSULE, [radius, _SHORT * radius, 0.0], contact.axle
+        return shape.mjGEOM_CAPSULE, [radius, _SHORT, 0.0], contact.axle
     if contact.round or settings.wheel_shape == "sphere":
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], contact.axle
     half = _THIN[settings.wheel_shape] * radius
@@ -88,57 +79,133 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
     condim, first, second = 6 if rolling else 4 if torsional else 3, sliding, sliding
     if contact.grip == "none":
         condim = 1
-    elif contact.grip == "forward":
+    elif contact.grip != "all":  # a capsule lies along the axle of one, and along the heading of the other
         first = _NO_GRIP
-    elif contact.grip == "across":
-        first, second = _NO_GRIP, sliding
+    impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.grip == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
         geomname2=contact.name,
         condim=condim,
         friction=[max(each, _NO_GRIP) for each in (first, second, torsional, rolling, rolling)],
-        solref=[settings.firmness * (_SPRUNG if contact.grip == "none" else 1.0), 1.0],
-        solimp=[settings.contact_impedance, settings.contact_impedance, 0.001, 0.5, 2.0],
+        solref=[slower * settings.firmness, 1.0],
+        solimp=[impedance, impedance, 0.001, 0.5, 2.0],
     )
 
 
-def turned_to(axis: np.ndarray) -> np.ndarray:
+def _turned_to(axis: np.ndarray) -> np.ndarray:
     """A quaternion (w, x, y, z) that turns z to an axis."""
-    unit = axis / np.linalg.norm(axis)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), unit)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))
     return turn.coeffs()[[3, 0, 1, 2]]
 
 
-class Grips:
-    """How hard wheels hold on to the ground.
+class Ground:
+    """The contacts of a compiled model while it moves.
 
     Args:
-        model: compiled.
-        contacts: what can hold on.
-        friction: the coefficient of sliding friction.
+        model, data: of MuJoCo, compiled.
+        contacts: all of them.
+        settings: friction, and how contacts are solved for.
+
+    Attributes:
+        names: of what grips, (w,).
     """
 
-    def __init__(self, model: mujoco.MjModel, contacts: Sequence[Contact], friction: float) -> None:
-        holding = [each for each in contacts if each.grip != "none"]
-        self.names = tuple(each.name for each in holding)
-        self._friction = friction
-        self._where = {model.geom(name).id: place for place, name in enumerate(self.names)}
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, contacts: Sequence[Contact], settings: MuJoCoSettings
+    ) -> None:
+        self._model, self._data = model, data
+        self._holding = [each for each in contacts if each.grip != "none"]
+        self.names = tuple(each.name for each in self._holding)
+        self._friction = settings.friction[0]
+        self._adapts = settings.cone == "elliptic"
+        self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
+        self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
+        self._frictions = model.pair_friction[self._pairs].copy()
+        self._place = np.full(model.ngeom + 1, -1)
+        self._place[self._geoms] = np.arange(len(self.names))
+        self._gripping = np.array([[each.grip == "all", True] for each in self._holding]).reshape(-1, 2)
+        self._along = np.zeros(len(self.names))
+        """Forces of wheels that are only drawn, along their headings [N]."""
+        mass = float(model.body_mass.sum())
+        for each in contacts:  # by itself MuJoCo makes the ground softer under what is light or turns
+            model.body_invweight0[model.geom(each.name).bodyid[0], 0] = len(contacts) / mass
 
-    def forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        """Normal force and size of the tangential one of each wheel, (w, 2) [N]."""
-        total = np.zeros((len(self.names), 3))
-        force = np.zeros(6)
-        for number in range(data.ncon):
-            contact = data.contact[number]
-            place = self._where.get(int(contact.geom[1]), self._where.get(int(contact.geom[0])))
-            if place is not None:
-                mujoco.mj_contactForce(model, data, number, force)
-                total[place] += force[:3]
-        return np.column_stack([total[:, 0], np.hypot(total[:, 1], total[:, 2])])
+    def begin(self) -> None:
+        """Start again, with positions and velocities as they are written."""
+        self._along[:] = 0.0
+        model, data = self._model, self._data
+        model.pair_solreffriction[self._pairs] = 0.0
+        model.pair_friction[self._pairs] = self._frictions
+        mujoco.mj_forward(model, data)
+        self._mobility = np.zeros(len(self.names))
+        """How much a unit force along the ground accelerates what touches it, at most [1/kg]."""
+        jacobian, moved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+        for place, geom in enumerate(self._geoms):
+            point = data.geom_xpos[geom] * [1.0, 1.0, 0.0]
+            mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[geom])
+            mujoco.mj_solveM(model, data, moved, jacobian)
+            self._mobility[place] = np.linalg.eigvalsh((jacobian @ moved.T)[:2, :2])[-1]
 
-    def used(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        """Tangential force over what the grip allows, (w,); zero for a wheel off the ground."""
-        normal, tangential = self.forces(model, data).T
+    def prepare(self, wanted: np.ndarray) -> None:
+        """Before a step: how contacts take away slip, and forces of wheels that are only drawn, within their grip.
+
+        Slip is taken away in one step, or as slowly as is asked for by decelerations that grip can give.
+
+        Args:
+            wanted: forces along headings, (w,) [N]; applied beside what is applied already.
+        """
+        if not len(self.names):
+            return
+        model, data = self._model, self._data
+        normal, tangential, slip = self._seen()
+        if self._adapts:
+            most = _BEYOND * self._friction * normal * self._mobility
+            rate = np.clip(most / np.maximum(slip, _STICKS), 1.0, 1.0 / model.opt.timestep)
+            model.pair_solreffriction[self._pairs, 0] = -1.0
+            model.pair_solreffriction[self._pairs, 1] = -rate * _IMPEDANCE["elliptic"]
+        if not wanted.any() and not self._along.any():
+            return
+        limit = self._friction * normal
+        across = np.minimum(tangential[:, 1], limit)
+        self._along = np.clip(wanted, -np.sqrt(limit**2 - across**2), np.sqrt(limit**2 - across**2))
+        left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        for place in np.flatnonzero(wanted):
+            geom = self._geoms[place]
+            heading = data.geom_xmat[geom].reshape(3, 3)[:, 2] * [1.0, 1.0, 0.0]
+            force, point = self._along[place] / np.linalg.norm(heading) * heading, data.geom_xpos[geom] * [1, 1, 0]
+            mujoco.mj_applyFT(model, data, force, np.zeros(3), point, model.geom_bodyid[geom], data.qfrc_applied)
+            if normal[place] > 0:
+                model.pair_friction[self._pairs[place], 1] = max(left[place] / normal[place], _NO_GRIP)
+
+    def used(self) -> np.ndarray:
+        """Force along the ground over what the grip allows, (w,); zero for a wheel off the ground."""
+        normal, tangential, _ = self._seen()
+        force = np.hypot(np.linalg.norm(tangential, axis=1), self._along)
         allowed = self._friction * normal
-        return np.divide(tangential, allowed, out=np.zeros_like(normal), where=allowed > 0)
+        return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
+
+    def loads(self) -> np.ndarray:
+        """Force across the ground under each wheel, (w,) [N]."""
+        return self._seen()[0]
+
+    def _seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Load (w,) [N], sizes of forces along both directions of friction (w, 2) [N], and slip (w,) [m/s]."""
+        data, size = self._data, len(self.names)
+        total, slip = np.zeros((size, 3)), np.zeros(size)
+        touching = data.contact
+        places, rows = self._place[touching.geom].max(axis=1, initial=-1), touching.efc_address
+        numbers = np.flatnonzero((places >= 0) & (rows >= 0))
+        if not self._adapts:
+            force = np.zeros(6)
+            for number in numbers:
+                mujoco.mj_contactForce(self._model, data, number, force)
+                total[places[number]] += force[:3]
+        elif len(numbers):
+            places, entries = places[numbers], rows[numbers, None] + np.arange(3)
+            np.add.at(total, places, data.efc_force[entries])
+            along, across = (data.efc_vel[entries[:, 1:]] * self._gripping[places]).T
+            np.maximum.at(slip, places, np.hypot(along, across))
+        return total[:, 0], np.abs(total[:, 1:]), slip

@@ -3,8 +3,8 @@
 A joint's actuator acts on that joint. A force or torque on a frame of a wheeled vehicle stands for what its wheels do:
 it becomes torques of the wheels, the smallest that do the same to the motion that the constraints leave,
 ``R^T B_wheels tau = R^T B T`` at the present configuration. Wheels take part that have no actuator of their own: first
-those on the frame's own body, then all of them. What no wheels can do, as a torque that turns one wheel about the vertical,
-acts on the frame itself.
+those on the frame's own body, then all of them. What no wheels can do, as a torque that turns a single one about the
+vertical, acts on the frame itself.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Inputs:
         q: a configuration (nq,) near which wheels have to be able to do what frames are said to do.
 
     Attributes:
-        drawn: wheels that are only drawn, in the order of the torques that ``at`` gives.
+        drawn: wheels that are only drawn, in the order of the forces that ``of_wheels`` gives.
         by_wheels: names of the actuators that wheels stand for.
     """
 
@@ -65,7 +65,8 @@ class Inputs:
         self._data = self._robot.model.createData()
         self._kinematics = Kinematics(self._robot, {*self._rows.joints, *self._actuation.joints})
         self._drives = _drives(reduced, contacts)
-        self.drawn = tuple(drive.contact for drive in self._drives if drive.own is None)
+        self._drawn = [k for k, drive in enumerate(self._drives) if drive.own is None]
+        self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
         """Columns of B, and the drives that do the same."""
         wheeled = [column for columns, _ in self._groups for column in columns]
@@ -77,8 +78,8 @@ class Inputs:
             fixed = self._actuation.matrix(at) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
-    def torques(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is held while inputs are: forces on joints by their wheels (nv,), and torques of wheels drawn (k,)."""
+    def of_wheels(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is held while inputs are: forces on joints by their wheels (nv,), and of wheels drawn (k,) [N]."""
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
@@ -87,11 +88,11 @@ class Inputs:
             wanted = seen[0] @ (seen[1][:, columns] @ T[columns])
             torques = np.linalg.lstsq(seen[0] @ effects[:, drives], wanted, rcond=_ZERO)[0]
             for drive, torque in zip(drives, torques, strict=True):
-                own = self._drives[drive].own
-                if own is None:
-                    drawn[self.drawn.index(self._drives[drive].contact)] += torque
+                wheel = self._drives[drive]
+                if wheel.own is None:
+                    drawn[self._drawn.index(drive)] += torque / wheel.contact.radius
                 else:
-                    force[own] += torque
+                    force[wheel.own] += torque
         return force, drawn
 
     @property
@@ -149,7 +150,7 @@ def _does(seen: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int,
 def _drives(reduced: ReducedModel, contacts: Sequence[Contact]) -> list[Drive]:
     model, found = reduced.robot.model, []
     for contact in contacts:
-        if contact.spins:
+        if contact.drawn:
             found.append(Drive(contact, None))
         elif contact.grip in ("all", "forward") and not contact.round:
             joint = model.joints[contact.joint]

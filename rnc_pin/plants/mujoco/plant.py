@@ -9,8 +9,8 @@ from numpy import ndarray as Array
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.couplings import Couplings
-from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.ground import Grips, add_ground, hinge_of
+from rnc_pin.plants.mujoco.engine import mujoco, unlogged
+from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.inputs import Inputs
 from rnc_pin.plants.mujoco.parts import Joints
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
@@ -37,10 +37,10 @@ class MuJoCoPlant:
     """The robot of a reduced model in MuJoCo: a ``Machine``.
 
     The MuJoCo model is made from the loaded robot, by names of joints. Momentum is not imposed, it emerges. Wheels grip
-    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides; ``NoSideSlip``
-    is made of the wheels that are drawn on its axle, which turn freely unless a force on their body drives them, or of
-    a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are read, however it
-    stands; see ``MuJoCoSettings``.
+    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides;
+    ``NoSideSlip`` is made of the wheels that are drawn on its axle, which roll freely unless a force on their body
+    drives them, or of a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are
+    read, however it stands; see ``MuJoCoSettings``.
 
     Args:
         reduced: the model whose robot, constraints and actuators are taken.
@@ -94,10 +94,9 @@ class MuJoCoPlant:
         self._joints = Joints(tree.finish(self.model, self.data, self.settings.joint_damping), robot.nq, robot.nv)
         self._couplings = couplings.compiled(self.model)
         self._inputs = Inputs(reduced, contacts, q)
-        hinges = [self.model.joint(hinge_of(each)) for each in self._inputs.drawn]
-        self._hinges = np.array([hinge.dofadr[0] for hinge in hinges], dtype=int)
-        self._grips = Grips(self.model, contacts, self.settings.friction[0])
-        self.wheel_names = self._grips.names
+        self._ground = Ground(self.model, self.data, [*contacts, *standing.casters], self.settings)
+        self.wheel_names = self._ground.names
+        self._drawn = [self.wheel_names.index(name) for name in self._inputs.drawn]
         self.casters = tuple(each.name for each in standing.casters)
         self.wheel_driven = self._inputs.by_wheels
         self._limits = reduced.actuation.limits
@@ -106,7 +105,7 @@ class MuJoCoPlant:
     def _set_options(self, option: mujoco.MjOption) -> None:
         chosen = self.settings
         option.integrator, option.solver = _INTEGRATORS[chosen.integrator], _SOLVERS[chosen.solver]
-        option.cone, option.impratio = _CONES[chosen.cone], chosen.impratio
+        option.cone = _CONES[chosen.cone]
         option.iterations, option.tolerance, option.timestep = chosen.iterations, chosen.tolerance, chosen.step
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
@@ -126,15 +125,15 @@ class MuJoCoPlant:
         if self.stance == "free":
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
-            self.data.qpos[self.model.joint("root_joint/z").qposadr[0]] = self._lift
+            self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
         rest = np.zeros_like(v)
         self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         for coupling in self._couplings:
             coupling.set(self.model, self.data.qpos, fresh=True)
+        self._ground.begin()
         if self.stance in ("free", "level"):
             self._settle(q)
         self._joints.write(q, v, self.data.qpos, self.data.qvel)
-        self._roll_along(v)
         self.data.time = 0.0
         mujoco.mj_forward(self.model, self.data)
 
@@ -145,6 +144,8 @@ class MuJoCoPlant:
         T = np.array(T, dtype=float)
         if T.shape != self._T.shape:
             raise InputError(f"T has shape {T.shape}, expected {self._T.shape}")
+        if not np.isfinite(T).all():
+            raise InputError(f"T is not finite: {T.tolist()}")
         self._T = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def advance(self, dt: float) -> None:
@@ -156,52 +157,42 @@ class MuJoCoPlant:
         steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
-        held, drawn = self._inputs.torques(q, self._T)
+        held, drawn = self._inputs.of_wheels(q, self._T)
+        wanted = np.zeros(len(self.wheel_names))
+        wanted[self._drawn] = drawn
         direct = None if self._inputs.follows else held + self._inputs.direct(q, self._T)
-        for _ in range(steps):
-            force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
-            self._step(force, drawn)
-        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("the state in MuJoCo is not finite", time=self.time)
+        with unlogged():
+            for _ in range(steps):
+                force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
+                self._step(force, wanted)
 
-    def _step(self, force: np.ndarray, drawn: np.ndarray) -> None:
+    def _step(self, force: np.ndarray, wanted: np.ndarray) -> None:
         applied = self.data.qfrc_applied
         applied[:] = 0.0
         self._joints.push(self.data.qpos, force, applied)
-        applied[self._hinges] += drawn
+        self._ground.prepare(wanted)
         for coupling in self._couplings:
             coupling.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
+        if not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("velocities in MuJoCo have no bound", time=self.time)
 
     # ------------------------------------------------------------------ rest
 
     def _settle(self, q: np.ndarray) -> None:
         """Let the ground take the weight while pose and joints are held."""
         self.model.opt.timestep = self.settings.step
-        rest = np.zeros(self._reduced.robot.nv)
-        for _ in range(round(self.settings.settling / self.settings.step)):
-            mujoco.mj_fwdPosition(self.model, self.data)
-            mujoco.mj_fwdVelocity(self.model, self.data)
-            self.data.qfrc_applied[6 if self.stance == "free" else 4 :] = self.data.qfrc_bias[
-                6 if self.stance == "free" else 4 :
-            ]
-            mujoco.mj_step(self.model, self.data)
-            self._joints.write(q, rest, self.data.qpos, self.data.qvel)
+        rest, held = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
+        with unlogged():
+            for _ in range(round(self.settings.settling / self.settings.step)):
+                mujoco.mj_fwdPosition(self.model, self.data)
+                mujoco.mj_fwdVelocity(self.model, self.data)
+                self.data.qfrc_applied[held] = self.data.qfrc_bias[held]
+                mujoco.mj_step(self.model, self.data)
+                self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         self.data.qfrc_applied[:] = 0.0
-
-    def _roll_along(self, v: np.ndarray) -> None:
-        """Give wheels that are only drawn the speed of the ground under them."""
-        if not len(self._hinges):
-            return
-        mujoco.mj_forward(self.model, self.data)
-        for contact, dof in zip(self._inputs.drawn, self._hinges, strict=True):
-            body = self.model.body(hinge_of(contact)).id
-            moving = np.zeros(6)
-            mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, moving, 0)
-            axle = self.data.body(body).xmat.reshape(3, 3) @ contact.axle
-            heading = np.cross(axle, [0.0, 0.0, 1.0])
-            heading /= np.linalg.norm(heading)
-            self.data.qvel[dof] += (heading @ moving[3:]) / contact.radius
+        if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
+            raise DivergenceError("the vehicle does not come to rest on the ground in MuJoCo")
 
     # ------------------------------------------------------------------ for the record
 
@@ -216,4 +207,4 @@ class MuJoCoPlant:
 
     def friction_used(self) -> Float[Array, " w"]:
         """Of each of ``wheel_names``: force along the ground over what grip and load allow; zero off the ground."""
-        return self._grips.used(self.model, self.data)
+        return self._ground.used()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,7 +23,8 @@ _CHOICES: dict[str, tuple[object, ...]] = {
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
-_POSITIVE = ("step", "tolerance", "impratio")
+_LEAST = {"step": 0.0, "iterations": 1, "tolerance": 0.0, "contact_time": 0.0, "settling": 0.0}
+_POSITIVE = ("step", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,10 @@ class MuJoCoSettings:
         iterations: of the solver, at most.
         tolerance: of the solver.
         cone: of friction forces.
-        impratio: how much stiffer contacts are along the ground than across it; large values creep less.
-        contact_time: time constant in which a contact takes away what it penetrates, and slip below the grip [s]; at
-            least twice the step, which is the default. In a turn wheels creep sideways by half of it times the
-            centripetal acceleration: MuJoCo's contacts do not foresee that they turn.
-        contact_impedance: how rigid a contact is, below 1.
-        wheel_shape: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for upright wheels;
-            "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
+        contact_time: time constant in which a contact takes away what it penetrates [s]; at least four steps, which is
+            the default. The ground gives way under the weight by 10 m/s^2 times its square.
+        wheel_shape: of wheels that turn: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for
+            upright wheels; "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
         stance: how a vehicle stands that the robot's model keeps on a plane. "free": in all six degrees of freedom, it
             may lean and tip. "level": it moves up and down but cannot lean, so that its wheels share its weight evenly.
             "auto": free where its wheels carry it, level where it would tip.
@@ -63,10 +61,11 @@ class MuJoCoSettings:
         >>> from rnc_pin.plants.mujoco import MuJoCoSettings
         >>> MuJoCoSettings(friction=(0.4, 0.0, 0.0)).friction[0]
         0.4
-        >>> MuJoCoSettings(integrator="rk4")
-        Traceback (most recent call last):
-        ...
-        rnc_pin.errors.ConfigurationError: MuJoCo: integrator 'rk4' is not known; did you mean 'RK4'?
+        >>> try:
+        ...     MuJoCoSettings(solver="newton")
+        ... except rnc.ConfigurationError as error:
+        ...     print(error)
+        MuJoCo: solver 'newton' is not known; did you mean 'Newton'?
     """
 
     step: float = 0.0005
@@ -76,9 +75,7 @@ class MuJoCoSettings:
     iterations: int = 50
     tolerance: float = 1e-12
     cone: Cone = "elliptic"
-    impratio: float = 100.0
     contact_time: float = 0.0
-    contact_impedance: float = 0.999
     wheel_shape: WheelShape = "ellipsoid"
     stance: Stance = "auto"
     casters: Literal["auto"] | bool = "auto"
@@ -90,7 +87,7 @@ class MuJoCoSettings:
     @property
     def firmness(self) -> float:
         """The time constant of contacts [s]."""
-        return max(self.contact_time, 2 * self.step)
+        return max(self.contact_time, 4 * self.step)
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
@@ -99,6 +96,7 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
+<<<<<<< HEAD
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float | int) and not np.isfinite(value):
@@ -109,16 +107,20 @@ class MuJoCoSettings:
 
     def _check_numbers(self) -> None:
         friction = np.asarray(self.friction, dtype=float)
+=======
+        for name, least in _LEAST.items():
+            value = getattr(self, name)
+            number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+            if not number or value < least or (name in _POSITIVE and not value > 0):
+                expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"
+                raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
+        try:
+            friction = np.asarray(self.friction, dtype=float)
+        except (TypeError, ValueError):
+            friction = np.empty(0)
+>>>>>>> mujoco
         if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
             raise ConfigurationError(
-                f"MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found {self.friction}"
+                "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "
+                f"{self.friction!r}"
             )
-        if not 0 < self.contact_impedance < 1:
-            raise ConfigurationError(
-                f"MuJoCo: contact_impedance has to lie between 0 and 1, found {self.contact_impedance}"
-            )
-        if self.iterations < 1:
-            raise ConfigurationError(f"MuJoCo: iterations have to be at least 1, found {self.iterations}")
-        for name in ("settling", "contact_time"):
-            if getattr(self, name) < 0:
-                raise ConfigurationError(f"MuJoCo: {name} cannot be negative, found {getattr(self, name)}")

@@ -83,7 +83,7 @@ def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: C
     while joint > 1:
         index = model.joints[joint].idx_v
         axis = columns[3:, index]
-        own = joint == contact.joint and not contact.spins and abs(axis @ axle) > 1 - _LEVEL
+        own = joint == contact.joint and not contact.drawn and abs(axis @ axle) > 1 - _LEVEL
         if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL):
             return False
         joint = model.parents[joint]

@@ -89,7 +89,7 @@ class Tree:
             if kind == "JointModelPlanar":
                 self._add_planar(body, index, root)
             elif kind == "JointModelFreeFlyer" and parent == 0:
-                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE, align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE)
+                body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
                 self._plan(Free, name, index, placement=placement)
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
@@ -122,7 +122,7 @@ class Tree:
     def _add_planar(self, body: Any, index: int, root: Root) -> None:
         name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
         if root == "free":
-            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE, align=mujoco.mjtAlignFree.mjALIGNFREE_FALSE)
+            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
             self._plan(Standing, name, index, placement=placement)
             return
         for axis in "xyz" if root == "level" else "xy":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -33,9 +33,10 @@ class Contact:
         center, axle: in the axes of that joint (3,) [m]; of a ball the axle means nothing.
         radius: [m].
         grip: along which directions it holds on.
-        spins: whether it is a wheel that is only drawn, which MuJoCo has to turn on a hinge of its own.
+        drawn: whether it is a wheel that is only drawn, which rolls without being turned by a joint.
         blade: whether it is a point that glides along its heading, with no wheel to be seen.
         round: whether it is a ball.
+        up: in the axes of its joint (3,).
     """
 
     name: str
@@ -44,9 +45,10 @@ class Contact:
     axle: np.ndarray
     radius: float
     grip: Grip = "all"
-    spins: bool = False
+    drawn: bool = False
     blade: bool = False
     round: bool = False
+    up: np.ndarray = field(default_factory=_UP.copy)
 
     def at(self, placement: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
         """Its center and its lowest point (3,), where its joint is placed like this."""
@@ -112,7 +114,7 @@ def _edge(robot: Robot, kind: NoSideSlip) -> list[Contact]:
         return [Contact(kind.frame, frame.parentJoint, middle, axle, 0.0, "across", blade=True)]
     names = [kind.frame] if len(wheels) == 1 else [f"{kind.frame}[{number}]" for number in range(len(wheels))]
     return [
-        Contact(name, frame.parentJoint, center, axle, radius, spins=True)
+        Contact(name, frame.parentJoint, center, axle, radius, "across", drawn=True)
         for name, (center, radius) in zip(names, wheels, strict=True)
     ]
 
@@ -155,14 +157,14 @@ def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tu
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     low = {each.name: float(each.at(data.oMi[each.joint])[1][2]) for each in contacts if not each.blade}
-    wheels = [value for value in low.values()] or [
-        float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade
-    ]
+    wheels = list(low.values()) or [float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade]
     ground = min(wheels)
     found = []
     for each in contacts:
+        placement = data.oMi[each.joint]
+        each = replace(each, up=placement.rotation.T @ _UP)
         if each.blade:
-            center, _ = each.at(data.oMi[each.joint])
+            center, _ = each.at(placement)
             found.append(replace(each, radius=float(center[2]) - ground))
             continue
         gap = low[each.name] - ground

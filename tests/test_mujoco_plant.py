@@ -1,0 +1,390 @@
+"""MuJoCo as the machine: the same robot, the same motion, and wheels that grip only so far."""
+
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.plants import Machine
+
+mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
+
+from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings  # noqa: E402
+from rnc_pin.plants.mujoco.parts import Joints  # noqa: E402
+from rnc_pin.plants.mujoco.tree import Tree  # noqa: E402
+from rnc_pin.plants.mujoco.wheels import contacts_of  # noqa: E402
+
+
+def every_kind_of_joint():
+    """A chain on a planar base with every kind of joint that both have, anywhere and about any axis."""
+    pin.seed(1)
+    model, slanted = pin.Model(), np.array([0.6, 0.0, 0.8])
+    stack = pin.JointModelComposite()
+    for inner in (pin.JointModelRX(), pin.JointModelPY(), pin.JointModelRUBZ()):
+        stack.addJoint(inner, pin.SE3.Random())
+    kinds = [
+        pin.JointModelPlanar(),
+        pin.JointModelRevoluteUnaligned(slanted),
+        pin.JointModelPrismaticUnaligned(slanted),
+        pin.JointModelSpherical(),
+        pin.JointModelRUBY(),
+        pin.JointModelTranslation(),
+        pin.JointModelSphericalZYX(),
+        stack,
+    ]
+    joint = 0
+    for number, kind in enumerate(kinds):
+        joint = model.addJoint(joint, kind, pin.SE3.Random(), f"joint_{number}")
+        inertia = pin.Inertia(1.3, np.array([0.1, 0.2, -0.3]), np.diag([0.3, 0.4, 0.5]) + 0.01)
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Random())
+    model.armature[3:] = 0.2
+    return rnc.Robot(model)
+
+
+def floating_panda():
+    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+    fingers = {"panda_finger_joint1": 0.03, "panda_finger_joint2": 0.03}
+    return satellite.attach(rnc.Robot.from_example("panda", lock=fingers), "mount")
+
+
+def differential_drive():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+
+
+ROBOTS = {
+    "space robot": lambda: rnc.Robot.from_urdf("space_robot.urdf"),
+    "mobile manipulator": lambda: rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"),
+    "floating arm": floating_panda,
+    "TIAGo": lambda: rnc.Robot.from_example("tiago_no_hand", base="planar"),
+    "every kind of joint": every_kind_of_joint,
+}
+
+
+class Written:
+    """A robot in MuJoCo alone."""
+
+    def __init__(self, robot):
+        spec = mujoco.MjSpec()
+        tree = Tree(spec, robot, "as it is", False)
+        self.robot, self.model = robot, spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.joints = Joints(tree.finish(self.model, self.data, False), robot.nq, robot.nv)
+
+    def velocity(self, q, v):
+        """MuJoCo's."""
+        other = mujoco.MjData(self.model)
+        self.joints.write(q, v, other.qpos, other.qvel)
+        return other.qvel.copy()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_masses_and_accelerations_are_those_of_pinocchio(name):
+    robot = ROBOTS[name]()
+    written = Written(robot)
+    model, data, generator = written.model, written.data, np.random.default_rng(3)
+    for _ in range(3):
+        q = pin.integrate(robot.model, pin.neutral(robot.model), generator.uniform(-2, 2, robot.nv))
+        v, force = generator.normal(size=robot.nv), 10 * generator.normal(size=robot.nv)
+        written.joints.write(q, v, data.qpos, data.qvel)
+        q_read, v_read = written.joints.read(data.qpos, data.qvel)
+        np.testing.assert_allclose(pin.difference(robot.model, q, q_read), 0, atol=1e-14)
+        np.testing.assert_allclose(v_read, v, atol=1e-14)
+
+        data.qfrc_applied[:] = 0
+        written.joints.push(data.qpos, force, data.qfrc_applied)
+        mujoco.mj_forward(model, data)
+        columns = [written.velocity(q, each) for each in np.eye(robot.nv)]
+        inertia = np.empty((robot.nv, robot.nv))
+        for k, column in enumerate(columns):
+            momentum = np.empty(model.nv)
+            mujoco.mj_mulM(model, data, momentum, column)
+            inertia[:, k] = [momentum @ other for other in columns]
+        expected = pin.crba(robot.model, robot.model.createData(), q)
+        np.testing.assert_allclose(np.triu(inertia), np.triu(expected), rtol=0, atol=1e-10 * np.abs(expected).max())
+
+        step = 1e-6
+        v_dot = pin.aba(robot.model, robot.model.createData(), q, v, force)
+        after = written.velocity(pin.integrate(robot.model, q, step * v), v + step * v_dot)
+        difference = (after - data.qvel) / step
+        np.testing.assert_allclose(difference, data.qacc, rtol=0, atol=1e-5 * np.abs(data.qacc).max())
+
+
+def driven(reduced, q0, v2_0, T, duration, **settings):
+    """A plant and the exact motion of the reduced model: (plant, difference of q, difference of v)."""
+    exact = rnc.free_motion(reduced, q0, v2_0, duration, duration / 10, T)
+    plant = MuJoCoPlant(reduced, MuJoCoSettings(**settings), q0)
+    assert isinstance(plant, Machine)
+    plant.reset(q0, reduced.velocity(q0, v2_0))
+    plant.apply(np.zeros(reduced.p) if T is None else T)
+    plant.advance(duration)
+    assert plant.time == pytest.approx(duration)
+    q, v = plant.read()
+    gap = pin.difference(reduced.robot.model, exact.q[-1], q)
+    return plant, np.abs(gap).max(), np.abs(v - exact.v[-1]).max()
+
+
+def test_a_space_robot_keeps_its_momentum():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+    q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.5, -0.3, 0.2]), 5.0)
+    assert max(q, v) < 1e-10
+    assert np.abs(plant.slip()).max() < 1e-10
+    assert plant.wheel_names == ()
+    assert plant.friction_used().shape == (0,)
+
+
+def test_a_floating_arm_keeps_six_momenta():
+    robot = floating_panda()
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], robot.joint_names[1:])
+    q0 = robot.configuration({"panda_joint2": -0.9, "panda_joint4": -1.9})
+    _, q, v = driven(system.reduce(), q0, np.full(7, 0.1), np.full(7, 0.1), 1.0)
+    # Before 4.0 the attitude of a free body is of second order.
+    assert max(q, v) < (1e-8 if int(mujoco.__version__.split(".")[0]) >= 4 else 1e-5)
+
+
+def test_geared_joints_and_closed_loops():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    gear = rnc.JointCoupling("joint_2", "joint_1", ratio=-0.5, offset=0.1)
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform"), gear], ["joint_1", "joint_3"])
+    q0 = system.assembled(robot.configuration({"joint_1": 0.4}), ["joint_1"])
+    _, q, _ = driven(system.reduce(), q0, np.zeros(2), np.array([1.0, 0.2]), 2.0)
+    assert q < 1e-7
+
+    handle = rnc.LoopClosure("platform_body", "tip", kind="point")
+    system = rnc.NonholonomicSystem(robot, [handle], ["joint_1"])
+    q0 = system.assembled(robot.configuration({"joint_1": 0.5, "joint_2": 2.0, "joint_3": 1.5}))
+    reduced = system.reduce()
+    plant, q, _ = driven(reduced, q0, np.zeros(2), np.array([2.0]), 1.0)
+    assert q < 1e-5
+    assert np.abs(reduced.position_residual(plant.read()[0])).max() < 1e-6
+
+
+def test_steered_wheels_turn_about_one_centre():
+    model, mass = pin.Model(), pin.Inertia(1.0, np.zeros(3), np.eye(3))
+    for name, side in (("left", 0.5), ("right", -0.5)):
+        kind = pin.JointModelRZ() if name == "left" else pin.JointModelRevoluteUnaligned(np.array([0.0, 0.0, -1.0]))
+        joint = model.addJoint(0, kind, pin.SE3(np.eye(3), np.array([1.5, side, 0.0])), name)
+        model.appendBodyToJoint(joint, mass, pin.SE3.Identity())
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.AckermannSteering("left", "right", "universe")], ["left"])
+    reduced = system.reduce()
+    plant, q, v = driven(reduced, np.zeros(2), np.zeros(1), np.array([0.5]), 2.0)
+    assert max(q, v) < 1e-3
+    assert np.abs(reduced.position_residual(plant.read()[0])).max() < 1e-5
+
+
+def test_a_free_ball_and_a_leaning_disk_roll():
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
+    q0 = robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]})
+    reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+    plant, q, v = driven(reduced, q0, np.array([0.5, 2.0, 1.0]), None, 1.0)
+    assert max(q, v) < 1e-6
+    assert plant.stance == "as it is"
+
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
+    tilted = pin.Quaternion(pin.rpy.rpyToMatrix(0.3, 0.0, 0.0)).coeffs()
+    q0 = system.assembled(robot.configuration({"root_joint": [0, 0, 0.3, *tilted]}))
+    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+    _, q, _ = driven(reduced, q0, np.array([0.2, 4.0, 0.5]), None, 1.0)
+    assert q < 5e-3
+
+
+def test_a_differential_drive_grips_and_follows_the_model():
+    reduced = differential_drive()
+    q0, T = reduced.robot.configuration(), np.array([0.5, 0.6])
+    plant, q, v = driven(reduced, q0, np.zeros(2), T, 2.0, integrator="implicitfast")
+    assert plant.stance == "free"
+    assert plant.casters == ("caster[0]", "caster[1]")
+    assert max(q, v) < 1e-2  # angles of wheels, which are ten times what the base goes [m]
+    assert np.abs(plant.slip()).max() < 1e-3
+    used = plant.friction_used()
+    assert plant.wheel_names == ("left_wheel", "right_wheel")
+    assert ((used > 0.02) & (used < 0.2)).all()
+
+    _, finer, _ = driven(reduced, q0, np.zeros(2), T, 1.0, step=1e-4)
+    _, coarse, _ = driven(reduced, q0, np.zeros(2), T, 1.0, step=4e-4)
+    assert finer < 0.5 * coarse
+
+
+def test_wheels_on_ice_slip_at_the_limit_of_their_grip():
+    reduced = differential_drive()
+    plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(0.05, 0.0, 0.0)))
+    plant.reset(reduced.robot.configuration(), np.zeros(5))
+    plant.apply(np.array([3.0, 3.0]))
+    plant.advance(1.0)
+    np.testing.assert_allclose(plant.friction_used(), 1.0, atol=1e-3)
+    assert np.abs(plant.slip()).max() > 1.0
+    # No more than mu times the weight drives 22 kg.
+    assert plant.read()[1][0] < 0.05 * 9.81 * 1.01
+
+
+def test_forces_on_a_car_become_torques_of_its_drawn_wheels():
+    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+    edges = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
+    system = rnc.NonholonomicSystem(robot, edges, [rnc.FrameForce("rear_axle", "x"), "front_steering"])
+    reduced = system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
+    q0, v2, T = robot.configuration(), np.array([0.5, 0.0]), np.array([10.0, 0.05])
+    plant, q, _ = driven(reduced, q0, v2, T, 1.0)
+    assert plant.stance == "free"
+    assert plant.casters == ()
+    assert plant.wheel_driven == ("force(rear_axle.x)",)
+    assert plant.wheel_names == ("front_axle[0]", "front_axle[1]", "rear_axle[0]", "rear_axle[1]")
+    assert q < 1e-3
+
+
+def test_what_would_tip_is_held_level():
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    plant, q, _ = driven(reduced, q0, np.zeros(4), np.array([5.0, 3.0, 0.5, 0.2]), 1.0)
+    assert plant.stance == "level"
+    assert plant.wheel_driven == ("force(base.x)", "torque(base.z)")
+    assert q < 1e-3
+
+
+def test_one_wheel_cannot_turn_itself_and_is_turned():
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    turn = rnc.FrameTorque("fork", "z")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("wheel", 0.25)], ["axle", turn]).reduce()
+    plant, q, _ = driven(reduced, robot.configuration(), np.zeros(2), np.array([0.5, 0.02]), 1.0)
+    assert plant.wheel_driven == ()
+    assert q < 1e-3
+
+
+def test_a_blade_is_a_knife_edge():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]
+    )
+    plant, q, v = driven(reduced, robot.configuration(), np.array([0.0, 1.0]), None, 2.0)
+    assert plant.wheel_names == ("sleigh",)
+    assert max(q, v) < 3e-3
+
+
+def test_wheels_that_skid_hold_on_forward_alone():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1, lateral=False) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameSpeed("base", "y"), rnc.FrameYaw("base")])
+    _, q, v = driven(reduced, robot.configuration(), np.array([0.0, 0.3, 0.0]), np.array([0.1, 0.12]), 1.0)
+    assert max(q, v) < 1e-2
+
+
+def test_the_same_inputs_give_the_same_bits_and_a_reset_forgets():
+    reduced, ends = differential_drive(), []
+    plant = MuJoCoPlant(reduced)
+    for machine in (plant, plant, MuJoCoPlant(reduced)):
+        machine.reset(reduced.robot.configuration(), np.zeros(5))
+        assert machine.time == 0
+        machine.apply(np.array([0.3, 0.1]))
+        machine.advance(0.2)
+        ends.append(np.concatenate(machine.read()))
+    assert np.array_equal(ends[0], ends[1])
+    assert np.array_equal(ends[0], ends[2])
+
+
+def test_limits_and_damping_on_request():
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    q0 = robot.configuration({"joint_1": 62.8, "joint_2": 1.0})
+    stopped = MuJoCoPlant(reduced, MuJoCoSettings(joint_limits=True, joint_damping=True, effort_limits=True), q0)
+    stopped.reset(q0, np.zeros(2))
+    stopped.apply(np.array([1e6, 0.0]))
+    stopped.advance(0.5)
+    assert stopped.read()[0][0] < 62.84
+    assert stopped.model.dof_damping.tolist() == robot.model.damping.tolist()
+
+
+def test_what_it_has_not_is_refused_by_name():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    row = np.array([[0.0, 1.0, 1.0, 1.0]])
+    level = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, names=["level"])
+    with pytest.raises(rnc.ConfigurationError, match=r"MuJoCo: level \(Pfaffian\).*it has rolling wheels"):
+        MuJoCoPlant(rnc.NonholonomicSystem(robot, [level], ["joint_1"]).reduce())
+
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelHX(0.1), pin.SE3.Identity(), "spindle")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    with pytest.raises(rnc.ConfigurationError, match=r"no joint like 'spindle' \(JointModelHX\)"):
+        MuJoCoPlant(rnc.NonholonomicSystem(rnc.Robot(model), [], ["spindle"]).reduce())
+
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar", gravity=(0, 0, 0))
+    afloat = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left_wheel", 0.1)], ["left_wheel_joint"])
+    with pytest.raises(rnc.ConfigurationError, match=r"'left_wheel' grips by its weight, and gravity is \[0"):
+        MuJoCoPlant(afloat.reduce())
+
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    askew = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left_wheel", 0.1, roller=0.7)], ["left_wheel_joint"])
+    with pytest.raises(rnc.ConfigurationError, match="'left_wheel' touches the ground with rollers that lie askew"):
+        MuJoCoPlant(askew.reduce())
+
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.08)]
+    uneven = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint"]).reduce()
+    with pytest.raises(rnc.ConfigurationError, match=r"'right_wheel' hangs 0\.02 m above the ground"):
+        MuJoCoPlant(uneven)
+
+    robot = rnc.Robot.from_urdf("differential_drive.urdf")
+    bolted = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("left_wheel", "x")], ["left_wheel_joint"]).reduce()
+    with pytest.raises(rnc.ConfigurationError, match="nothing presses wheel 'left_wheel' on the ground"):
+        MuJoCoPlant(bolted)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"integrator": "RK5"}, "did you mean 'RK4'"),
+        ({"step": 0.0}, "step: expected a positive number, found 0.0"),
+        ({"friction": (1.0, -0.1, 0.0)}, "three numbers"),
+        ({"settling": float("nan")}, "settling: expected a number from 0, found nan"),
+        ({"contact_time": -1.0}, "expected a number from 0"),
+        ({"iterations": "many"}, "expected a number from 1, found 'many'"),
+        ({"friction": "ice"}, "three numbers"),
+        ({"stance": "standing"}, "stance 'standing' is not known"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(wrong, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        MuJoCoSettings(**wrong)
+
+
+def test_what_is_not_finite_is_refused_and_what_becomes_so_ends_the_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    plant = MuJoCoPlant(reduced)
+    plant.reset(robot.configuration(), np.zeros(4))
+    with pytest.raises(rnc.InputError, match="T is not finite"):
+        plant.apply(np.array([np.nan, 0.0, 0.0, 0.0]))
+    with pytest.raises(rnc.InputError, match=r"T has shape \(3,\)"):
+        plant.apply(np.zeros(3))
+    with pytest.raises(rnc.InputError, match="expected that of q and v"):
+        plant.reset(robot.configuration(), np.zeros(3))
+    plant.apply(np.full(4, 1e200))
+    with pytest.raises(rnc.DivergenceError, match="have no bound"):
+        plant.advance(1.0)
+    assert not list(tmp_path.iterdir())  # MuJoCo writes logs where it stands
+
+
+def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch):
+    for name in [each for each in sys.modules if each.startswith("rnc_pin.plants.mujoco")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(rnc.ConfigurationError, match=r"pip install 'rnc_pin\[mujoco\]'"):
+        __import__("rnc_pin.plants.mujoco")
+
+
+def test_drawn_wheels_are_found_without_hubs_and_shafts():
+    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+    edges = [rnc.NoSideSlip(frame) for frame in ("front_axle", "tractor_axle", "rear_axle")]
+    system = rnc.NonholonomicSystem(robot, edges)
+    found = contacts_of(robot, [place.block for place in system.rows.places])
+    assert [each.radius for each in found] == [0.13] * 6
+    assert [round(each.center[1], 6) for each in found] == [-0.24, 0.24, -0.26, 0.26, -0.24, 0.24]
