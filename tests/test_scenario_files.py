@@ -358,7 +358,10 @@ BROKEN = {
         {"controller.type": "redundency"},
         ["controller.type: expected 'redundancy', 'red"],
     ),
-    "unknown preset": ({"controller.preset": "papr"}, ["controller.preset: expected 'paper' or 'scaled'"]),
+    "unknown preset": (
+        {"controller.preset": "papr"},
+        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"],
+    ),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
     "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
     "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta"]),

@@ -67,6 +67,12 @@ class TwoPhaseSettings(HeldSettings):
         """Of the hand's tracker and of the platform's."""
         if self.preset == "paper":
             return PositionGains.paper(), VelocityGains.paper()
+        if self.preset == "normalised":
+            bounds = self.bounds(context)
+            return (
+                PositionGains.normalised(bounds[context.task.primary]),
+                VelocityGains.normalised(bounds[context.task.redundant]),
+            )
         task, reduced, dt, start = context.task, context.reduced, context.simulation.dt, context.q0[None]
         hand = np.ix_(np.arange(1), task.primary, task.primary)
         with named("controller"):
