@@ -1,6 +1,6 @@
 """Controllers: one file each, one protocol, gains beside them."""
 
-from rnc_pin.control.chained_stabilizer import ChainedStabilizer, UnicycleStabilizer
+from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.estimation import EstimatedModel, Regressor
 from rnc_pin.control.estimator import Estimator
@@ -26,6 +26,7 @@ from rnc_pin.control.state_feedback import StateFeedback
 from rnc_pin.control.steering import SteeringController
 from rnc_pin.control.uncertain import UncertainController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
+from rnc_pin.control.unicycle_stabilizer import UnicycleStabilizer
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
 
