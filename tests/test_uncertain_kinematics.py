@@ -20,7 +20,7 @@ from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from rnc_pin.robots.urdf_files import find_urdf
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.run import execute, plan
 from systems import free_flying_panda, random_states, space_robot
 from tolerances import ROUNDING
 
@@ -202,6 +202,21 @@ def test_learning_makes_predictions_and_the_platform_better():
             assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
     assert late_error[60.0] < 0.1 * late_error[0.0]
     assert late_angle[60.0] < 0.5 * late_angle[0.0]
+
+
+def test_figure_6_at_the_papers_gains():
+    """K = 10, k3 = 2, alpha = 1 and nothing known of H: what adaptation is worth, far from singular configurations."""
+    missed = {}
+    for alpha in (1.0, 0.0):
+        options = {"controller.preset": "paper", "controller.alpha": alpha, "simulation.dt": 0.04}
+        run = execute(plan("space-robot-uncertain", {**options, "comparisons": {}, "plots": {}})).trajectory
+        assert run.info.outcome.value == "completed"
+        assert run.singular_value.min() > 0.2
+        late = run.time > 30.0
+        missed[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
+        assert np.sqrt(np.mean((run.x2_desired - run.x2)[late, :2] ** 2)) < 0.08  # the tip, fed forward open loop
+    assert missed[1.0] < 0.03
+    assert missed[1.0] < 0.4 * missed[0.0]
 
 
 def test_nonsense_is_refused():
