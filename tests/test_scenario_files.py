@@ -491,6 +491,6 @@ def test_what_goes_with_a_preset_is_brought_by_it_and_options_count_more(tmp_pat
     assert shorter.duration == 2.0
     path.write_text(yaml.safe_dump(shorter.raw))
     assert plan(str(path)).duration == 2.0
-    with pytest.raises(rnc.ConfigurationError, match="presets.papr"):
-        path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
+    path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
+    with pytest.raises(rnc.ConfigurationError, match=r"presets\.papr"):
         plan(str(path))

@@ -19,7 +19,6 @@ from rnc_pin.scenario.run import execute, plan
 from systems import mobile_manipulator
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
-
 PAPER = {"controller.preset": "paper", "comparisons": {}, "plots": {}, "simulation.dt": 0.02}
 
 
@@ -97,7 +96,7 @@ def seen(pose, v2=(0.0, 0.0)):
 def beside(dx, dy, turn):
     """A pose in the goal's axes."""
     c, s = np.cos(GOAL[2]), np.sin(GOAL[2])
-    return GOAL + [c * dx - s * dy, s * dx + c * dy, turn]
+    return GOAL + np.array([c * dx - s * dy, s * dx + c * dy, turn])
 
 
 def driven(stabilizer, pose, duration, dt=0.02, state=None, start=0.0):
@@ -109,7 +108,7 @@ def driven(stabilizer, pose, duration, dt=0.02, state=None, start=0.0):
         v2 = target.v2
         half = v2[1] * dt / 2
         way = dt * v2[0] * np.sinc(half / np.pi)
-        pose = pose + [way * np.cos(pose[2] + half), way * np.sin(pose[2] + half), 2 * half]
+        pose = pose + np.array([way * np.cos(pose[2] + half), way * np.sin(pose[2] + half), 2 * half])
         targets.append(v2)
     return pose, state, np.array(targets)
 
@@ -203,9 +202,8 @@ def test_the_hand_arrives_first_and_stays_while_the_platform_drives():
 
 
 def test_at_the_papers_gains_the_platform_arrives_in_heading_too():
-    """Figure 7 with k = 10, k1 = k2 = 10, gamma = 2: loops slower than the pose wants, so it drives slowly, and rests."""
-    result = execute(plan("mobile-manipulator-two-phase", PAPER))
-    run = result.trajectory
+    """Figure 7 with k = 10, k1 = k2 = 10, gamma = 2: slow loops, so it drives slowly, and rests."""
+    run = execute(plan("mobile-manipulator-two-phase", PAPER)).trajectory
     pose = np.column_stack([run.x1[:, :2], run.x2[:, 3]])
     assert np.abs(pose[-1] - [-1.3, 0.0, 0.0]).max() < 0.03
     assert np.abs(run.v2_desired[-1, 2:]).max() == 0.0

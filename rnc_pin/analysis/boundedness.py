@@ -114,7 +114,7 @@ def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Si
 
 
 def _order(distances: Sequence[float], sizes: Sequence[float]) -> float:
-    """p of ``size ~ distance^-p`` over the nearer half of the way; zero of what is zero."""
+    """The power in ``size ~ distance^-p`` over the nearer half of the way; zero of what is zero."""
     nearer = max(_FEWEST, (len(distances) + 1) // 2)
     last = np.array(sizes)[-nearer:]
     if not (last > 0).all():

@@ -1,8 +1,8 @@
 """Point stabilisation of a unicycle: position and heading, from anywhere.
 
 M. Aicardi, G. Casalino, A. Bicchi, A. Balestrino, "Closed loop steering of unicycle like vehicles via Lyapunov
-techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35: with the distance e to the goal, the angle alpha from
-the heading to the line of sight and the angle theta from the goal's heading to it,
+techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35: with the distance e to the goal, the angle alpha
+from the heading to the line of sight and the angle theta from the goal's heading to it,
 
     v = k e cos(alpha),    w = c alpha + k cos(alpha) sinc(alpha) (alpha + h theta)
 
