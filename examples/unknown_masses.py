@@ -3,12 +3,7 @@
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    MomentumRegressor,
-    RedundancyController,
-    UncertainRedundancyController,
-    UnknownMass,
-)
+from rnc_pin.control import Estimator, MomentumRegressor, RedundancyController, UncertainController, UnknownMass
 from rnc_pin.planning import Harmonic
 from rnc_pin.visualization.recording import Recording
 
@@ -30,9 +25,9 @@ exact = RedundancyController(task, tip, platform, k21=2.0)
 # In units of the platform's inertia: 1 is true.
 unknown = MomentumRegressor(robot, "platform", [UnknownMass(joint, unit=10.0) for joint in joints])
 for alpha in (0.0, 20.0):
-    guessing = UncertainRedundancyController(reduced, exact, unknown, [1.6, 0.4, 1.5], alpha=alpha)
-    tracker = rnc.tuned_tracker(reduced, guessing, q0, duration=10.0, along=exact)
-    run = rnc.simulate(reduced, tracker, q0, duration=16.0)
+    estimator = Estimator(reduced, unknown, [1.6, 0.4, 1.5], alpha=alpha)
+    tracker = rnc.tuned_tracker(estimator.model, exact, q0, duration=10.0)  # gains for what is believed
+    run = rnc.simulate(reduced, UncertainController(estimator, tracker), q0, duration=16.0)
     late = run.time > 8.0
     error = np.sqrt(np.mean(run.prediction_error[late] ** 2))
     print(f"alpha {alpha:4.1f}: estimates {run.estimates[-1].round(3)}, prediction error {error:.4f} rad/s")

@@ -17,6 +17,7 @@ from systems import (
     mobile_manipulator,
     random_states,
     space_robot,
+    space_robot_in_joints,
     tiago,
 )
 from tolerances import ROUNDING
@@ -395,3 +396,77 @@ def test_too_few_actuators_name_what_they_cannot_move():
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_3"])
     report = rnc.analyze(system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)]), samples=8)
     assert (report.actuation_rank, report.unactuated) == (2, ("joint_2",))
+
+
+def prismatic(A5, A5_gradient):
+    """Four bodies on four rails, ``x11dot = 0.3 x21dot + x22dot, x12dot = A5(q) x21dot``, q = (x11, x12, x21, x22)."""
+    model = pin.Model()
+    for name in ("x11", "x12", "x21", "x22"):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    rows = rnc.Pfaffian(
+        lambda q: np.array([[1.0, 0.0, -0.3, -1.0], [0.0, 1.0, -A5(q), 0.0]]),
+        lambda q, v: np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -A5_gradient(q) @ v, 0.0]]),
+    )
+    x11, x12, x21, x22 = map(rnc.JointPosition, model.names[1:])
+    return rnc.NonholonomicSystem(rnc.Robot(model), [rows]).reduce([x21, x22], [x11, x12])
+
+
+@pytest.mark.parametrize(
+    ("along", "expected"),
+    [
+        ((0, 0, 0, 0), "2"),
+        ((0, 0, 1, 0), "2"),  # on x21
+        ((0, 1, 0, 0), "2"),  # on x12
+        ((1, 0, 0, 0), "2"),  # on x11, which x22 moves: the paper asks for A5(x11, x12, x21)
+        ((0, 0, 0, 1), None),  # on x22
+        ((1, 0, 0, -1), None),  # on x11 - x22, which x22 does not change under the constraints
+        ((1, 1, 1, 0.2), None),
+    ],
+)
+def test_class_2_asks_for_an_A5_without_x22_and_lets_it_depend_on_all_else(along, expected):
+    along = np.array(along, dtype=float)
+    reduced = prismatic(lambda q: 1 + 0.5 * np.sin(along @ q), lambda q: 0.5 * np.cos(along @ q) * along)
+    found = rnc.analyze(reduced, ["x21"], ["x22"], samples=16).redundancy
+    assert found.redundancy_class == expected
+    assert (found.tracked, found.driven) == (("x11",), ("x12",))
+    assert (found.evidence.A5_along_x22 > 0.01 * abs(along[3])) == (along[3] != 0)
+    assert ("A5 depends on x22" in found.reason) == (expected is None)
+
+
+def test_lemma_1_is_bounded_where_nothing_is_singular():
+    """A unicycle in speed and yaw: H is diag(m, I), V and G vanish."""
+    bounds = rnc.analyze(unicycle(), samples=8).lemma1_bounds
+    assert bounds.everywhere
+    assert bounds.approaches == ()
+    np.testing.assert_allclose([bounds.H.min, bounds.H.max], 1.0, atol=ROUNDING)
+    np.testing.assert_allclose([bounds.V.max, bounds.G.max], 0.0, atol=ROUNDING)
+
+
+def test_lemma_1_has_no_bound_towards_outputs_that_stop_parametrising_the_motion():
+    """The same in x and yaw: ``v = xdot / cos(yaw)``, so H grows as ``m / d^2`` and V as ``m / d^3``."""
+    model, _ = planar_model()
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")])
+    report = rnc.analyze(system.reduce([rnc.FramePosition("body", "x"), rnc.FrameYaw("body")]), samples=16)
+    bounds = report.lemma1_bounds
+    assert not bounds.everywhere
+    (way,) = bounds.approaches
+    assert "body_x" in way.rows
+    assert (way.H_order, way.V_order) == (pytest.approx(2.0, abs=0.02), pytest.approx(3.0, abs=0.02))
+    assert way.H[-1] > 1e3 * bounds.H.median
+    assert json.loads(json.dumps(report.to_dict()))["lemma1_bounds"]["approaches"][0]["bounded"] is False
+
+
+def test_lemma_1_of_the_space_robot_holds_off_its_straight_arm():
+    """In joints nothing is singular; in tip coordinates H and V have no bound towards a straight arm.
+
+    Three links of 10 kg within 3 m and the platform have moments of inertia below 10 (1 + 4 + 9) + 10 about the pin.
+    """
+    joints = rnc.analyze(space_robot_in_joints(), samples=16).lemma1_bounds
+    assert joints.everywhere
+    assert joints.H.max < 3 * 150.0
+    tip = rnc.analyze(space_robot(), samples=16).lemma1_bounds
+    assert not tip.everywhere
+    for way in tip.approaches:
+        assert way.H_order == pytest.approx(2.0, abs=0.1)
+        assert way.V_order == pytest.approx(4.0, abs=0.2)  # at unit rates of the tip joints turn at 1 / d: R_dot ~ d^-3

@@ -5,6 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import (
+    PositionGains,
     Posture,
     ReducingOutputController,
     RedundancyController,
@@ -328,6 +329,33 @@ def test_scaled_gains_keep_the_loop_inside_what_sampling_allows():
     rates = np.linalg.eigvals(np.linalg.solve(reduced.inertia(region), np.diag(gains.k)[None])).real
     assert rates.max() * 0.002 <= 0.2 + ROUNDING
     assert rates.min() > 4.0
+
+
+def test_normalised_gains_need_a_bound_on_the_inertia_alone():
+    """Every rate of the loop is at least the bandwidth wherever the bound holds, whatever H is."""
+    reduced, kinematic, q0 = space_robot_task()
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.2)
+    H = reduced.inertia(region)
+    rows = np.abs(H).sum(axis=-1).max(axis=0)  # Gershgorin: diag(rows) - H is positive semidefinite
+    for bound in (np.linalg.eigvalsh(H).max(), rows):
+        gains = VelocityGains.normalised(bound, bandwidth=5.0, adaptation=2.0)
+        K = np.diag(np.broadcast_to(gains.k, reduced.r))
+        assert np.linalg.eigvals(np.linalg.solve(H, np.broadcast_to(K, H.shape))).real.min() > 5.0 - ROUNDING
+        np.testing.assert_allclose(gains.beta, 2.0 * gains.k)
+    for bound in (0.0, [1.0, -1.0], np.nan):
+        with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive"):
+            VelocityGains.normalised(bound)
+
+
+@pytest.mark.parametrize("lighter", [1.0, 3.0, 30.0, 1e4])
+def test_normalised_position_gains_fade_at_their_rate_from_the_bound_down(lighter):
+    gains, inertia = PositionGains.normalised(20.0, gamma=8.0, rate=3.0), 20.0 / lighter
+    k1, k2 = gains.k1 * gains.gamma**4, gains.k2 * gains.gamma**2
+    # H s^2 e = -k1 gamma^2 w - k2 gamma^2 e, w (s + 2 gamma) = gamma^2 s e
+    roots = np.roots([inertia, 2 * gains.gamma * inertia, k1 + k2, 2 * gains.gamma * k2])
+    assert roots.real.max() < -3.0
+    with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
+        PositionGains.normalised(20.0, gamma=6.0, rate=3.0)
 
 
 def test_an_empty_window_is_said_with_its_figures():

@@ -31,6 +31,7 @@ VALUES = {  # of every setting that some type has
     "held": False,
     "adaptation": 3.0,
     "bandwidth": 20.0,
+    "inertia_bound": 90.0,
     "secondary": {"posture": {}},
     "coordinates": ["joint_1", {"joint": "joint_2"}],
     "rates": ["joint_1"],
@@ -54,7 +55,8 @@ def test_every_setting_is_tried():
 @pytest.mark.parametrize("kind", TYPES)
 @pytest.mark.parametrize("name", VALUES)
 def test_a_type_takes_its_own_settings_and_no_other(kind, name):
-    raw = scenario({"type": kind, **NEEDED[kind], name: VALUES[name]})
+    of_preset = {"preset": "normalised"} if name == "inertia_bound" else {}
+    raw = scenario({"type": kind, **NEEDED[kind], **of_preset, name: VALUES[name]})
     own = name in TYPES[kind].model_fields
     assert jsonschema.Draft202012Validator(schema()).is_valid(raw) == own
     if own:
@@ -85,6 +87,12 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
         ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
         ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
         ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
+        ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
+        ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
+        (
+            {"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
+            "inertia_bound: expected positive numbers, found",
+        ),
         ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'two_phase', found \['steering'\]"),
         ("steering", "controller: expected a mapping, found 'steering'"),
     ],

@@ -31,6 +31,7 @@ GAINS = {  # of what a controller is made of, by its type
     "JacobianTransposeController": {"tracker", "active"},
     "ReducingOutputController": {"k2"},
     "RedundancyController": {"k3", "k21"},
+    "UncertainController": {"alpha", "initial", "bounds", "controller"},
     "UncertainRedundancyController": {"k3", "k21", "alpha", "initial", "bounds"},
     "SteeringController": {"k3", "k4", "k21"},
     "UnicycleStabilizer": {"goal", "k", "rate"},

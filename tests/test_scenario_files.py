@@ -358,7 +358,10 @@ BROKEN = {
         {"controller.type": "redundency"},
         ["controller.type: expected 'redundancy', 'red"],
     ),
-    "unknown preset": ({"controller.preset": "papr"}, ["controller.preset: expected 'paper' or 'scaled'"]),
+    "unknown preset": (
+        {"controller.preset": "papr"},
+        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"],
+    ),
     "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
     "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
     "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta"]),
@@ -472,3 +475,22 @@ def test_every_part_of_a_scenario_says_what_it_does_not_know():
             assert f"mine.yaml: {key}: 'unheard_of' is not known" in message
             unheard += 1
     assert unheard >= 7
+
+
+def test_what_goes_with_a_preset_is_brought_by_it_and_options_count_more(tmp_path):
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"comparisons": {}, "plots": {}})
+    raw["presets"] = {"paper": {"simulation.duration": 3.0, "reference.vertical.minimum_jerk.to": [0.1]}}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    assert plan(str(path)).duration == raw["simulation"]["duration"]
+    slow = plan(str(path), {"controller.preset": "paper"})
+    assert slow.duration == 3.0
+    assert slow.raw["reference"]["vertical"]["minimum_jerk"]["to"] == [0.1]
+    assert "presets" not in slow.raw  # a record says what was run, and runs again as it was
+    shorter = plan(str(path), {"controller.preset": "paper", "simulation.duration": 2.0})
+    assert shorter.duration == 2.0
+    path.write_text(yaml.safe_dump(shorter.raw))
+    assert plan(str(path)).duration == 2.0
+    path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
+    with pytest.raises(rnc.ConfigurationError, match=r"presets\.papr"):
+        plan(str(path))

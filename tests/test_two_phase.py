@@ -13,9 +13,12 @@ from rnc_pin.control import (
     SplitController,
     UnicycleStabilizer,
 )
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from systems import mobile_manipulator
-from tolerances import FINITE_DIFFERENCE
+from rnc_pin.scenario.run import execute, plan
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+PAPER = {"controller.preset": "paper", "comparisons": {}, "plots": {}, "simulation.dt": 0.02}
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "two_phases.py"
 
@@ -69,14 +72,108 @@ def test_chains_and_rates_that_make_no_sense_are_refused(arguments):
         ChainedStabilizer(*arguments)
 
 
-@pytest.mark.parametrize("goal", [(-1.6, 2.0, 0.0), (0.0, 0.4, 2.5)])
-def test_a_goal_outside_the_chart_is_refused_before_anything_moves(goal):
-    reduced = mobile_manipulator()
-    q0 = reduced.robot.configuration({"root_joint": (-1.6, 0.4, 0.2), "joint_1": 0.4, "joint_2": -1.4})
-    measured = reduced.measure(q0, np.zeros(4))
-    stabilizer = UnicycleStabilizer(np.array(goal), np.array([1, 2]))
-    with pytest.raises(rnc.ConfigurationError, match="has to lie ahead or behind"):
-        stabilizer.initial_state(measured._replace(x2=measured.x2[2:]))
+def test_a_chain_saturates_and_refuses_where_it_has_no_law():
+    """Inputs have one bound, the path is the one without it, and x1 = 0 is outside the domain."""
+    held, free = ChainedStabilizer(3, fastest=0.5), ChainedStabilizer(3, fastest=1e9)
+    for x in np.random.default_rng(0).normal(size=(20, 3)):
+        u, law = held.command(x), free.command(x)
+        assert np.linalg.norm(u) <= 0.5 + ROUNDING
+        np.testing.assert_allclose(u[0] * law[1], u[1] * law[0], atol=1e-9 * np.abs(law).max())
+    h, x, u = 1e-6, np.array([0.8, -0.3, 0.5]), np.array([-0.7, 0.4])
+    ahead, behind = (held.command(x + sign * h * chain_rate(x, u)) for sign in (1, -1))
+    np.testing.assert_allclose(held.command_rate(x, u), (ahead - behind) / (2 * h), atol=FINITE_DIFFERENCE)
+    for x in ([0.0, 0.1, 0.0], [0.0, 0.0, 0.0], [1e-320, 1.0, 1.0]):
+        with pytest.raises(rnc.InputError, match="outside the domain of its stabiliser"):
+            held.command(np.array(x))
+
+
+GOAL = np.array([0.4, -0.7, 2.0])
+
+
+def seen(pose, v2=(0.0, 0.0)):
+    return Measurement(x1=np.array(pose[:2]), x2=np.array([0.0, pose[2]]), v2=np.array(v2))
+
+
+def beside(dx, dy, turn):
+    """A pose in the goal's axes."""
+    c, s = np.cos(GOAL[2]), np.sin(GOAL[2])
+    return GOAL + np.array([c * dx - s * dy, s * dx + c * dy, turn])
+
+
+def driven(stabilizer, pose, duration, dt=0.02, state=None, start=0.0):
+    """The pose, the state and all targets after kinematics alone: arcs at the velocities asked for."""
+    v2, targets = np.zeros(2), []
+    state = stabilizer.initial_state(seen(pose)) if state is None else state
+    for sample in range(round(duration / dt)):
+        target, state = stabilizer.step(start + sample * dt, seen(pose, v2), state)
+        v2 = target.v2
+        half = v2[1] * dt / 2
+        way = dt * v2[0] * np.sinc(half / np.pi)
+        pose = pose + np.array([way * np.cos(pose[2] + half), way * np.sin(pose[2] + half), 2 * half])
+        targets.append(v2)
+    return pose, state, np.array(targets)
+
+
+def off(pose):
+    turn = np.remainder(pose[2] - GOAL[2] + np.pi, 2 * np.pi) - np.pi
+    return np.hypot(*(pose[:2] - GOAL[:2])), abs(turn)
+
+
+SPECIAL = [(0, 1, 0), (0, 0, 3.1), (1, 0, np.pi), (-1, 0, 1.5707), (-2, 1e-9, np.pi), (0, 1e-9, 1.5707), (0, 0.01, 0)]
+
+
+@pytest.mark.parametrize("start", [*SPECIAL, *np.random.default_rng(1).uniform(-3, 3, (8, 3))])
+def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
+    """Abeam, turned round, on the spot: and never faster than its limits, wherever it is."""
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), fastest=(0.8, 0.6))
+    pose, state, asked = driven(stabilizer, beside(*start), 26.0)
+    distance, turn = off(pose)
+    assert state.resting
+    assert distance < stabilizer.close
+    assert turn < stabilizer.close
+    assert (np.abs(asked).max(axis=0) < (0.8, 0.6)).all()
+
+
+@pytest.mark.parametrize("left", [(0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05)], ids=["x", "y", "heading"])
+def test_it_rests_only_where_all_three_are_small_and_wakes_up_when_pushed(left):
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), close=0.01)
+    _, state, asked = driven(stabilizer, beside(*left), 0.5)
+    assert not state.resting
+    assert np.abs(asked).max() > 1e-3
+    _, resting, asked = driven(stabilizer, beside(0.004, -0.003, 0.002), 1.0)
+    assert resting.resting
+    np.testing.assert_array_equal(asked, 0.0)
+    pose, state, _ = driven(stabilizer, beside(*left), 20.0, state=resting, start=1.0)
+    assert state.resting
+    assert max(off(pose)) < 0.01
+    moving = seen(beside(0, 0, 0), (0.1, 0.0))  # through the goal is not at the goal
+    assert not stabilizer.step(0.0, moving, stabilizer.initial_state(moving))[1].resting
+
+
+@pytest.mark.parametrize("start", [(-1.2, 0.7, 0.4), (1.5, 0.3, -0.2), (-0.5, 0.9, 2.0), (-1.0, 0.002, 0.001)])
+@pytest.mark.parametrize("t", [0.4, 7.0], ids=["setting out", "later"])
+def test_rate_of_what_the_unicycle_is_asked_for_is_exact(start, t):
+    """Against differences along a motion that is not the one asked for."""
+    stabilizer, h, v2 = UnicycleStabilizer(GOAL, np.array([0, 1])), 1e-6, np.array([0.3, -0.5])
+    pose = beside(*start)
+    _, state = stabilizer.step(0.0, seen(pose, v2), stabilizer.initial_state(seen(pose)))
+    rate = np.array([v2[0] * np.cos(pose[2]), v2[0] * np.sin(pose[2]), v2[1]])
+    ahead, behind = (stabilizer.step(t + sign * h, seen(pose + sign * h * rate, v2), state)[0].v2 for sign in (1, -1))
+    target = stabilizer.step(t, seen(pose, v2), state)[0]
+    np.testing.assert_allclose(target.v2_dot, (ahead - behind) / (2 * h), atol=1e-6)
+
+
+def test_what_makes_no_sense_for_a_unicycle_is_refused():
+    for settings, words in (
+        ({"k": 2.0, "rate": 1.0}, "needs 0 < k < rate"),
+        ({"close": 0.0}, "close > 0"),
+        ({"fastest": (1.0, 0.0)}, "positive limits"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            UnicycleStabilizer(GOAL, np.array([0, 1]), **settings)
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]))
+    with pytest.raises(rnc.InputError, match="position and heading have to be given"):
+        stabilizer.initial_state(seen((0.0, np.nan, 0.0)))
 
 
 def test_the_hand_arrives_first_and_stays_while_the_platform_drives(tmp_path, monkeypatch, capsys):
@@ -92,6 +189,15 @@ def test_the_hand_arrives_first_and_stays_while_the_platform_drives(tmp_path, mo
     assert hand[run.time > 4.0].max() < 0.02
     assert platform[-1] < 0.02
     assert np.abs(np.diff(run.x1[run.time < 4.0], axis=0)).max() < 1e-4  # the platform waited
+
+
+def test_at_the_papers_gains_the_platform_arrives_in_heading_too():
+    """Figure 7 with k = 10, k1 = k2 = 10, gamma = 2: slow loops, so it drives slowly, and rests."""
+    run = execute(plan("mobile-manipulator-two-phase", PAPER)).trajectory
+    pose = np.column_stack([run.x1[:, :2], run.x2[:, 3]])
+    assert np.abs(pose[-1] - [-1.3, 0.0, 0.0]).max() < 0.03
+    assert np.abs(run.v2_desired[-1, 2:]).max() == 0.0
+    assert np.abs(run.x2[run.time > 6.0, :2]).max() < 0.02  # the hand stays
 
 
 def test_every_output_belongs_to_one_part():

@@ -1,8 +1,11 @@
 """Uncertain kinematics (14)-(21): the regressor is exact, the estimator is Lemma 4's, and it is worth having."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 import rnc_pin as rnc
 from rnc_pin.control import (
@@ -15,6 +18,9 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
+from rnc_pin.robots.urdf_files import find_urdf
+from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.run import execute, plan
 from systems import free_flying_panda, random_states, space_robot
 from tolerances import ROUNDING
 
@@ -91,6 +97,55 @@ def test_true_masses_of_unknown_bodies_are_never_read():
             np.testing.assert_allclose(a, b, atol=ROUNDING)
 
 
+def heavier(folder):
+    """The space robot with links of other masses."""
+    tree = ElementTree.parse(find_urdf("space_robot.urdf"))
+    for link, factor in (("link_1", 0.3), ("link_2", 2.5), ("link_3", 1.7)):
+        for each in (tree.find(f"link[@name='{link}']/inertial/{what}") for what in ("mass", "inertia")):
+            each.attrib.update({key: str(factor * float(value)) for key, value in each.attrib.items()})
+    tree.write(folder / "heavier.urdf")
+    return {"robot.urdf": "heavier.urdf"}
+
+
+def other_wheels(folder):
+    """The differential drive with wheels of other sizes, farther apart."""
+    tree = ElementTree.parse(find_urdf("differential_drive.urdf"))
+    for joint, side in (("left_wheel_joint", 0.45), ("right_wheel_joint", -0.45)):
+        tree.find(f"joint[@name='{joint}']/origin").set("xyz", f"0 {side} 0")
+    tree.write(folder / "other.urdf")
+    radii = {f"constraints.{k}.rolling_wheel.radius": radius for k, radius in enumerate((0.17, 0.06))}
+    return {"robot.urdf": "other.urdf", **radii}
+
+
+PRESETS = {"scaled": {}, "normalised": {"controller.inertia_bound": 90.0}, "paper": {}}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    ("name", "make"), [("space-robot-uncertain", heavier), ("wheels-uncertain", other_wheels)], ids=["masses", "wheels"]
+)
+def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(name, make, preset, tmp_path):
+    """Gains, controller and allocation together: what is unknown of the plant decides nothing."""
+    quiet = {"comparisons": {}, "plots": {}, "controller.preset": preset, "simulation.duration": 1.0}
+    quiet |= PRESETS[preset]
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(tmp_path), **quiet})))
+    known, other = plan(name, quiet).experiment, plan(str(path)).experiment
+    states = list(random_states(known.reduced, 5, condition=50.0))
+    inputs, differ = [], []
+    for experiment in (known, other):
+        reduced, controller, state = experiment.reduced, experiment.controller, None
+        for k, (q, v2) in enumerate(states):
+            v = known.reduced.velocity(q, v2)  # as sensors give it
+            measured = reduced.measured(q, v, integrals=np.zeros(reduced.r))
+            state = controller.initial_state(measured) if state is None else state
+            command, state = controller.step(0.01 * k, measured, state)
+            inputs.append(reduced.allocate(q, command.F) if command.T is None else command.T)
+            differ.append(reduced.at(q).A_star)
+    assert np.abs(np.array(differ[:5]) - differ[5:]).max() > 0.01  # the truth would tell them apart
+    np.testing.assert_allclose(inputs[:5], inputs[5:], rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("gain", [0.1, 10.0, 1e6])
 def test_estimation_error_never_grows(gain):
     """Lemma 4, in discrete time, for any gain: V = |p - phat|^2 / 2."""
@@ -147,6 +202,21 @@ def test_learning_makes_predictions_and_the_platform_better():
             assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
     assert late_error[60.0] < 0.1 * late_error[0.0]
     assert late_angle[60.0] < 0.5 * late_angle[0.0]
+
+
+def test_figure_6_at_the_papers_gains():
+    """K = 10, k3 = 2, alpha = 1 and nothing known of H: what adaptation is worth, far from singular configurations."""
+    missed = {}
+    for alpha in (1.0, 0.0):
+        options = {"controller.preset": "paper", "controller.alpha": alpha, "simulation.dt": 0.04}
+        run = execute(plan("space-robot-uncertain", {**options, "comparisons": {}, "plots": {}})).trajectory
+        assert run.info.outcome.value == "completed"
+        assert run.singular_value.min() > 0.2
+        late = run.time > 30.0
+        missed[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
+        assert np.sqrt(np.mean((run.x2_desired - run.x2)[late, :2] ** 2)) < 0.08  # the tip, fed forward open loop
+    assert missed[1.0] < 0.03
+    assert missed[1.0] < 0.4 * missed[0.0]
 
 
 def test_nonsense_is_refused():

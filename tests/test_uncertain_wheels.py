@@ -298,7 +298,7 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
         "tracks": [{"wheels": ["left_wheel", "right_wheel"], "initial": 0.3}],
     }
     experiment = wheels_of(unknown, tmp_path)
-    np.testing.assert_array_equal(experiment.controller.target.initial, [0.12, 0.09, 0.3])
+    np.testing.assert_array_equal(experiment.controller.estimator.initial, [0.12, 0.09, 0.3])
     assert experiment.notes["estimates"] == {
         "radius of left_wheel": "m",
         "radius of right_wheel": "m",

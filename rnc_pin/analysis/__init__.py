@@ -1,5 +1,6 @@
 """What a system can do, before it is controlled."""
 
+from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
 from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
@@ -11,7 +12,9 @@ from rnc_pin.analysis.report import Report, analyze
 from rnc_pin.analysis.singularities import Singularity
 
 __all__ = [
+    "Approach",
     "Block",
+    "Boundedness",
     "Equilibrium",
     "Evidence",
     "Integrability",
@@ -21,6 +24,7 @@ __all__ = [
     "Singularity",
     "Spread",
     "analyze",
+    "boundedness",
     "classify",
     "equilibrium",
     "growth_vector",

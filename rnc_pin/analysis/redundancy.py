@@ -11,6 +11,8 @@ from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 
 _ZERO = 1e-9
+_RANK = 1e-9  # of the largest singular value of all outputs' Jacobian
+_POSSIBLE = 1e-6  # by how much outputs that are held may move
 _STEERING = "d(A3 v21)/dx22"
 
 
@@ -72,7 +74,7 @@ class Evidence:
         A3: largest entry in the rows of all vertical outputs.
         A4_singular_values: smallest and largest of the rows of A4 that are not zero; zeros where all are.
         A6: largest entry in the other rows.
-        A5_along_x22: largest derivative of A5 along a redundant output.
+        A5_along_x22: largest partial derivative of A5 with respect to a redundant output, all others held.
         steering: largest entry of ``d(A3 v21)/dx22``, where A4 is zero.
         blocks: A3 to A6 as the partition has them, and ``d(A3 v21)/dx22`` where A4 is zero.
     """
@@ -123,8 +125,9 @@ class Redundancy:
 def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed: int = 0) -> Redundancy:
     """Sort a task into the classes of paper section 3.2, at configurations (count, nq).
 
-    Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22.
-    Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
+    Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22: its partial derivative, with
+    x21, x11 and x12 held. (Along the motion that x22 has under the constraints x11 moves with it, and A5 may depend
+    on x11.) Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
     """
     names = task.vertical_names
     if not len(task.redundant) or not names:
@@ -142,7 +145,8 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     moved = np.abs(A4).max(axis=(0, 2)) > zero
     steered = np.abs(steering).max(axis=(0, 2)) > zero
     tracked = moved if moved.any() else steered
-    A5_depends = _largest(A3_along[:, ~tracked]) > zero
+    A5_along = _partial(reduced, task, configurations)[:, ~tracked]
+    A5_depends = _largest(A5_along) > zero
     redundancy_class, reason = _decide(A4[:, moved], steering[:, steered], moved, A5_depends)
     if redundancy_class != "2s":
         tracked = moved
@@ -160,11 +164,30 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
         A3=_largest(A3),
         A4_singular_values=_smallest_largest(A4[:, moved]) if moved.any() else (0.0, 0.0),
         A6=_largest(A4[:, ~moved]),
-        A5_along_x22=_largest(A3_along[:, ~tracked]),
+        A5_along_x22=_largest(A5_along),
         steering=None if moved.any() else _largest(steering),
         blocks=tuple(blocks),
     )
     return Redundancy(redundancy_class, above, below, reason, evidence)
+
+
+def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> np.ndarray:
+    """Partial derivatives (count, k, r1, r2) of ``A_star``'s columns of x21 with respect to x22.
+
+    The paper's coordinates are (x1, x2): one redundant output is moved while all other outputs of the task stay, which
+    the constraints would not allow but a derivative does. Coordinates that are no outputs move as little as they can.
+    Where outputs depend on each other, so that this cannot be, it is the derivative under the constraints.
+    """
+    here = reduced.at(configurations)
+    J1 = here.J1[:, task.vertical]
+    J = np.concatenate([J1, here.J2], axis=1)
+    alone = np.zeros((J.shape[1], len(task.redundant)))
+    alone[J1.shape[1] + task.redundant, np.arange(len(task.redundant))] = 1.0
+    ways = np.linalg.pinv(J, rcond=_RANK) @ alone
+    possible = np.abs(J @ ways - alone).max(axis=1, keepdims=True) < _POSSIBLE
+    ways = np.where(possible, ways, here.R[..., task.redundant])
+    rates = [here.moving(way).A_star_dot for way in np.moveaxis(ways, -1, 0)]
+    return np.stack(rates, axis=-1)[:, task.vertical][:, :, task.primary]
 
 
 def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends: bool) -> tuple[str | None, str]:

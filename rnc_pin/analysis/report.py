@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from rnc_pin.analysis.boundedness import Boundedness, boundedness
 from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import Redundancy, Spread, classify
@@ -48,6 +49,7 @@ class Report:
             sign of the determinant, or, where there are none, the worst samples.
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: whether they are all at the level of rounding and differencing.
+        lemma1_bounds: how large H, V and G are over the samples, and how H and V grow towards singular sets of E.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -80,6 +82,7 @@ class Report:
     singularities: tuple[Singularity, ...]
     lemma1: dict[str, float]
     lemma1_holds: bool
+    lemma1_bounds: Boundedness
 
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
@@ -144,6 +147,7 @@ def analyze(
     held = max(lemma[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < _LEMMA_TOLERANCE
     actuation_rank, unactuated = _actuation(reduced, configurations)
     singular = stack_singularities(reduced, configurations)
+    bounds = boundedness(reduced, configurations, singular)
     if redundancy.redundancy_class in ("1", "2"):
         singular += task_singularities(reduced, task, redundancy.tracked, configurations)
     return Report(
@@ -168,6 +172,7 @@ def analyze(
         singularities=tuple(singular),
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),
+        lemma1_bounds=bounds,
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
-from rnc_pin.analysis import Redundancy, Report
+from rnc_pin.analysis import Boundedness, Redundancy, Report
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 
@@ -38,7 +38,8 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
     table.add_row("redundancy", _redundancy(task, report.redundancy))
     table.add_row("singular", _singular(report))
     lemma = ", ".join(f"{name} {value:.1e}" for name, value in report.lemma1.items())
-    table.add_row("Lemma 1", f"{'holds' if report.lemma1_holds else 'DOES NOT HOLD'}: {lemma}")
+    holds = "holds" if report.lemma1_holds else "DOES NOT HOLD"
+    table.add_row("Lemma 1", f"{holds}: {lemma}\n{_bounds(report.lemma1_bounds)}")
     console.print(table, highlight=False)
 
 
@@ -113,6 +114,18 @@ def _singular(report: Report) -> str:
         else:
             size = _figure(each.smallest_singular_value)
             lines.append(f"{each.matrix}: nowhere, as far as samples tell; smallest singular value {size} ({rows})")
+    return "\n".join(lines)
+
+
+def _bounds(found: Boundedness) -> str:
+    """How large H and V are, and where they have no bound."""
+    lines = [f"|H| {_spread(asdict(found.H))}; |V| at unit rates {_spread(asdict(found.V))}"]
+    if found.everywhere:
+        lines.append("bounded, as far as samples tell")
+    for each in found.approaches:
+        if not each.bounded:
+            what = f"|H| grows as d^-{each.H_order:.1f} and |V| as d^-{each.V_order:.1f}"
+            lines.append(f"at a distance d from where {_list(each.rows)} depend on each other {what}")
     return "\n".join(lines)
 
 

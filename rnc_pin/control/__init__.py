@@ -1,8 +1,9 @@
 """Controllers: one file each, one protocol, gains beside them."""
 
-from rnc_pin.control.chained_stabilizer import ChainedStabilizer, UnicycleStabilizer
+from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.estimation import EstimatedModel, Regressor
+from rnc_pin.control.estimator import Estimator
 from rnc_pin.control.gains import PositionGains, VelocityGains
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController, effective_inertia
 from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
@@ -23,7 +24,9 @@ from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.control.split import SplitController
 from rnc_pin.control.state_feedback import StateFeedback
 from rnc_pin.control.steering import SteeringController
+from rnc_pin.control.uncertain import UncertainController
 from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
+from rnc_pin.control.unicycle_stabilizer import UnicycleStabilizer
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
 
@@ -37,6 +40,7 @@ __all__ = [
     "Description",
     "DrivenPath",
     "EstimatedModel",
+    "Estimator",
     "JacobianTransposeController",
     "JointLimits",
     "KinematicController",
@@ -55,6 +59,7 @@ __all__ = [
     "StateFeedback",
     "SteeringController",
     "TrackerState",
+    "UncertainController",
     "UncertainRedundancyController",
     "UnicycleStabilizer",
     "UnknownMass",

@@ -13,10 +13,12 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.model.parts import Parts
+from rnc_pin.model.parts import Parts, natural_lengths
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
+
+_SAMPLES = 12
 
 
 class Regressor(Protocol):
@@ -41,7 +43,7 @@ class Regressor(Protocol):
 
 
 class EstimatedModel:
-    """The same outputs under constraints with estimated parameters.
+    """The same outputs and actuators under constraints with estimated parameters.
 
     Bound rows know joints and frames by index alone, so those that no parameter enters are shared.
 
@@ -56,21 +58,23 @@ class EstimatedModel:
         self, reduced: ReducedModel, model: pin.Model, rows: RowStack, believe: Callable[[Array], None]
     ) -> None:
         self._believe = believe
-        known = reduced.parts
+        known, robot = reduced.parts, Robot(model)
+        generator = np.random.default_rng(0)
+        samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
         parts = Parts(
-            Robot(model),
+            robot,
             rows,
             known.kept,
             known.actuation,
             known.reducing,
             known.vertical,
             known.singularity_limit,
-            np.concatenate([known.lengths_of_rows, known.lengths_of_outputs]),
+            natural_lengths(robot, rows, known.reducing, samples),  # those of the true rows are not known
         )
         self._reduced = ReducedModel(parts, reduced.assembly)
 
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
-        """The model for these parameters; the next call changes it."""
+        """The model for these parameters: one and the same object, which the next call changes."""
         self._believe(p)
         return self._reduced
 

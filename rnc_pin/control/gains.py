@@ -1,4 +1,7 @@
-"""Gains of the trackers (8)-(9) and (10): the paper's, and gains scaled to the inertia of a region."""
+"""Gains of the trackers (8)-(9) and (10): the paper's, those for a bound on H, and those scaled to H over a region.
+
+Only ``scaled`` reads an inertia. ``paper`` reads nothing, ``normalised`` one bound that its user states.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,32 @@ class VelocityGains:
     def paper(cls) -> VelocityGains:
         """K = 10, beta = 10, sigma = 0.1: paper section 4, for every system."""
         return cls()
+
+    @classmethod
+    def normalised(
+        cls, bound: Gain, bandwidth: float = 4.0, sigma: float = 0.1, adaptation: float = 1.0
+    ) -> VelocityGains:
+        """``K = bandwidth D`` for whoever knows of H no more than ``H <= D = diag(bound)``.
+
+        With ``Hdot = V + V^T`` the error obeys ``d/dt (e^T H e / 2) = -e^T K e + e^T d``, where d is what adaptation
+        has not learnt. From ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e`` it fades at ``bandwidth`` or faster
+        wherever the bound holds, and adaptation with ``beta = adaptation K`` leaves that as it is (Lemma 3). How much
+        faster is up to the lightest motion: the loop has rates up to ``bandwidth D / H``, so that with a bandwidth of
+        4/s, twice the outer loop's, sampling every 2 ms leaves H room to be 25 times less than its bound before their
+        product with the period is ``FASTEST``, and 125 times less before adaptation makes it unstable.
+
+        Args:
+            bound: on the reduced inertia, ``diag(bound) - H >= 0`` [force per acceleration]; a number, or one for
+                each reducing output (r,). Of a diagonally dominant H the sums of its rows' magnitudes will do.
+            bandwidth: lowest rate of the closed loop [1/s].
+            sigma: leak of the adaptation [1/s].
+            adaptation: ``beta / k`` [1/s].
+
+        Raises:
+            ConfigurationError: the bound is not positive.
+        """
+        k = bandwidth * _positive(bound)
+        return cls(k=k, beta=adaptation * k, sigma=sigma)
 
     @classmethod
     def scaled(
@@ -122,6 +151,32 @@ class PositionGains:
         return cls()
 
     @classmethod
+    def normalised(cls, bound: Gain, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1) -> PositionGains:
+        """Gains for whoever knows of H no more than ``H <= D = diag(bound)``.
+
+        With ``k1 = kappa1 D, k2 = kappa2 D`` every motion of ``H = D / rho``, rho at least 1, has the polynomial
+        ``s^3 + 2 gamma s^2 + rho (omega^2 s + 2 kappa2 gamma^3)`` with ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``.
+        It is stable at every rho for ``kappa1 > 0``, its slow root tends to ``-rate = -2 kappa2 gamma^3 / omega^2``
+        as H gets lighter, and with ``omega = 4 rate`` that root is beyond ``-rate`` at the bound itself. Sampling
+        every dt is felt once ``rho omega^2 > gamma / dt``: at 2 ms H may be 27 times less than its bound.
+
+        Args:
+            bound: on the inertia of the outputs, ``diag(bound) - H >= 0``; a number, or one for each output (k,).
+            gamma: of the filter [1/s].
+            rate: at which the error should fade [1/s]; below ``gamma / 2``.
+            sigma: leak of the adaptation [1/s].
+
+        Raises:
+            ConfigurationError: the bound is not positive, or the filter is too slow for the rate.
+        """
+        if not 0 < 2.0 * rate < gamma:
+            raise ConfigurationError(f"gamma has to be above twice the rate {rate:g}/s, found {gamma:g}/s")
+        diagonal, square = _positive(bound), (4.0 * rate) ** 2
+        kappa2 = rate * square / (2.0 * gamma**3)
+        kappa1 = (square - kappa2 * gamma**2) / gamma**4
+        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=1.0 * diagonal, sigma=sigma)
+
+    @classmethod
     def scaled(
         cls, inertia: np.ndarray, dt: float, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1
     ) -> PositionGains:
@@ -152,6 +207,14 @@ class PositionGains:
                 f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
             )
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
+
+
+def _positive(bound: Gain) -> np.ndarray:
+    """A bound on the inertia as an array, refused where it is not positive."""
+    values = np.asarray(bound, dtype=float)
+    if not (np.isfinite(values).all() and (values > 0).all()):
+        raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
+    return values
 
 
 def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

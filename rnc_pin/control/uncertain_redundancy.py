@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray as Array
 
-from rnc_pin.control.estimation import Regressor, adapt
-from rnc_pin.control.protocol import Description, VelocityTarget, elapsed_time, listed
+from rnc_pin.control.estimation import Regressor
+from rnc_pin.control.estimator import BOUNDS, Bounds, Estimator, EstimatorState, believed
+from rnc_pin.control.protocol import Description, VelocityTarget
 from rnc_pin.control.redundancy import RedundancyController
-from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import Spelled
-
-
-class EstimatorState(NamedTuple):
-    """What has been learnt."""
-
-    time: float | None
-    p: Float[Array, " s"]
-    """Parameter estimates."""
 
 
 class UncertainRedundancyController(Spelled):
@@ -33,7 +22,8 @@ class UncertainRedundancyController(Spelled):
     error is ``E = y - Y phat = Y (p - phat)``, exactly, when Y is evaluated at the measured velocity, and
     ``phat_dot = alpha Y^T E`` gives ``Vdot = -alpha |E|^2`` for ``V = |p - phat|^2 / 2``. For momentum y and Y
     are the paper's ``x1dot - W0`` and W. A model of its own carries the estimates; true values of what is
-    unknown in the system that it is given are never read.
+    unknown in the system that it is given are never read. What it decides still has to be allocated to actuators:
+    ``UncertainController`` does that with the estimates, too.
 
     Reads from the measurement: ``q, v, v1, v2, x1, x2``. One state at a time.
 
@@ -55,55 +45,22 @@ class UncertainRedundancyController(Spelled):
         controller: RedundancyController,
         regressor: Regressor,
         initial: Sequence[float] | np.ndarray,
-        bounds: tuple[float | Sequence[float] | np.ndarray, float | Sequence[float] | np.ndarray] = (0.05, 20.0),
+        bounds: Bounds = BOUNDS,
         alpha: float = 1.0,
     ) -> None:
-        self.regressor, self.controller, self.alpha = regressor, controller, alpha
-        self.initial = np.array(initial, dtype=float)
-        size = len(regressor.names)
-        if self.initial.shape != (size,):
-            raise ConfigurationError(f"{self.initial.size} initial estimates for {size} unknown parameters")
-        self._low, self._high = (_one_each(bound, size) for bound in bounds)
-        if not ((self._low > 0) & (self._low < self._high)).all():
-            raise ConfigurationError(f"bounds of estimates have to be positive and in order, found {tuple(bounds)}")
-        outside = np.flatnonzero((self.initial < self._low) | (self.initial > self._high))
-        if len(outside):
-            first = outside[0]
-            raise ConfigurationError(
-                f"first estimate of the {regressor.names[first]}, {self.initial[first]:g}, has to be within its bounds "
-                f"{self._low[first]:g} and {self._high[first]:g}"
-            )
-        if reduced.affine:
-            raise ConfigurationError("estimation assumes A v = 0, a momentum of zero, and this one is not zero")
-        self._estimated = regressor.estimated(reduced)
+        self.controller = controller
+        self.estimator = Estimator(reduced, regressor, initial, bounds, alpha)
 
     def describe(self) -> Description:
         """Gains of the class-1 controller, and of the estimation: alpha, first estimates by name, bounds."""
-        return {
-            **self.controller.describe(),
-            "type": type(self).__name__,
-            "alpha": self.alpha,
-            "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
-            "bounds": [listed(self._low), listed(self._high)],
-        }
+        return {**self.controller.describe(), "type": type(self).__name__, **self.estimator.describe()}
 
     def initial_state(self, measurement: Measurement) -> EstimatorState:
         """The first estimates."""
-        return EstimatorState(None, self.initial)
+        return self.estimator.initial_state()
 
     def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[VelocityTarget, EstimatorState]:
-        elapsed = elapsed_time(t, state.time)
-        y, Y = self.regressor.regress(measurement.q, measurement.v)
-        error = y - Y @ state.p
-        p = adapt(state.p, Y, error, self.alpha, elapsed, self._low, self._high) if self.alpha > 0 else state.p
-        guess = self._estimated.at(p).measure(measurement.q, measurement.v2)
-        seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot)
+        state, error = self.estimator.step(t, measurement, state)
+        seen = believed(measurement, self.estimator.model.at(measurement.q, measurement.v2))
         target, _ = self.controller.step(t, seen, None)
-        return target._replace(estimates=p, prediction_error=error), EstimatorState(t, p)
-
-
-def _one_each(bound: float | Sequence[float] | np.ndarray, size: int) -> np.ndarray:
-    values = np.asarray(bound, dtype=float)
-    if values.shape not in ((), (size,)):
-        raise ConfigurationError(f"bounds of estimates: {values.size} values for {size} unknown parameters")
-    return np.broadcast_to(values, (size,))
+        return target._replace(estimates=state.p, prediction_error=error), state

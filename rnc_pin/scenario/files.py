@@ -151,6 +151,22 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
     return {"plant.type" if isinstance(said, Mapping) and plant == "mujoco" else "plant": plant}
 
 
+def chosen(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
+    """A scenario with options, and with what its ``presets`` say goes with the controller's preset.
+
+    Options count more than that. What a preset brought stands in the result as if the file said it, which then has no
+    ``presets`` any more.
+    """
+    result = with_options(raw, options)
+    controller, presets = result.get("controller"), result.get("presets")
+    preset = controller.get("preset") if isinstance(controller, dict) else None
+    brought = presets.get(preset) if isinstance(presets, dict) and isinstance(preset, str) else None
+    if not isinstance(brought, dict):
+        return result
+    result = with_options(with_options(raw, brought), options)
+    return {key: value for key, value in result.items() if key != "presets"}
+
+
 def describe(value: object) -> str:
     """A value in a few words."""
     if isinstance(value, dict):

@@ -13,7 +13,7 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.plain import Json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
-from rnc_pin.scenario.files import find_scenario, is_built_in, read_yaml, with_options
+from rnc_pin.scenario.files import chosen, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
@@ -78,7 +78,7 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         RncError: anything is wrong with it.
     """
     path = find_scenario(scenario).resolve()
-    raw = with_options(read_yaml(path), options or {})
+    raw = chosen(read_yaml(path), options or {})
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
     experiment = _located(source, checked, path.parent)

@@ -13,7 +13,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.plain import Json
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.scenario.files import chosen, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.run import execute, plan, write
@@ -30,7 +30,7 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
         ConfigurationError: the scenario has no ``sweep``, or a range runs backwards.
     """
     path = find_scenario(scenario)
-    checked = validate(with_options(read_yaml(path), options), path.name)
+    checked = validate(chosen(read_yaml(path), options), path.name)
     if not checked.sweep:
         raise ConfigurationError(
             f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
@@ -38,7 +38,7 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
     for key, (low, high) in checked.sweep.items():
         if low > high:
             raise ConfigurationError(f"{path.name}: sweep.{key}: range [{low:g}, {high:g}] runs backwards")
-        validate(with_options(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
+        validate(chosen(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
     return checked.sweep, checked.seed
 
 

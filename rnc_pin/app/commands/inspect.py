@@ -6,14 +6,14 @@ from rnc_pin.analysis import analyze
 from rnc_pin.app.messages import print_json
 from rnc_pin.app.report import print_report
 from rnc_pin.scenario.builder import build_reduced, build_task
-from rnc_pin.scenario.files import find_scenario, parse_options, read_yaml, with_options
+from rnc_pin.scenario.files import chosen, find_scenario, parse_options, read_yaml
 from rnc_pin.scenario.loading import validate
 
 
 def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
     """Print what a system can do."""
     path = find_scenario(system)
-    checked = validate(with_options(read_yaml(path), parse_options(options)), path.name)
+    checked = validate(chosen(read_yaml(path), parse_options(options)), path.name)
     built, reduced = build_reduced(checked, path.parent)
     task = build_task(checked, reduced)
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)

@@ -96,18 +96,6 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
-<<<<<<< HEAD
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float | int) and not np.isfinite(value):
-                raise ConfigurationError(f"MuJoCo: {field.name} has to be finite, found {value}")
-            if field.name in _POSITIVE and not value > 0:
-                raise ConfigurationError(f"MuJoCo: {field.name} has to be positive, found {value}")
-        self._check_numbers()
-
-    def _check_numbers(self) -> None:
-        friction = np.asarray(self.friction, dtype=float)
-=======
         for name, least in _LEAST.items():
             value = getattr(self, name)
             number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
@@ -118,7 +106,6 @@ class MuJoCoSettings:
             friction = np.asarray(self.friction, dtype=float)
         except (TypeError, ValueError):
             friction = np.empty(0)
->>>>>>> mujoco
         if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
             raise ConfigurationError(
                 "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "

@@ -77,6 +77,8 @@ class Scenario(Strict):
     """Of everything that is drawn at random."""
     comparisons: dict[str, dict[str, Any]] = {}
     """Label: dotted keys and values that differ from this run."""
+    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
+    """Preset of the controller: dotted keys and values that go with it, where they are not said otherwise."""
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
     plots: dict[FileName, PlotSettings] = {}

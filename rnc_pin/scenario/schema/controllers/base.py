@@ -88,8 +88,9 @@ class ControllerSettings(Strict):
 
     type: str
     """Which controller."""
-    preset: Literal["paper", "scaled"] = "scaled"
-    """Gains of the paper, or gains scaled to the inertia along the way."""
+    preset: Literal["paper", "normalised", "scaled"] = "scaled"
+    """Gains of the paper, gains for an ``inertia_bound``, or gains scaled to the model's inertia H along the way. Only
+    the last read H, where masses are unknown the H of their first estimates."""
 
     @property
     def followed(self) -> frozenset[str]:
@@ -130,7 +131,34 @@ class ControllerSettings(Strict):
         return self
 
 
-class HeldSettings(ControllerSettings):
+class AdaptiveSettings(ControllerSettings):
+    """Of controllers with an adaptive tracker under them, whose gains have to suit an inertia."""
+
+    inertia_bound: Gain = None
+    """Of the preset ``normalised``: what the reduced inertia H stays below, ``diag(inertia_bound) - H >= 0`` (kg, kg
+    m^2); one number, or one for each reducing output."""
+
+    def bounds(self, context: Context) -> np.ndarray:
+        """The bound for each reducing output, (r,).
+
+        Raises:
+            ConfigurationError: not one for each.
+        """
+        values = chosen("inertia_bound", self.inertia_bound, 1.0, context.reduced.r)
+        return np.broadcast_to(np.asarray(values, dtype=float), (context.reduced.r,))
+
+    @model_validator(mode="after")
+    def _bound_where_it_is_read(self) -> AdaptiveSettings:
+        if self.preset == "normalised" and self.inertia_bound is None:
+            raise wrong("inertia_bound", "is missing; the preset 'normalised' needs a bound on the reduced inertia")
+        if self.preset != "normalised" and self.inertia_bound is not None:
+            raise wrong("inertia_bound", "belongs to the preset 'normalised'")
+        if self.inertia_bound is not None and np.min(self.inertia_bound) <= 0:
+            raise wrong("inertia_bound", f"expected positive numbers, found {self.inertia_bound}")
+        return self
+
+
+class HeldSettings(AdaptiveSettings):
     """Of controllers that learn the forces that they work against."""
 
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation",)

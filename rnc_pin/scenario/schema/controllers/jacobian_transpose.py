@@ -8,10 +8,10 @@ from pydantic import Field
 
 from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
 from rnc_pin.scenario.schema.base import Positive
-from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerSettings, Gain, chosen, named
+from rnc_pin.scenario.schema.controllers.base import AdaptiveSettings, Built, Context, Gain, chosen, named
 
 
-class JacobianTransposeSettings(ControllerSettings):
+class JacobianTransposeSettings(AdaptiveSettings):
     """Primary outputs follow their reference by the ``active`` actuators, without rates: (8)-(9)."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
@@ -40,6 +40,8 @@ class JacobianTransposeSettings(ControllerSettings):
 
     def _gains(self, context: Context) -> PositionGains:
         gains, outputs = PositionGains.paper(), context.task.primary
+        if self.preset == "normalised":
+            gains = PositionGains.normalised(self.bounds(context)[outputs])
         if self.preset == "scaled":
             # Outputs that nothing drives drift, so the region is not known beforehand: take the start.
             inertia = effective_inertia(context.reduced, context.q0, outputs, self.active)

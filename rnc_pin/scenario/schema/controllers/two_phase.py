@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -19,6 +19,23 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.task import Task
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.scenario.schema.controllers.base import Built, Context, HeldSettings, named
+
+
+class _Pace(NamedTuple):
+    """How the platform's stabiliser suits the tracker under it: some times slower."""
+
+    k: float
+    """[1/s]"""
+    rate: float
+    """[1/s]"""
+    close: float
+    """[m], [rad]"""
+    fastest: tuple[float, float]
+    """[m/s], [rad/s]"""
+
+
+_BRISK = _Pace(0.4, 1.0, 2e-3, (1.0, 1.0))
+_PACES = {"paper": _Pace(0.1, 0.2, 0.02, (0.3, 0.3)), "normalised": _BRISK, "scaled": _BRISK}
 
 
 class PlatformGoal(Strict):
@@ -56,10 +73,10 @@ class TwoPhaseSettings(HeldSettings):
             angular=task.primary_coordinates,
             held=None if held is None else held[task.primary],
         )
-        stabilizer = UnicycleStabilizer(np.array(goal.to), places, goal.begin, k=0.4, rate=1.0)
-        # Found now rather than at the first sample.
-        measured = reduced.measure(context.q0, np.zeros(task.r))
-        stabilizer.initial_state(measured._replace(x2=measured.x2[task.redundant]))
+        pace = _PACES[self.preset]
+        stabilizer = UnicycleStabilizer(
+            np.array(goal.to), places, goal.begin, k=pace.k, rate=pace.rate, close=pace.close, fastest=pace.fastest
+        )
         drive = VelocityTracker(stabilizer, velocity, None if held is None else held[task.redundant])
         return Built(SplitController([(tracker, task.primary), (drive, task.redundant)], task.r))
 
@@ -67,6 +84,12 @@ class TwoPhaseSettings(HeldSettings):
         """Of the hand's tracker and of the platform's."""
         if self.preset == "paper":
             return PositionGains.paper(), VelocityGains.paper()
+        if self.preset == "normalised":
+            bounds = self.bounds(context)
+            return (
+                PositionGains.normalised(bounds[context.task.primary]),
+                VelocityGains.normalised(bounds[context.task.redundant]),
+            )
         task, reduced, dt, start = context.task, context.reduced, context.simulation.dt, context.q0[None]
         hand = np.ix_(np.arange(1), task.primary, task.primary)
         with named("controller"):

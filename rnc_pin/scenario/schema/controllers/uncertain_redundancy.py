@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rnc_pin.control import UncertainRedundancyController
+from rnc_pin.control import Estimator, UncertainController
 from rnc_pin.scenario.schema.controllers.base import Built, Context, named
 from rnc_pin.scenario.schema.controllers.class_1 import Class1Settings
 from rnc_pin.scenario.schema.controllers.unknown import Unknown
 
-_ALPHA = {"paper": 1.0, "scaled": 20.0}
+_ALPHA = {"paper": 1.0, "normalised": 20.0, "scaled": 20.0}
 
 
 class UncertainRedundancySettings(Class1Settings):
@@ -26,15 +27,16 @@ class UncertainRedundancySettings(Class1Settings):
 
     def make(self, context: Context) -> Built:
         reduced, unknown = context.reduced, self.unknown
-        exact = self.class_1(context)
         alpha = _ALPHA[self.preset] if self.alpha is None else self.alpha
         low, high = unknown.bounds
         with named("controller.unknown"):
             regressor = unknown.build(reduced)
-            estimating = UncertainRedundancyController(reduced, exact, regressor, unknown.estimates, (low, high), alpha)
+            estimator = Estimator(reduced, regressor, unknown.estimates, (low, high), alpha)
         notes = {
             "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
             "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
         }
-        # Gains are scaled along the way that exact kinematics would take: the way that is meant.
-        return self.tracked(context, estimating, context.task, exact, notes)
+        # All that is decided beforehand, margins and gains, is decided on what is believed: the truth is not known.
+        believed = replace(context, reduced=estimator.model)
+        built = self.tracked(believed, self.class_1(context), context.task, notes)
+        return replace(built, controller=UncertainController(estimator, built.controller))

@@ -56,7 +56,6 @@ class VelocitySettings(HeldSettings):
         context: Context,
         kinematic: KinematicController,
         task: Task | None = None,
-        meant: KinematicController | None = None,
         notes: Mapping[str, Json] | None = None,
     ) -> Built:
         """A kinematic controller over the dynamic one, after a preflight.
@@ -65,14 +64,13 @@ class VelocitySettings(HeldSettings):
             context: what it is built from.
             kinematic: decides the rates.
             task: whose A4 the kinematic controller inverts, if any.
-            meant: margins are watched and gains scaled along where it leads; the kinematic controller by default.
             notes: for the record.
 
         Raises:
             InfeasibleError: no gains suit the way, or a singular configuration is on it and preflight refuses that.
         """
         reduced, r, simulation = context.reduced, context.reduced.r, context.simulation
-        margins = margins_along(reduced, meant or kinematic, context.q0, context.horizon, _ROLLOUT_STEP, task)
+        margins = margins_along(reduced, kinematic, context.q0, context.horizon, _ROLLOUT_STEP, task)
         complaints = tuple(margins.complaints(_THIN))
         if complaints and context.preflight == "refuse":
             raise InfeasibleError("; ".join(complaints))
@@ -80,6 +78,8 @@ class VelocitySettings(HeldSettings):
             gain = chosen("k", self.k, _COMPUTED_TORQUE_GAIN, r)
             return Built(ComputedTorque(reduced, kinematic, gain), complaints, notes or {})
         gains = VelocityGains.paper()
+        if self.preset == "normalised":
+            gains = VelocityGains.normalised(self.bounds(context))
         if self.preset == "scaled":
             # A run that will end in a singular configuration is wanted all the same, for its results until then.
             region = margins.q if margins.singular is None else context.q0[None]

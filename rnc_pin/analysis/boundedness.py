@@ -1,0 +1,123 @@
+"""Lemma 1's other half: H, V and G are bounded. Over which configurations, and what happens next to the others?
+
+On a compact set where E is regular they are continuous, so bounded. Towards a configuration where E is singular
+``R = E^-1 [0; I]`` has no bound, and H and V with it, unless the columns that grow carry no inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.analysis.redundancy import Spread
+from rnc_pin.analysis.singularities import Singularity
+from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.model.reduced_model import ReducedModel
+
+_SHARES = 10.0 ** np.linspace(-1.0, -3.0, 7)  # of the way from a singular configuration to the nearest sample
+_FLAT = 0.2  # power of the distance below which something does not grow
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Approach:
+    """What H and V do on the way to a configuration where E is singular.
+
+    Attributes:
+        rows: names of the rows of E that depend on each other there.
+        distances: from it, farthest first [rad, m].
+        H, V: largest singular values there, V of the worst reducing velocity of unit length along one output.
+        H_order, V_order: p, where they grow like ``distance^-p``; about zero where they stay bounded.
+        bounded: whether both do.
+    """
+
+    rows: tuple[str, ...]
+    distances: tuple[float, ...]
+    H: tuple[float, ...]
+    V: tuple[float, ...]
+    H_order: float
+    V_order: float
+    bounded: bool
+
+
+@dataclass(frozen=True)
+class Boundedness:
+    """How large H, V and G are.
+
+    Attributes:
+        H: largest singular value of H over the samples.
+        V: the same of V, of the worst reducing velocity of unit length along one output: V is linear in v2.
+        G: length of G.
+        approaches: what happens towards configurations where E is singular, a family of them each.
+        everywhere: whether nothing grows without bound towards any that was found.
+    """
+
+    H: Spread
+    V: Spread
+    G: Spread
+    approaches: tuple[Approach, ...]
+    everywhere: bool
+
+
+def boundedness(
+    reduced: ReducedModel, configurations: np.ndarray, singularities: Sequence[Singularity] = ()
+) -> Boundedness:
+    """Sizes of H, V and G at regular configurations (count, nq), and on the way to singular ones."""
+    H, V, G = _sizes(reduced, configurations)
+    located = [each for each in singularities if each.matrix == "E" and each.located]
+    found = [_approach(reduced, configurations, each) for each in located]
+    approaches = tuple(each for each in found if each is not None)
+    return Boundedness(
+        Spread.over(H), Spread.over(V), Spread.over(G), approaches, all(each.bounded for each in approaches)
+    )
+
+
+def _sizes(reduced: ReducedModel, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of H, V and G at configurations (count, nq), (count,) each."""
+    rest = np.zeros(reduced.r)
+    still = reduced.at(configurations, rest)
+    resting = still.V if reduced.affine else 0.0
+    moved = [reduced.at(configurations, unit).V - resting for unit in np.eye(reduced.r)]
+    largest = np.max([np.linalg.norm(each, 2, axis=(-2, -1)) for each in moved], axis=0)
+    return np.linalg.norm(still.H, 2, axis=(-2, -1)), largest, np.linalg.norm(still.G, axis=-1)
+
+
+def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Singularity) -> Approach | None:
+    """The way there from the nearest sample; None where too little of it is regular."""
+    model = reduced.robot.model
+    there = reduced.robot.configuration(singularity.configuration)
+    start = min(configurations, key=lambda q: float(pin.distance(model, there, q)))
+    distances, sizes = [], []
+    for share in _SHARES:
+        try:
+            q = reduced.assembly.project(pin.interpolate(model, there, start, float(share)))
+            H, V, _ = _sizes(reduced, q[None])
+        except (SingularityError, ConstraintError):
+            continue
+        distances.append(float(np.linalg.norm(pin.difference(model, there, q))))
+        sizes.append((float(H[0]), float(V[0])))
+    if len(distances) < _FEWEST:
+        return None
+    H_order, V_order = (_order(distances, column) for column in zip(*sizes, strict=True))
+    return Approach(
+        rows=singularity.rows,
+        distances=tuple(distances),
+        H=tuple(size for size, _ in sizes),
+        V=tuple(size for _, size in sizes),
+        H_order=H_order,
+        V_order=V_order,
+        bounded=max(H_order, V_order) < _FLAT,
+    )
+
+
+def _order(distances: Sequence[float], sizes: Sequence[float]) -> float:
+    """The power in ``size ~ distance^-p`` over the nearer half of the way; zero of what is zero."""
+    nearer = max(_FEWEST, (len(distances) + 1) // 2)
+    last = np.array(sizes)[-nearer:]
+    if not (last > 0).all():
+        return 0.0
+    slope, _ = np.polyfit(np.log(np.array(distances)[-nearer:]), np.log(last), 1)
+    return float(-slope)

@@ -1,0 +1,118 @@
+"""Estimates of what is not known about constraints, improved once a sample. Paper (20), Lemma 4."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.estimation import Regressor, adapt
+from rnc_pin.control.protocol import Description, elapsed_time, listed
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+
+Bound = float | Sequence[float] | np.ndarray
+Bounds = tuple[Bound, Bound]
+
+BOUNDS = (0.05, 20.0)
+"""Lowest and highest estimate where nobody says otherwise."""
+
+
+class EstimatorState(NamedTuple):
+    """What has been learnt."""
+
+    time: float | None
+    p: Float[Array, " s"]
+    """Parameter estimates."""
+
+
+class Estimator:
+    """``phat_dot = alpha Y^T E`` with ``E = y - Y phat``, paper (20), at the measured q and v.
+
+    Args:
+        reduced: the system; true values of what is unknown in it are never read.
+        regressor: what is unknown, e.g. ``MomentumRegressor`` or ``WheelRegressor``.
+        initial: first estimates (s,), in the regressor's units.
+        bounds: lowest and highest values, positive; a number or one for each parameter.
+        alpha: adaptation gain; 0 switches it off.
+
+    Attributes:
+        model: the system as it is believed to be, with the estimates of the last step and at first with ``initial``.
+            Whatever needs a model under a controller, or an inertia to scale gains to, takes this one.
+
+    Raises:
+        ConfigurationError: estimates outside the bounds or of the wrong number, or a momentum that is not zero.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        regressor: Regressor,
+        initial: Sequence[float] | np.ndarray,
+        bounds: Bounds = BOUNDS,
+        alpha: float = 1.0,
+    ) -> None:
+        self.regressor, self.alpha = regressor, alpha
+        self.initial = np.array(initial, dtype=float)
+        size = len(regressor.names)
+        if self.initial.shape != (size,):
+            raise ConfigurationError(f"{self.initial.size} initial estimates for {size} unknown parameters")
+        self._low, self._high = (_one_each(bound, size) for bound in bounds)
+        if not ((self._low > 0) & (self._low < self._high)).all():
+            raise ConfigurationError(f"bounds of estimates have to be positive and in order, found {tuple(bounds)}")
+        outside = np.flatnonzero((self.initial < self._low) | (self.initial > self._high))
+        if len(outside):
+            first = outside[0]
+            raise ConfigurationError(
+                f"first estimate of the {regressor.names[first]}, {self.initial[first]:g}, has to be within its bounds "
+                f"{self._low[first]:g} and {self._high[first]:g}"
+            )
+        if reduced.affine:
+            raise ConfigurationError("estimation assumes A v = 0, a momentum of zero, and this one is not zero")
+        self._estimated = regressor.estimated(reduced)
+        self.model = self._estimated.at(self.initial)
+
+    def describe(self) -> Description:
+        """Its gain, first estimates by name, and bounds."""
+        return {
+            "alpha": self.alpha,
+            "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
+            "bounds": [listed(self._low), listed(self._high)],
+        }
+
+    def initial_state(self) -> EstimatorState:
+        """The first estimates, which ``model`` then has."""
+        self.model = self._estimated.at(self.initial)
+        return EstimatorState(None, self.initial)
+
+    def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[EstimatorState, np.ndarray]:
+        """Better estimates, which ``model`` then has, and the prediction error E (e,) of those before.
+
+        Reads from the measurement: ``q, v``.
+
+        Raises:
+            InputError: time runs backwards.
+        """
+        elapsed = elapsed_time(t, state.time)
+        y, Y = self.regressor.regress(measurement.q, measurement.v)
+        error = y - Y @ state.p
+        p = adapt(state.p, Y, error, self.alpha, elapsed, self._low, self._high) if self.alpha > 0 else state.p
+        self.model = self._estimated.at(p)
+        return EstimatorState(t, p), error
+
+
+def believed(measurement: Measurement, guess: Evaluation) -> Measurement:
+    """A measurement with the kinematics of an estimated model in the place of the true ones."""
+    return measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
+
+
+def _one_each(bound: Bound, size: int) -> np.ndarray:
+    values = np.asarray(bound, dtype=float)
+    if values.shape not in ((), (size,)):
+        raise ConfigurationError(f"bounds of estimates: {values.size} values for {size} unknown parameters")
+    return np.broadcast_to(values, (size,))

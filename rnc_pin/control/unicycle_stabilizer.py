@@ -1,0 +1,195 @@
+"""Point stabilisation of a unicycle: position and heading, from anywhere.
+
+M. Aicardi, G. Casalino, A. Bicchi, A. Balestrino, "Closed loop steering of unicycle like vehicles via Lyapunov
+techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35: with the distance e to the goal, the angle alpha
+from the heading to the line of sight and the angle theta from the goal's heading to it,
+
+    v = k e cos(alpha),    w = c alpha + k cos(alpha) sinc(alpha) (alpha + h theta)
+
+give ``Vdot = -k e^2 cos^2(alpha) - c alpha^2`` for ``V = (e^2 + alpha^2 + h theta^2) / 2``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rnc_pin.control.protocol import Description, VelocityTarget, listed
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.printing import Spelled
+
+_WAKE = 2.0  # times ``close``: how far from its goal a vehicle that rests sets out again
+_TURN_ABOUT = 0.5  # share of what the angles add to V below which driving the other way round is worth a change
+_STRAIGHT = 1e-3  # [rad] below which quotients by alpha are taken from their series
+
+
+class DrivingState(NamedTuple):
+    """What the vehicle is about."""
+
+    since: float | None
+    """When it set out [s]; None while it waits."""
+    resting: bool
+    backwards: bool
+
+
+class _Sight(NamedTuple):
+    """A pose as seen from the goal, driving forwards or backwards."""
+
+    distance: float
+    alpha: float
+    """From the heading to the line of sight (-pi, pi]."""
+    theta: float
+    """From the goal's heading to the line of sight (-pi, pi]."""
+
+
+class UnicycleStabilizer(Spelled):
+    """Drives a unicycle (forward speed, yaw) to a pose, from every other pose.
+
+    The law is that of Aicardi and others, with V as above, forwards or backwards: whichever needs less turning.
+    Changing between them only where V falls keeps V falling. Speed and turning are held below their limits by
+    slowing the whole motion down, which leaves its path and so V as they are. It rests until ``begin``, and where
+    distance, heading and motion are all small; pushed away from there it sets out again. At the goal the line of sight
+    has no direction (no continuous law exists, Brockett 1983): nearer than half of ``close`` it only turns.
+
+    Reads from the measurement: ``x1`` (positions), ``x2`` (of speed and yaw), ``v2``. One state at a time.
+
+    Args:
+        goal: (x, y, heading) [m, m, rad].
+        position: where in x1 the vehicle's x and y stand.
+        begin: time at which it starts [s].
+        k: rate at which the distance fades [1/s].
+        rate: at which the angles fade [1/s]; above k, so that they are gone before the distance is.
+        close: distance [m] and heading [rad], and their rates [per s], at which it rests.
+        soft: time over which it takes up speed [s].
+        fastest: largest forward speed [m/s] and yaw rate [rad/s] that it asks for.
+
+    Raises:
+        ConfigurationError: rates or limits that make no sense.
+        InputError: while running, the vehicle's position or heading is not given.
+    """
+
+    def __init__(
+        self,
+        goal: np.ndarray,
+        position: np.ndarray,
+        begin: float = 0.0,
+        k: float = 0.5,
+        rate: float = 1.5,
+        close: float = 2e-3,
+        soft: float = 1.0,
+        fastest: tuple[float, float] = (1.0, 1.0),
+    ) -> None:
+        if not 0 < k < rate:
+            raise ConfigurationError(f"a unicycle's stabiliser needs 0 < k < rate, found {k:g} and {rate:g}")
+        if not (close > 0 and soft >= 0 and min(fastest) > 0):
+            raise ConfigurationError(
+                f"a unicycle's stabiliser needs close > 0, soft >= 0 and positive limits, found {close:g}, {soft:g} "
+                f"and {tuple(fastest)}"
+            )
+        self.goal, self.position = np.asarray(goal, dtype=float), np.asarray(position, dtype=int)
+        self.begin, self.k, self.rate = begin, k, rate
+        self.close, self.soft, self.fastest = close, soft, (float(fastest[0]), float(fastest[1]))
+        # Of s^2 + c s + k^2 h, what the angles obey near the line of sight: poles at -rate and -1.2 rate.
+        self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
+
+    def describe(self) -> Description:
+        """Where it drives, from when, and how fast."""
+        return {
+            "type": type(self).__name__,
+            "goal": listed(self.goal),
+            "begin": self.begin,
+            "k": self.k,
+            "rate": self.rate,
+            "close": self.close,
+            "soft": self.soft,
+            "fastest": list(self.fastest),
+        }
+
+    def initial_state(self, measurement: Measurement) -> DrivingState:
+        """Waiting."""
+        self._pose(measurement)
+        return DrivingState(None, False, False)
+
+    def step(self, t: float, measurement: Measurement, state: DrivingState) -> tuple[VelocityTarget, DrivingState]:
+        pose, v2 = self._pose(measurement), np.asarray(measurement.v2, dtype=float)
+        state = self._settled(t, pose, v2, state)
+        x1 = np.full(measurement.x1.shape, np.nan)
+        x1[self.position] = self.goal[:2]
+        x2, still = np.array([np.nan, self.goal[2]]), np.zeros(2)
+        if state.since is None or state.resting:
+            return VelocityTarget(v2=still, v2_dot=still, x1=x1, x2=x2), state
+        desired, rate = self._limited(*self._law(self._sight(pose, state.backwards), v2, state.backwards))
+        share, growth = 1.0, 0.0
+        if t - state.since < self.soft:
+            share, growth = (t - state.since) / self.soft, 1.0 / self.soft
+        return VelocityTarget(v2=share * desired, v2_dot=share * rate + growth * desired, x1=x1, x2=x2), state
+
+    def _pose(self, measurement: Measurement) -> np.ndarray:
+        """x, y in the goal's axes, and the heading from the goal's in (-pi, pi]."""
+        dx, dy = measurement.x1[self.position] - self.goal[:2]
+        c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
+        pose = np.array([c * dx + s * dy, c * dy - s * dx, _wrapped(measurement.x2[1] - self.goal[2])])
+        if not np.isfinite(pose).all():
+            raise InputError("the vehicle's position and heading have to be given in x1 and x2")
+        return pose
+
+    def _settled(self, t: float, pose: np.ndarray, v2: np.ndarray, state: DrivingState) -> DrivingState:
+        """Whether it waits, rests or drives now, and which way round."""
+        if t < self.begin:
+            return state
+        off = max(float(np.hypot(pose[0], pose[1])), abs(float(pose[2])))
+        if off < self.close and float(np.abs(v2).max()) < self.close:
+            return DrivingState(t, True, state.backwards)
+        if state.resting and off < _WAKE * self.close:
+            return state
+        forwards, backwards = (self._turning(self._sight(pose, way)) for way in (False, True))
+        if state.since is None or state.resting:  # it sets out
+            return DrivingState(t, False, backwards < forwards)
+        now, other = (backwards, forwards) if state.backwards else (forwards, backwards)
+        return state._replace(backwards=state.backwards != (other < _TURN_ABOUT * now))
+
+    def _sight(self, pose: np.ndarray, backwards: bool) -> _Sight:
+        """The pose as the law sees it; backwards both headings are turned round."""
+        x, y, heading = pose
+        about, e = np.pi if backwards else 0.0, float(np.hypot(x, y))
+        if e < self.close / 2:  # there, but for the heading
+            return _Sight(0.0, _wrapped(-heading), 0.0)
+        bearing = float(np.arctan2(-y, -x))
+        return _Sight(e, _wrapped(bearing - heading - about), _wrapped(bearing - about))
+
+    def _turning(self, sight: _Sight) -> float:
+        """What the angles add to V."""
+        return sight.alpha**2 + self._h * sight.theta**2
+
+    def _law(self, sight: _Sight, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(v, w), and their rates while the vehicle moves at v2."""
+        (e, alpha, theta), k, h = sight, self.k, self._h
+        sign = -1.0 if backwards else 1.0
+        speed, turn = sign * v2[0], v2[1]
+        c, s = np.cos(alpha), np.sin(alpha)
+        # Nearer than ``close`` the line of sight turns as it would there: the vehicle is about to rest.
+        theta_dot = speed * s * e / max(e, self.close) ** 2
+        alpha_dot = theta_dot - turn
+        v_dot = k * (-speed * c * c - e * s * alpha_dot)
+        if abs(alpha) < _STRAIGHT:
+            share, slope = 1.0 - 2.0 / 3.0 * alpha**2, -4.0 / 3.0 * alpha  # of cos(alpha) sinc(alpha)
+        else:
+            share, slope = c * s / alpha, (np.cos(2 * alpha) - c * s / alpha) / alpha
+        lean, lean_dot = alpha + h * theta, alpha_dot + h * theta_dot
+        w = self._c * alpha + k * share * lean
+        w_dot = self._c * alpha_dot + k * (slope * alpha_dot * lean + share * lean_dot)
+        return np.array([sign * k * e * c, w]), np.array([sign * v_dot, w_dot])
+
+    def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slower along the same path, below the limits; and the rate of that."""
+        limits = np.array(self.fastest)
+        slower = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
+        slower_dot = np.sum(v2 * v2_dot / limits**2) / slower
+        return v2 / slower, (v2_dot - v2 * slower_dot / slower) / slower
+
+
+def _wrapped(angle: float) -> float:
+    """An angle in (-pi, pi]."""
+    return float(np.pi - np.mod(np.pi - angle, 2.0 * np.pi))
