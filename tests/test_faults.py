@@ -2,7 +2,9 @@
 
 import json
 import re
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from itertools import pairwise
+from multiprocessing import get_context
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +12,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.plants import ChangingMachine, FaultyMachine
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import ReducedPlant
 from systems import mobile_manipulator
 
@@ -183,3 +185,29 @@ def test_estimators_learn_the_machine_not_the_model():
     assert radius == pytest.approx(0.1, rel=0.02)
     assert abs(track - 0.4) < 0.5 * abs(0.24 - 0.4)  # on its way
     assert np.abs(run.slip).max() > 0.05  # of the wheels that are believed
+
+
+FAULTY = {
+    "simulation.duration": 0.4,
+    "faults": {"position_noise": 1e-4, "velocity_noise": 1e-3, "garbage": 0.05, "dropped": 0.05, "masses": 0.2},
+    "seed": 7,
+    "comparisons": {},
+}
+
+
+def bits(plant: str) -> bytes:
+    """All that a short run with faults says, as bytes."""
+    run = execute(plan("unicycle", {**FAULTY, "plant": plant})).trajectory
+    return b"".join(array.tobytes() for array in (run.q, run.v, run.T, run.v_measured, run.estimates, run.slip))
+
+
+@pytest.mark.parametrize("plant", ["reduced", "mujoco"])
+def test_the_same_seed_gives_the_same_bits_everywhere(plant):
+    """In one thread or two, in this process or in another."""
+    if plant == "mujoco":
+        pytest.importorskip("mujoco")
+    here = bits(plant)
+    with ThreadPoolExecutor(2) as threads:
+        assert set(threads.map(bits, [plant] * 2)) == {here}
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
+        assert processes.submit(bits, plant).result() == here

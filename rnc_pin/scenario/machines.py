@@ -12,8 +12,7 @@ from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ChangingMachine, FaultyMachine, Machine
-from rnc_pin.plants.mujoco import MuJoCoPlant
+from rnc_pin.plants import ChangingMachine, FaultyMachine, Machine, mujoco
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import ReducedPlant
@@ -35,18 +34,18 @@ def build_machine(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, fol
     """
     plant, faults, settings = scenario.plant, scenario.faults, scenario.simulation
     assert settings is not None
-    mujoco = plant is not None and plant.type == "mujoco"
-    if faults is None and not mujoco:
+    simulated = plant is not None and plant.type == "mujoco"
+    if faults is None and not simulated:
         return None
-    if mujoco and (settings.joint_damping or settings.substeps > 1):
+    if simulated and (settings.joint_damping or settings.substeps > 1):
         raise ConfigurationError(
             "simulation: joint_damping and substeps are of our own plant; MuJoCo's stand in 'plant'"
         )
 
     def made(true: ReducedModel) -> Machine:
-        if mujoco:
+        if simulated:
             assert plant is not None
-            return MuJoCoPlant(true, plant.settings, q0)
+            return mujoco.MuJoCoPlant(true, plant.settings, q0)
         return ReducedPlant(true, settings.plant, settings.substeps)
 
     if faults is None:
