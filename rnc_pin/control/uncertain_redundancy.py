@@ -44,6 +44,7 @@ class UncertainRedundancyController(Spelled):
         initial: first estimates (s,), in the regressor's units.
         bounds: lowest and highest values, positive; a number or one for each parameter.
         alpha: adaptation gain; 0 switches it off.
+        dead_zone: prediction error below which nothing is learnt, as large as its noise; a number or one for each.
 
     Raises:
         ConfigurationError: estimates outside the bounds or of the wrong number, or a momentum that is not zero.
@@ -57,8 +58,9 @@ class UncertainRedundancyController(Spelled):
         initial: Sequence[float] | np.ndarray,
         bounds: tuple[float | Sequence[float] | np.ndarray, float | Sequence[float] | np.ndarray] = (0.05, 20.0),
         alpha: float = 1.0,
+        dead_zone: float | np.ndarray = 0.0,
     ) -> None:
-        self.regressor, self.controller, self.alpha = regressor, controller, alpha
+        self.regressor, self.controller, self.alpha, self.dead_zone = regressor, controller, alpha, dead_zone
         self.initial = np.array(initial, dtype=float)
         size = len(regressor.names)
         if self.initial.shape != (size,):
@@ -83,6 +85,7 @@ class UncertainRedundancyController(Spelled):
             **self.controller.describe(),
             "type": type(self).__name__,
             "alpha": self.alpha,
+            "dead_zone": listed(self.dead_zone),
             "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
             "bounds": [listed(self._low), listed(self._high)],
         }
@@ -95,7 +98,9 @@ class UncertainRedundancyController(Spelled):
         elapsed = elapsed_time(t, state.time)
         y, Y = self.regressor.regress(measurement.q, measurement.v)
         error = y - Y @ state.p
-        p = adapt(state.p, Y, error, self.alpha, elapsed, self._low, self._high) if self.alpha > 0 else state.p
+        p = state.p
+        if self.alpha > 0:
+            p = adapt(p, Y, error, self.alpha, elapsed, self._low, self._high, self.dead_zone)
         guess = self._estimated.at(p).measure(measurement.q, measurement.v2)
         seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot)
         target, _ = self.controller.step(t, seen, None)

@@ -31,7 +31,9 @@ class UncertainRedundancySettings(Class1Settings):
         low, high = unknown.bounds
         with named("controller.unknown"):
             regressor = unknown.build(reduced)
-            estimating = UncertainRedundancyController(reduced, exact, regressor, unknown.estimates, (low, high), alpha)
+            estimating = UncertainRedundancyController(
+                reduced, exact, regressor, unknown.estimates, (low, high), alpha, unknown.dead_zone
+            )
         notes = {
             "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
             "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
