@@ -11,7 +11,7 @@ from rnc_pin.control import SlitheringReference, SteeringController
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.urdf_files import find_urdf
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.run import execute, plan
 from systems import fire_truck
 
 TASK = (["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
@@ -87,12 +87,14 @@ class Drive:
         return np.arctan2(*(kingpin - axle)[::-1])
 
 
-@pytest.mark.parametrize("ahead", [0.0, 0.3])
-def test_heading_and_two_derivatives_against_brute_force(ahead, tmp_path):
+@pytest.mark.parametrize(("ahead", "window"), [(0.0, None), (0.3, 0.03)])
+def test_heading_and_two_derivatives_against_brute_force(ahead, window, tmp_path):
+    """Where this tractor stops its path bends without a third derivative, which a window must not be long for."""
     reduced = truck_with_kingpin_ahead(tmp_path) if ahead else fire_truck()
     kingpin = "trailer" if ahead else None
     length, offset = (np.hypot(1.4, 0.2), -np.arctan2(-0.2, 1.4)) if ahead else (1.0, 0.0)
-    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", kingpin)
+    task = rnc.Task.of(reduced, *TASK)
+    reference = SlitheringReference(reduced, task, "tractor", "rear_axle", kingpin, window=window)
     np.testing.assert_allclose(reference.length, length, rtol=1e-12)
     way, h, dt = Drive(), 2e-3, 0.005
     state = reference.initial_state(way.measure(reduced, 0.0)[0])
@@ -157,6 +159,50 @@ def test_backing_up_leads_back_along_the_same_path(back):
             np.testing.assert_allclose(np.abs(point.velocity), 0.5, atol=1e-4)
 
 
+def on_a_bend(reduced, s, radius=2.0):
+    """Measured on a circle after a straight, at unit speed."""
+    x, y, heading = (s, 0.0, 0.0)
+    if s > 0:
+        x, y, heading = radius * np.sin(s / radius), radius - radius * np.cos(s / radius), s / radius
+    values = {"root_joint": [x, y, heading], "front_steering": np.arctan(1 / radius) if s > 0 else 0.0}
+    return reduced.measure(reduced.robot.configuration(values), np.array([1.0, 0.0, 0.0]))
+
+
+def test_noise_of_positions_is_not_differentiated():
+    """Of 0.1 mm and mrad; through each two places, as before, 2 rad/s^2 come of it."""
+    reduced = fire_truck()
+    task = rnc.Task.of(reduced, *TASK)
+    worst = []
+    for window in (None, 0.02):
+        reference = SlitheringReference(reduced, task, "tractor", "rear_axle", window=window)
+        generator, errors = np.random.default_rng(1), []
+        state = reference.initial_state(on_a_bend(reduced, -0.5))
+        for s in np.arange(-0.5, 4.0, 0.01):
+            m = on_a_bend(reduced, s)
+            m = m._replace(x1=m.x1 + 1e-4 * generator.normal(size=m.x1.shape))
+            point, state = reference.step(m, np.zeros(3), state)
+            if s > 1.5:  # a chord of length 1 on the circle turns steadily
+                error = np.sin(point.position[0] - s / 2 + np.arcsin(0.25))
+                errors.append(np.abs([error, point.velocity[0] - 0.5, point.acceleration[0]]))
+        worst.append(np.max(errors, axis=0))
+    np.testing.assert_array_less(worst[0], [5e-4, 5e-4, 1e-2])
+    assert worst[1][2] > 0.5
+
+
+def test_a_fire_truck_with_noisy_sensors_follows_with_inputs_as_without():
+    """Of 0.1 mm and mrad; before the path was fitted the rear steering took 125 N m instead of 0.8."""
+    largest, strayed = [], []
+    for noise in (0.0, 1e-4):
+        changes = {"faults": {"position_noise": noise}, "simulation": {"duration": 4.5, "dt": 0.005}}
+        result = execute(plan("fire-truck", {**changes, "comparisons": {}, "plots": {}}))
+        assert result.summary["outcome"] == "completed"
+        largest.append(np.abs(result.trajectory.T).max(axis=0))
+        strayed.append(result.summary["off_tracking_max"])
+    assert largest[1].max() < 1.1 * largest[0].max()
+    assert (largest[1] < 10 * largest[0]).all()
+    assert strayed[1] < 5e-4
+
+
 @pytest.mark.parametrize("radius", [0.25, 0.45, 0.505])
 def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
     """On a circle narrower than the trailer is long, the axle never leaves the straight before it."""
@@ -210,6 +256,7 @@ def test_a_loop_of_ones_own_round_a_path_of_three_legs():
         (("tractor", "front_axle"), "'tractor' and 'front_axle' are not two fixed places on a body with trailer_yaw"),
         (("tractor", "rear_axle", "rear_axle"), "needs the vertical output 'rear_axle_x'"),
         (("tractor", "rear_axle", None, 0.0), "spacing"),
+        (("tractor", "rear_axle", None, None, -1.0), "window"),
     ],
 )
 def test_what_is_no_tractor_with_a_trailer_is_refused(arguments, words):

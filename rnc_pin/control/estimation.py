@@ -13,6 +13,7 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.dead_zone import beyond
 from rnc_pin.model.parts import Parts, natural_lengths
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
@@ -80,13 +81,22 @@ class EstimatedModel:
 
 
 def adapt(
-    p: np.ndarray, W: np.ndarray, error: np.ndarray, gain: float, elapsed: float, low: np.ndarray, high: np.ndarray
+    p: np.ndarray,
+    W: np.ndarray,
+    error: np.ndarray,
+    gain: float,
+    elapsed: float,
+    low: np.ndarray,
+    high: np.ndarray,
+    dead_zone: float | np.ndarray = 0.0,
 ) -> np.ndarray:
     """One sample of ``pdot = alpha W^T E`` (20), kept within bounds.
 
     The step is bounded like that of the trackers: it never corrects more than the error that it sees, so that
-    ``|p - phat|`` does not grow (Lemma 4). Clipping to a box that holds p does not make it grow either.
+    ``|p - phat|`` does not grow (Lemma 4). Nor does it for small steps where the error is measured with noise within
+    the dead zone, of which nothing is learnt (``control.dead_zone``). Clipping to a box that holds p does not make it
+    grow either.
     """
     step = gain * elapsed
-    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * error)
+    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * beyond(error, dead_zone))
     return np.clip(p + correction, low, high)

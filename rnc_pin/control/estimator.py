@@ -40,6 +40,7 @@ class Estimator:
         initial: first estimates (s,), in the regressor's units.
         bounds: lowest and highest values, positive; a number or one for each parameter.
         alpha: adaptation gain; 0 switches it off.
+        dead_zone: prediction error below which nothing is learnt; a number or one each.
 
     Attributes:
         model: the system as it is believed to be, with the estimates of the last step and at first with ``initial``.
@@ -56,8 +57,9 @@ class Estimator:
         initial: Sequence[float] | np.ndarray,
         bounds: Bounds = BOUNDS,
         alpha: float = 1.0,
+        dead_zone: float | np.ndarray = 0.0,
     ) -> None:
-        self.regressor, self.alpha = regressor, alpha
+        self.regressor, self.alpha, self.dead_zone = regressor, alpha, dead_zone
         self.initial = np.array(initial, dtype=float)
         size = len(regressor.names)
         if self.initial.shape != (size,):
@@ -81,6 +83,7 @@ class Estimator:
         """Its gain, first estimates by name, and bounds."""
         return {
             "alpha": self.alpha,
+            "dead_zone": listed(self.dead_zone),
             "initial": dict(zip(self.regressor.names, self.initial.tolist(), strict=True)),
             "bounds": [listed(self._low), listed(self._high)],
         }
@@ -101,7 +104,9 @@ class Estimator:
         elapsed = elapsed_time(t, state.time)
         y, Y = self.regressor.regress(measurement.q, measurement.v)
         error = y - Y @ state.p
-        p = adapt(state.p, Y, error, self.alpha, elapsed, self._low, self._high) if self.alpha > 0 else state.p
+        p = state.p
+        if self.alpha > 0:
+            p = adapt(p, Y, error, self.alpha, elapsed, self._low, self._high, self.dead_zone)
         self.model = self._estimated.at(p)
         return EstimatorState(t, p), error
 

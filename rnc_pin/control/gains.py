@@ -17,6 +17,8 @@ Gain = float | np.ndarray
 
 FASTEST = 0.2
 """Largest product of a closed-loop rate and the sampling period that the sampled tracker tolerates."""
+LATEST = np.pi / 4
+"""Largest product of a closed-loop rate and the age of what it is fed back from: half of pi / 2."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +29,23 @@ class VelocityGains:
         k: feedback of the velocity error [force per velocity].
         beta: adaptation.
         sigma: leak of the adaptation [1/s].
+        dead_zone: velocity error below which nothing is learnt, as large as the noise of velocities; none in the paper
+            (``control.dead_zone``).
     """
 
     k: Gain = 10.0
     beta: Gain = 10.0
     sigma: float = 0.1
+    dead_zone: Gain = 0.0
 
     def describe(self) -> Description:
         """The numbers by name."""
-        return {"k": listed(self.k), "beta": listed(self.beta), "sigma": self.sigma}
+        return {
+            "k": listed(self.k),
+            "beta": listed(self.beta),
+            "sigma": self.sigma,
+            "dead_zone": listed(self.dead_zone),
+        }
 
     @classmethod
     def paper(cls) -> VelocityGains:
@@ -79,6 +89,7 @@ class VelocityGains:
         sigma: float = 0.1,
         outputs: np.ndarray | None = None,
         adaptation: float = 1.0,
+        delay: float = 0.0,
     ) -> VelocityGains:
         """Diagonal gains ``K = bandwidth diag(H)`` that suit the inertia over a region.
 
@@ -86,6 +97,12 @@ class VelocityGains:
         velocity loop has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt
         below ``FASTEST``) and fast for the outer loop (at least ``slowest``); the bandwidth is chosen in
         this window, at its upper end unless one is asked for.
+
+        A delay bounds them too. What acts is ``delay`` old, and on average half a sample more for being held:
+        ``edot = -rate e(t - age)`` with ``age = delay + dt / 2`` has solutions ``exp(s t)`` with
+        ``s = -rate exp(-s age)``, and the first to cross the imaginary axis do so at ``rate age = pi / 2``. The rates
+        are kept below half of that, ``LATEST = pi / 4``: the other half of the phase is left to adaptation, which takes
+        ``atan(beta / k / rate)``, and to the outer loop.
 
         Args:
             reduced: the model.
@@ -97,19 +114,23 @@ class VelocityGains:
             outputs: positions of the reducing outputs that the gains are for; all by default.
             adaptation: ``beta / k`` [1/s]. Where gravity is large for the inertia that it acts on, as at a light wrist,
                 it has to be learnt as fast as it changes: 30.
+            delay: from a measurement until a force answers it, sampling apart [s].
 
         Raises:
             InfeasibleError: the window is empty; says the figures.
-            ConfigurationError: ``bandwidth`` is outside it.
+            ConfigurationError: ``bandwidth`` is outside it, or the delay is negative.
         """
+        _check_delay(delay)
         H = reduced.inertia(np.atleast_2d(configurations))
         diagonal, spread = _scaled(H if outputs is None else H[:, outputs][:, :, outputs])
-        low, high = slowest * float(spread.max()), FASTEST / dt * float(spread.min())
+        fastest = min(FASTEST / dt, LATEST / (delay + dt / 2))
+        low, high = slowest * float(spread.max()), fastest * float(spread.min())
         if low > high:
             raise InfeasibleError(
                 f"no velocity gains suit this region: closed-loop rates of at least {slowest:g}/s need a bandwidth of "
-                f"{low:.3g} rad/s, sampling every {dt:g} s allows {high:.3g}; sample faster or keep clear of "
-                f"configurations where the inertia is so uneven (eigenvalues {spread.min():.3g} to {spread.max():.3g})"
+                f"{low:.3g} rad/s, sampling every {dt:g} s{_late(delay)} allows {high:.3g}; sample faster or keep "
+                "clear of configurations where the inertia is so uneven "
+                f"(eigenvalues {spread.min():.3g} to {spread.max():.3g})"
             )
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
@@ -127,6 +148,7 @@ class PositionGains:
         gamma: of the filter [1/s], one number.
         beta: adaptation.
         sigma: leak of the adaptation [1/s].
+        dead_zone: error below which nothing is learnt, as large as the noise of the outputs; none in the paper.
     """
 
     k1: Gain = 10.0
@@ -134,6 +156,7 @@ class PositionGains:
     gamma: float = 2.0
     beta: Gain = 10.0
     sigma: float = 0.1
+    dead_zone: Gain = 0.0
 
     def describe(self) -> Description:
         """The numbers by name."""
@@ -143,6 +166,7 @@ class PositionGains:
             "gamma": self.gamma,
             "beta": listed(self.beta),
             "sigma": self.sigma,
+            "dead_zone": listed(self.dead_zone),
         }
 
     @classmethod
@@ -178,13 +202,20 @@ class PositionGains:
 
     @classmethod
     def scaled(
-        cls, inertia: np.ndarray, dt: float, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1
+        cls,
+        inertia: np.ndarray,
+        dt: float,
+        gamma: float = 8.0,
+        rate: float = 3.0,
+        sigma: float = 0.1,
+        delay: float = 0.0,
     ) -> PositionGains:
         """Diagonal gains that suit the inertia over a region.
 
         With ``k = kappa diag(H)`` the closed loop oscillates at ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``,
         damped at about ``gamma`` by the filter, while holding inputs over a sample feeds it at
-        ``omega^2 dt / 4``: omega^2 may be gamma / dt. The error itself then fades at
+        ``omega^2 dt / 4``, that is half of omega^2 times the half sample that inputs are old on average: omega^2 may
+        be gamma / dt, or with a delay ``gamma / (dt + 2 delay)``. The error itself then fades at
         ``rate = 2 kappa2 gamma^3 / omega^2``.
 
         Args:
@@ -193,17 +224,20 @@ class PositionGains:
             gamma: of the filter [1/s].
             rate: at which the error should fade [1/s].
             sigma: leak of the adaptation [1/s].
+            delay: from a measurement until a force answers it, sampling apart [s].
 
         Raises:
             InfeasibleError: sampling is too slow for these rates; says the figures.
+            ConfigurationError: the delay is negative.
         """
+        _check_delay(delay)
         diagonal, spread = _scaled(inertia)
-        square = gamma / dt * float(spread.min())
+        square = gamma / (dt + 2.0 * delay) * float(spread.min())
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
         if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(spread.max()):
             raise InfeasibleError(
-                f"no position gains suit this region: sampling every {dt:g} s allows oscillations of "
+                f"no position gains suit this region: sampling every {dt:g} s{_late(delay)} allows oscillations of "
                 f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
             )
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
@@ -215,6 +249,15 @@ def _positive(bound: Gain) -> np.ndarray:
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
     return values
+
+
+def _check_delay(delay: float) -> None:
+    if not 0 <= delay < np.inf:
+        raise ConfigurationError(f"delay of a loop has to be a time [s], not negative, found {delay}")
+
+
+def _late(delay: float) -> str:
+    return f" with a delay of {delay:g} s" if delay else ""
 
 
 def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -49,13 +49,14 @@ class PositionTracker(Spelled):
 
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
-    Of outputs whose actuators gave too little nothing is learnt that would ask for more (``control.windup``).
+    Of outputs whose actuators gave too little nothing is learnt that would ask for more (``control.windup``), and of
+    those whose error is within the dead zone nothing at all.
 
     Reads from the measurement: ``x2``, and ``excess`` where somebody looked.
 
     Args:
         reference: of the outputs that it tracks.
-        gains: k1, k2, gamma, beta, sigma; the paper's by default.
+        gains: k1, k2, gamma, beta, sigma, dead zone; the paper's by default.
         outputs: positions of those outputs in x2; all by default. F has their length.
         angular: which of them are angles, or their coordinates.
         held: force on these outputs that holds the robot up where it starts (k,), as its actuators report while it
@@ -140,8 +141,9 @@ class PositionTracker(Spelled):
 
         f = decay * state.f + held * (drive - g.sigma * step)
         A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
-        if measurement.excess is not None:
-            f, A, B = self._held_back(measurement.excess[..., self.outputs], state, desired, step, f, A, B)
+        if measurement.excess is not None or np.any(g.dead_zone):
+            excess = np.zeros(e.shape) if measurement.excess is None else measurement.excess[..., self.outputs]
+            f, A, B = self._held_back(excess, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
         F = (
             apply(A + step[..., :, None] * xdd, np.broadcast_to(xdd, e.shape))
             + apply(B + step[..., :, None] * xd, np.broadcast_to(xd, e.shape))
@@ -161,6 +163,7 @@ class PositionTracker(Spelled):
     def _held_back(
         self,
         excess: np.ndarray,
+        quiet: np.ndarray,
         state: PositionState,
         desired: ReferencePoint,
         step: np.ndarray,
@@ -168,14 +171,14 @@ class PositionTracker(Spelled):
         A: np.ndarray,
         B: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Primed f, A and B (8) without what would ask still more of actuators that gave too little."""
+        """Primed f, A and B (8) where quiet outputs learn nothing, nor others what asks more of clipped actuators."""
         before = desired if state.time is None else self.reference.at(state.time)
         w, w_before = _regressor(desired), _regressor(before)
         # What would be primed now if the learnt force had stayed as it was.
         same = _stacked(state.f, state.A, state.B)
         same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
-        stays = asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], w.shape[-1]))))
+        stays = quiet | asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], w.shape[-1]))))
         kept = np.where(stays[..., None], same, new)
         k = step.shape[-1]
         return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]

@@ -10,6 +10,7 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -20,6 +21,7 @@ from rnc_pin.printing import Spelled
 _ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
 _JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]
 _KEPT = 2.0  # lengths of the trailer along the path that are remembered at least
+_PLACES = 5  # remembered on each side that the path is fitted to
 _UNKNOWN = np.full(1, np.nan)
 _UNKNOWN.flags.writeable = False
 
@@ -43,9 +45,11 @@ class SlitheringReference(Spelled):
         sddot   = (e . b + w . w / L) / e . t              theta_ddot = n . (b - sddot t) / L
         w = pdot - sdot t,      b = pddot - sdot^2 c m,    m across t and n across e, to the left.
 
-    For a kingpin on the tractor's axle that is ``sdot = u cos(theta1 - theta) / cos(psi - theta)``. Nothing is
-    differentiated numerically, so that it rests where the tractor rests. A tractor that backs up a little finds the
-    path it came by; farther back, what lies ahead of it is forgotten. Before the start the path is straight.
+    For a kingpin on the tractor's axle that is ``sdot = u cos(theta1 - theta) / cos(psi - theta)``. Place, direction
+    and curvature are those of a quintic that fits the places around best, positions and headings, so that noise of
+    sensors is not differentiated; and nothing is differentiated in time, so that it rests where the tractor rests. A
+    tractor that backs up a little finds the path it came by; farther back, what lies ahead of it is forgotten. Before
+    the start the path is straight.
 
     Reads from the measurement: ``x1, v1, v2, A_star, A_star_dot``, and ``q`` once, for the initial state. One state
     at a time.
@@ -58,6 +62,8 @@ class SlitheringReference(Spelled):
         kingpin: frame at the kingpin, on either body; that of the tractor by default. If it is another one, its
             position has to be a vertical output too.
         spacing: of the places remembered [m]; a fiftieth of the trailer's length by default.
+        window: along the path on each side of the axle, over which the path is fitted [m]; five spacings by default.
+            Longer is smoother, and blurs bends that change within it.
 
     Raises:
         ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
@@ -76,6 +82,7 @@ class SlitheringReference(Spelled):
         axle: str,
         kingpin: str | None = None,
         spacing: float | None = None,
+        window: float | None = None,
     ) -> None:
         if len(task.vertical) != 1 or not task.vertical_coordinates.angular[0]:
             raise ConfigurationError(
@@ -90,6 +97,9 @@ class SlitheringReference(Spelled):
         self.spacing = self.length / 50 if spacing is None else spacing
         if not self.spacing > 0:
             raise ConfigurationError(f"spacing of a slithering reference has to be positive, found {spacing}")
+        self.window = _PLACES * self.spacing if window is None else window
+        if not self.window > 0:
+            raise ConfigurationError(f"window of a slithering reference has to be positive, found {window}")
         self._names = (*task.vertical_names, names[self._tractor[2]])
 
     def initial_state(self, measurement: Measurement) -> DrivenPath:
@@ -119,7 +129,7 @@ class SlitheringReference(Spelled):
         path = self._recorded(state.path, x, y, heading)
         k0, k1 = self._kingpin
         px, py = float(x1[k0]), float(x1[k1])
-        older, sx, sy, psi, curvature = self._behind(path, px, py, x, y, heading)
+        older, (sx, sy, psi, curvature) = self._behind(path, px, py, x, y, heading)
         theta = atan2(py - sy, px - sx)
         rates = measurement.v1
         rows = measurement.A_star[self._kingpin] @ v2_dot + measurement.A_star_dot[self._kingpin] @ measurement.v2
@@ -146,7 +156,8 @@ class SlitheringReference(Spelled):
         # What is far behind the axle's place is of no use, not even for backing up.
         oldest = path[-1, 3] - _KEPT * L
         if older > 1 and path[1, 3] < oldest:
-            path = path[min(older, int(np.searchsorted(path[:, 3], oldest))) - 1 :]
+            fitted = int(np.searchsorted(path[:, 3], path[older, 3] - self.window))
+            path = path[max(min(fitted, int(np.searchsorted(path[:, 3], oldest))) - 1, 0) :]
         return point, DrivenPath(path, desired)
 
     def _recorded(self, path: Array, x: float, y: float, heading: float) -> Array:
@@ -160,10 +171,8 @@ class SlitheringReference(Spelled):
                 return path
             path = path[:-1]
 
-    def _behind(
-        self, path: Array, px: float, py: float, x: float, y: float, heading: float
-    ) -> tuple[int, float, float, float, float]:
-        """The place one chord behind the kingpin: index of the one recorded before it, x, y, heading and curvature."""
+    def _behind(self, path: Array, px: float, py: float, x: float, y: float, heading: float) -> tuple[int, PathPoint]:
+        """The place one chord behind the kingpin, and the index of the one recorded before it."""
         L = self.length
         dx, dy = path[:, 0] - px, path[:, 1] - py
         far = np.flatnonzero(dx * dx + dy * dy >= L * L)
@@ -172,38 +181,12 @@ class SlitheringReference(Spelled):
             ox, oy, psi, _ = path[0].tolist()
             along = (px - ox) * cos(psi) + (py - oy) * sin(psi)
             tau = sqrt(along**2 + L * L - (px - ox) ** 2 - (py - oy) ** 2) - along
-            return 0, ox - tau * cos(psi), oy - tau * sin(psi), psi, 0.0
+            return 0, PathPoint(ox - tau * cos(psi), oy - tau * sin(psi), psi, 0.0)
         older = int(far[-1])
         begin = path[older].tolist()
         end = path[older + 1].tolist() if older + 1 < len(path) else (x, y, heading)
-        return older, *_chord_end(begin, end, px, py, L)
-
-
-def _chord_end(
-    begin: list[float], end: list[float] | tuple[float, float, float], px: float, py: float, L: float
-) -> tuple[float, float, float, float]:
-    """Where a cubic Hermite curve between two places is L from (px, py), by Newton: x, y, heading and curvature."""
-    x0, y0, dx, dy = begin[0], begin[1], end[0] - begin[0], end[1] - begin[1]
-    h = hypot(dx, dy)
-    ux, uy, vx, vy = h * cos(begin[2]), h * sin(begin[2]), h * cos(end[2]), h * sin(end[2])
-    # x0 + ux s + b s^2 + a s^3
-    bx, by, ax, ay = 3 * dx - 2 * ux - vx, 3 * dy - 2 * uy - vy, ux + vx - 2 * dx, uy + vy - 2 * dy
-    s = 0.0
-    for _ in range(12):
-        x, y = x0 + s * (ux + s * (bx + s * ax)), y0 + s * (uy + s * (by + s * ay))
-        x_s, y_s = ux + s * (2 * bx + 3 * s * ax), uy + s * (2 * by + 3 * s * ay)
-        rx, ry = px - x, py - y
-        slope = rx * x_s + ry * y_s
-        if slope <= 0.0:
-            break  # across the path: the caller says so
-        step = (rx * rx + ry * ry - L * L) / (2 * slope)
-        moved = min(max(s + step, 0.0), 1.0)
-        if abs(moved - s) < 1e-13:
-            break
-        s = moved
-    speed = hypot(x_s, y_s)
-    bend = x_s * (2 * by + 6 * s * ay) - y_s * (2 * bx + 6 * s * ax)
-    return x, y, atan2(y_s, x_s), bend / speed**3
+        near = chord_end_between(begin, end, px, py, L)
+        return older, chord_end_fitted(path, older, near, px, py, L, self.window)
 
 
 def _wrapped(angle: float) -> float:

@@ -40,7 +40,8 @@ class SteeringController(Spelled):
         k3: [1/s], of the vertical outputs.
         k4: [1/s], of their rates; some times k3.
         k21: [1/s], of the primary outputs.
-        damping: value of N below which steering fades out.
+        damping: value of N below which steering fades out. What noise of the vertical outputs asks of the redundant
+            ones is at most ``k3 k4 / (2 damping)`` times as large.
         fastest: largest rate asked of the redundant outputs.
         watched: positions in x1 and reference of vertical outputs that only the primary ones drive (x12); for the
             record.
@@ -58,7 +59,7 @@ class SteeringController(Spelled):
         k3: float | np.ndarray = 2.0,
         k4: float = 10.0,
         k21: float | np.ndarray = 2.0,
-        damping: float = 0.02,
+        damping: float = 0.1,
         fastest: float = 4.0,
         watched: tuple[np.ndarray, Reference] | None = None,
     ) -> None:

@@ -34,6 +34,7 @@ class UncertainRedundancyController(Spelled):
         initial: first estimates (s,), in the regressor's units.
         bounds: lowest and highest values, positive; a number or one for each parameter.
         alpha: adaptation gain; 0 switches it off.
+        dead_zone: prediction error below which nothing is learnt, as large as its noise; a number or one for each.
 
     Raises:
         ConfigurationError: estimates outside the bounds or of the wrong number, or a momentum that is not zero.
@@ -47,9 +48,10 @@ class UncertainRedundancyController(Spelled):
         initial: Sequence[float] | np.ndarray,
         bounds: Bounds = BOUNDS,
         alpha: float = 1.0,
+        dead_zone: float | np.ndarray = 0.0,
     ) -> None:
         self.controller = controller
-        self.estimator = Estimator(reduced, regressor, initial, bounds, alpha)
+        self.estimator = Estimator(reduced, regressor, initial, bounds, alpha, dead_zone)
 
     def describe(self) -> Description:
         """Gains of the class-1 controller, and of the estimation: alpha, first estimates by name, bounds."""

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.dead_zone import beyond
 from rnc_pin.control.gains import VelocityGains
 from rnc_pin.control.protocol import (
     Command,
@@ -42,14 +43,16 @@ class VelocityTracker(Spelled):
     The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time
     the leak is exact over a sample, and the step along the regressor w is bounded: what one sample adds
     to F is at most ``k e_v``, however large ``beta |w|^2 dt`` (under explicit Euler more than 2 diverges).
-    For small steps both are the paper's. Of outputs whose actuators gave too little nothing is learnt that would ask
-    for more (``control.windup``).
+    For small steps both are the paper's. With a dead zone z the laws learn from what of ``e_v`` is beyond it, and of
+    outputs within it what is learnt stays as it is, leak included: noise of velocities that is smaller than z cannot
+    make it drift (``control.dead_zone``); errors of up to z are left to k. Of outputs whose actuators gave too little
+    nothing is learnt that would ask for more (``control.windup``).
 
     Reads from the measurement: ``v2``, ``excess`` where somebody looked, and what its kinematic controller reads.
 
     Args:
         target: kinematic controller that decides ``v2d`` and its rate.
-        gains: k, beta, sigma.
+        gains: k, beta, sigma, dead zone.
         held: reduced force that holds the robot up where it starts (r,), as its actuators report while it rests; g is
             what has to be learnt besides. Zero by default, so that a robot under gravity drops until g has grown.
     """
@@ -97,7 +100,11 @@ class VelocityTracker(Spelled):
         k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
         decay = np.asarray(np.exp(-sigma * elapsed))
         held = -np.expm1(-sigma * elapsed) / sigma if sigma > 0 else elapsed  # integral of the leak over the sample
-        step = held * beta / (1.0 + held * beta * square[..., None] / k) * error
+        gain = held * beta / (1.0 + held * beta * square[..., None] / k)
+        learnt_from = beyond(error, self.gains.dead_zone)
+        step = gain * learnt_from
+        if np.any(self.gains.dead_zone):
+            decay = np.where(learnt_from == 0.0, 1.0, decay)
         if measurement.excess is not None:
             stays = asks_for_more(measurement.excess, error)
             step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)

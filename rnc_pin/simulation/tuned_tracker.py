@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rnc_pin.control import KinematicController, VelocityGains, VelocityTracker
@@ -21,6 +23,8 @@ def tuned_tracker(
     bandwidth: float | None = None,
     adaptation: float = 1.0,
     held: bool = False,
+    delay: float = 0.0,
+    dead_zone: float | np.ndarray = 0.0,
 ) -> VelocityTracker:
     """The adaptive velocity tracker over a kinematic controller, ready for ``simulate``.
 
@@ -38,6 +42,8 @@ def tuned_tracker(
         bandwidth: of the velocity loop [rad/s]; by default the largest that the sampling allows.
         adaptation: how fast it adapts, ``beta / k`` [1/s]; 30 where gravity is large for what it acts on.
         held: tell the tracker what its actuators hold up at the start, as they would report at rest.
+        delay: from a measurement until a force answers it, sampling apart [s]: it bounds the bandwidth.
+        dead_zone: velocity error below which nothing is learnt; a number, or one for each reducing output.
 
     Raises:
         InfeasibleError: no gains suit both the inertia and the sampling.
@@ -55,6 +61,7 @@ def tuned_tracker(
         True
     """
     _, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
-    gains = VelocityGains.scaled(reduced, region, dt, bandwidth, adaptation=adaptation)
+    gains = VelocityGains.scaled(reduced, region, dt, bandwidth, adaptation=adaptation, delay=delay)
+    gains = replace(gains, dead_zone=dead_zone)
     rest = np.zeros(reduced.r)
     return VelocityTracker(kinematic, gains, reduced.inverse_dynamics(q0, rest, rest) if held else None)

@@ -6,10 +6,10 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, nearest
@@ -161,12 +161,22 @@ class AdaptiveSettings(ControllerSettings):
 class HeldSettings(AdaptiveSettings):
     """Of controllers that learn the forces that they work against."""
 
-    scaled_only: ClassVar[tuple[str, ...]] = ("adaptation",)
+    scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
 
     held: bool | None = None
     """Whether the robot starts held up by its actuators, so that trackers know the force that takes."""
     adaptation: Positive | None = None
     """Of scaled gains, beta / k [1/s]."""
+    delay: Annotated[float, Field(ge=0)] | None = None
+    """That scaled gains are for, from a measurement until a force answers it, sampling apart [s]."""
+    dead_zone: Gain = None
+    """Velocity error below which a tracker learns nothing, for noise: one number, or one for each reducing output."""
+
+    @model_validator(mode="after")
+    def _not_negative(self) -> HeldSettings:
+        if self.dead_zone is not None and np.min(self.dead_zone) < 0:
+            raise wrong("dead_zone", "has to be positive or zero")
+        return self
 
     def held_force(self, context: Context) -> np.ndarray | None:
         """What the actuators hold before the run begins, if the controller is told, as a reduced force (r,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from rnc_pin.control import (
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.task import Task
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.scenario.schema.controllers.base import Built, Context, HeldSettings, named
+from rnc_pin.scenario.schema.controllers.base import Built, Context, HeldSettings, chosen, named
 
 
 class _Pace(NamedTuple):
@@ -82,6 +83,12 @@ class TwoPhaseSettings(HeldSettings):
 
     def _gains(self, context: Context) -> tuple[PositionGains, VelocityGains]:
         """Of the hand's tracker and of the platform's."""
+        zone = chosen("dead_zone", self.dead_zone, 0.0, context.reduced.r)
+        redundant = zone[context.task.redundant] if isinstance(zone, np.ndarray) else zone
+        position, velocity = self._preset_gains(context)
+        return position, replace(velocity, dead_zone=redundant)
+
+    def _preset_gains(self, context: Context) -> tuple[PositionGains, VelocityGains]:
         if self.preset == "paper":
             return PositionGains.paper(), VelocityGains.paper()
         if self.preset == "normalised":
@@ -90,10 +97,13 @@ class TwoPhaseSettings(HeldSettings):
                 PositionGains.normalised(bounds[context.task.primary]),
                 VelocityGains.normalised(bounds[context.task.redundant]),
             )
+        delay = self.delay or 0.0
         task, reduced, dt, start = context.task, context.reduced, context.simulation.dt, context.q0[None]
         hand = np.ix_(np.arange(1), task.primary, task.primary)
         with named("controller"):
             return (
-                PositionGains.scaled(reduced.inertia(start)[hand], dt),
-                VelocityGains.scaled(reduced, start, dt, outputs=task.redundant, adaptation=self.adaptation or 1.0),
+                PositionGains.scaled(reduced.inertia(start)[hand], dt, delay=delay),
+                VelocityGains.scaled(
+                    reduced, start, dt, outputs=task.redundant, adaptation=self.adaptation or 1.0, delay=delay
+                ),
             )

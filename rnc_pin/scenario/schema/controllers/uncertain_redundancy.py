@@ -31,7 +31,7 @@ class UncertainRedundancySettings(Class1Settings):
         low, high = unknown.bounds
         with named("controller.unknown"):
             regressor = unknown.build(reduced)
-            estimator = Estimator(reduced, regressor, unknown.estimates, (low, high), alpha)
+            estimator = Estimator(reduced, regressor, unknown.estimates, (low, high), alpha, unknown.dead_zone)
         notes = {
             "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
             "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),

@@ -11,7 +11,12 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.schema.base import Positive, Strict
 
 
-class UnknownMasses(Strict):
+class _Estimated(Strict):
+    dead_zone: Annotated[float, Field(ge=0)] = 0.0
+    """Prediction error below which nothing is learnt, for noise [m/s or rad/s]."""
+
+
+class UnknownMasses(_Estimated):
     """Bodies whose masses are estimated."""
 
     base: str
@@ -38,7 +43,7 @@ class _Length(Strict):
     """First estimate [m]."""
 
 
-class UnknownWheels(Strict):
+class UnknownWheels(_Estimated):
     """Wheels whose radii or tracks are estimated."""
 
     radii: list[_Length] = []

@@ -25,7 +25,7 @@ _THIN = 0.01  # smallest singular value below which a reference deserves a warni
 class VelocitySettings(HeldSettings):
     """Of controllers that decide rates of the reducing outputs, which a tracker follows."""
 
-    scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "bandwidth")
+    scaled_only: ClassVar[tuple[str, ...]] = (*HeldSettings.scaled_only, "bandwidth")
 
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
     """What follows the rates: (10), or the model-based baseline."""
@@ -85,11 +85,17 @@ class VelocitySettings(HeldSettings):
             region = margins.q if margins.singular is None else context.q0[None]
             with named("controller"):
                 gains = VelocityGains.scaled(
-                    reduced, region, simulation.dt, self.bandwidth, adaptation=self.adaptation or 1.0
+                    reduced,
+                    region,
+                    simulation.dt,
+                    self.bandwidth,
+                    adaptation=self.adaptation or 1.0,
+                    delay=self.delay or 0.0,
                 )
         gains = VelocityGains(
             k=chosen("k", self.k, gains.k, r),
             beta=chosen("beta", self.beta, gains.beta, r),
             sigma=gains.sigma if self.sigma is None else self.sigma,
+            dead_zone=chosen("dead_zone", self.dead_zone, 0.0, r),
         )
         return Built(VelocityTracker(kinematic, gains, self.held_force(context)), complaints, notes or {})
