@@ -19,8 +19,8 @@ round by round; figures are medians and ratios are ratios of medians. What is be
 ``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes it beside the table:
 
     {"rounds": 15,
-     "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 2.7,
-                  "one_state": {"us": 12.3, "ratio": 4.6, "limit": 6.0, "within": true},
+     "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 4.0,
+                  "one_state": {"us": 44.0, "ratio": 11.0, "limit": ..., "within": true},
                   "of_batch": {...the same...}, "tick": {...; ratio to the sampling period...},
                   "threads": 1.0, "within": true}],
      "commands": [{"command": "import rnc_pin", "seconds": 0.25, "limit": 0.3, "within": true}],

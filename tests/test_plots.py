@@ -5,11 +5,14 @@ import shutil
 import subprocess
 from dataclasses import fields, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib import image
 from matplotlib.colors import to_rgb
+from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import PATIENCE, changed, opened, visit
@@ -31,6 +34,18 @@ def ink(path):
     """Share of pixels that are not white, of a PNG."""
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     return float((image.imread(path)[..., :3] < 0.99).any(axis=-1).mean())
+
+
+def test_no_title_of_a_scenario_is_cut_off(run):
+    """The longest, broken into lines, is within the picture."""
+    builtin = Path(rnc.__file__).parent / "scenario" / "builtin"
+    titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
+    figure = plot_overview(run, max(titles, key=len))
+    figure.draw_without_rendering()
+    shown = figure.axes[0].get_title(loc="left")
+    assert shown.replace("\n", " ").replace("\\", "") == max(titles, key=len)
+    extent = next(text for text in figure.findobj(Text) if text.get_text() == shown).get_window_extent()
+    assert 0 <= extent.x0 <= extent.x1 <= figure.bbox.width
 
 
 def test_a_plot_of_outputs(run, tmp_path):

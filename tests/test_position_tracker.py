@@ -1,5 +1,7 @@
 """Controller (8)-(9) in its rate-free form, the baseline beside it, and the first joint off (section 4.1)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,19 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
         balls.append(error[run.time > 4.0].max())
     assert balls[1] < 0.6 * balls[0]
     assert balls[2] < 0.6 * balls[1]
+
+
+def test_position_error_decays_exponentially_from_far_away():
+    """Lemma 2: at the rate that the closed form of the loop says, over and over, adaptation or not."""
+    reduced, q0, x2 = in_joints()
+    rate = 3.0
+    gains = PositionGains.scaled(reduced.inertia(q0)[None], 0.002, rate=rate)
+    for beta in (gains.beta, 1e-12):
+        tracker = PositionTracker(Hold(x2 + np.array([0.05, -0.04, 0.06])), replace(gains, beta=beta))
+        run = rnc.simulate(reduced, tracker, q0, 2.4, 0.002)
+        # The loop oscillates as it decays: the largest error of each 0.6 s is what counts.
+        peaks = np.linalg.norm(run.x2_desired - run.x2, axis=1)[:1200].reshape(4, 300).max(axis=1)
+        assert (peaks[1:] < peaks[:-1] * np.exp(-0.5 * rate * 0.6)).all(), peaks
 
 
 def test_it_never_touches_a_velocity():

@@ -50,6 +50,13 @@ KINDS = {
     "point of the world": (bicycle, rnc.LoopClosure("universe", "front", "point", BESIDE)),
     "ackermann": (ackermann_car, STEERING),
     "ackermann the other way": (ackermann_car, rnc.AckermannSteering("right_steer", "left_steer", "br")),
+    "ball": (bicycle, rnc.RollingBall("front", 0.3)),
+    "distance": (bicycle, rnc.Distance("rear", "front")),
+    "tilt": (bicycle, rnc.FrameTilt("front", "x")),
+    "yaw": (bicycle, rnc.FrameYaw("front")),
+    "spin": (bicycle, rnc.FrameSpin("front", "z")),
+    "speed": (bicycle, rnc.FrameSpeed("front", "y")),
+    "position": (bicycle, rnc.FramePosition("front", "zx")),
 }
 
 

@@ -47,7 +47,7 @@ class MomentumRegressor:
         if not unknown:
             raise ConfigurationError("name at least one body of unknown mass")
         momentum = MomentumConservation(base).bind(robot)  # refuses a joint that is not cyclic
-        self.names = tuple(f"mass of {each.joint}" for each in unknown)
+        self.names = tuple(f"mass behind {each.joint}" for each in unknown)
         self.units = tuple("kg" if each.unit == 1.0 else f"{each.unit:g} kg" for each in unknown)
         self.rows = robot.velocity_indices(base)
         self.predicted = robot.velocity_names[self.rows]

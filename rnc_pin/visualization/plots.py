@@ -14,7 +14,7 @@ from rnc_pin.errors import InputError
 from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.visualization import plot_style as ps
 
-_LONGEST_TITLE = 120
+_LONGEST_TITLE, _TITLE_LINES = 64, 3  # letters in a line: what 6.4 inches have room for
 _SMALLEST = 1e-8  # what an error axis shows
 
 
@@ -209,4 +209,5 @@ def _learning(axes: Axes, trajectory: Trajectory, quantity: str, others: Mapping
 
 def _title(axes: Axes, title: str | None) -> None:
     if title:
-        axes.set_title(ps.literal(textwrap.shorten(title, _LONGEST_TITLE, placeholder="...")), loc="left")
+        lines = textwrap.wrap(title, _LONGEST_TITLE, max_lines=_TITLE_LINES, placeholder="...")
+        axes.set_title("\n".join(ps.literal(line) for line in lines), loc="left")

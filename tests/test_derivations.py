@@ -1,0 +1,27 @@
+"""The files in tests/data are what tests/derivations derives; all of it: ``python -m tests.derivations``."""
+
+import pytest
+
+pytest.importorskip("sympy", reason="SymPy derives the reference data (pip install '.[dev]')")
+
+from derivations import bicycle_linear, chaplygin_sleigh
+from derivations.comparison import differences, read
+
+EXACT = 1e-12
+
+
+def test_one_state_of_the_sleigh_is_what_the_lagrangian_says():
+    data = read("chaplygin_sleigh")
+    found = list(differences({"states": chaplygin_sleigh.states(data, 1)}, data))
+    assert len(found) > 20
+    assert max(found, key=lambda each: each[1])[1] < EXACT
+
+
+def test_the_matrices_of_the_bicycle_are_those_of_its_parameters():
+    data = read("bicycle_linear")
+    found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(data["parameters"]).items()}
+    assert max(each for _, each in differences(found, data["linear"])) < EXACT
+    wrong = {**data["parameters"], "IHxx": 0.06}  # what many public copies have
+    assert (
+        max(each for _, each in differences(bicycle_linear.matrices(wrong)["M"].tolist(), data["linear"]["M"])) > 1e-6
+    )
