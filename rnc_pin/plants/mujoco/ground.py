@@ -121,10 +121,13 @@ class Ground:
         self._adapts = settings.cone == "elliptic"
         self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
+        self._softness = np.full((len(self.names), 2), -1.0)
         self._frictions = model.pair_friction[self._pairs].copy()
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
-        self._gripping = np.array([[each.grip == "all", True] for each in self._holding]).reshape(-1, 2)
+        self._gripping = np.array([each.grip == "all" for each in self._holding], dtype=float)
+        """Of the first direction of friction."""
+        self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
         """Forces of wheels that are only drawn, along their headings [N]."""
         mass = float(model.body_mass.sum())
@@ -162,8 +165,8 @@ class Ground:
         if self._adapts:
             most = _BEYOND * self._friction * normal * self._mobility
             rate = np.clip(most / np.maximum(slip, _STICKS), 1.0, 1.0 / model.opt.timestep)
-            model.pair_solreffriction[self._pairs, 0] = -1.0
-            model.pair_solreffriction[self._pairs, 1] = -rate * _IMPEDANCE["elliptic"]
+            self._softness[:, 1] = -_IMPEDANCE["elliptic"] * rate
+            model.pair_solreffriction[self._pairs] = self._softness
         if not wanted.any() and not self._along.any():
             return
         limit = self._friction * normal
@@ -204,8 +207,15 @@ class Ground:
                 mujoco.mj_contactForce(self._model, data, number, force)
                 total[places[number]] += force[:3]
         elif len(numbers):
-            places, entries = places[numbers], rows[numbers, None] + np.arange(3)
-            np.add.at(total, places, data.efc_force[entries])
-            along, across = (data.efc_vel[entries[:, 1:]] * self._gripping[places]).T
-            np.maximum.at(slip, places, np.hypot(along, across))
+            sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
+            total = sums @ data.efc_force[entries]
+            moving = data.efc_vel[entries[:, 1:]]
+            moving[:, 0] *= self._gripping @ sums  # zero where that direction does not grip
+            slip = (sums @ np.hypot(moving[:, 0], moving[:, 1])) / np.maximum(sums.sum(axis=1), 1.0)
         return total[:, 0], np.abs(total[:, 1:]), slip
+
+    def _sums(self, places: np.ndarray) -> np.ndarray:
+        """What adds up over the contacts of each wheel, (w, contacts): the same as long as they touch."""
+        if not np.array_equal(places, self._touching[0]):
+            self._touching = places, (places == np.arange(len(self.names))[:, None]).astype(float)
+        return self._touching[1]
