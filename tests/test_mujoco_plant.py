@@ -1,5 +1,6 @@
 """MuJoCo as the machine: the same robot, the same motion, and wheels that grip only so far."""
 
+import importlib
 import sys
 
 import numpy as np
@@ -385,8 +386,10 @@ def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch):
     for name in [each for each in sys.modules if each.startswith("rnc_pin.plants.mujoco")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "mujoco", None)
+    package = importlib.import_module("rnc_pin.plants.mujoco")
+    assert package.MuJoCoSettings().step == 0.0005
     with pytest.raises(rnc.ConfigurationError, match=r"pip install 'rnc_pin\[mujoco\]'"):
-        __import__("rnc_pin.plants.mujoco")
+        _ = package.MuJoCoPlant
 
 
 def test_drawn_wheels_are_found_without_hubs_and_shafts():

@@ -1,6 +1,8 @@
-"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``."""
+"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``.
 
-from rnc_pin.plants.mujoco.plant import MuJoCoPlant
-from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+Settings can be read and checked without it; MuJoCo is loaded with the plant.
+"""
 
-__all__ = ["MuJoCoPlant", "MuJoCoSettings"]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
