@@ -1,18 +1,8 @@
-"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``."""
+"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``.
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+Settings can be read and checked without it; MuJoCo is loaded with the plant.
+"""
 
-from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+import lazy_loader
 
-if TYPE_CHECKING:
-    from rnc_pin.plants.mujoco.plant import MuJoCoPlant
-
-__all__ = ["MuJoCoPlant", "MuJoCoSettings"]
-
-
-def __getattr__(name: str) -> Any:
-    """The plant when it is asked for: its settings can be read where MuJoCo is not installed."""
-    if name == "MuJoCoPlant":
-        return import_module("rnc_pin.plants.mujoco.plant").MuJoCoPlant
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

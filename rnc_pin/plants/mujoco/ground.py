@@ -28,6 +28,7 @@ _SPRUNG = 3.0  # how much slower a support without friction pushes back: wheels 
 _IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramid has one for both directions
 _STIFFER = 1e5  # contacts along the ground, beside across it
 _STICKS = 1e-6  # slip that is none [m/s]
+_LEVEL = np.array([1.0, 1.0, 0.0])
 _BEYOND = 2.0  # what a contact asks for of a wheel that slips, in decelerations that grip can give
 
 
@@ -121,10 +122,14 @@ class Ground:
         self._adapts = settings.cone == "elliptic"
         self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
+        self._softness = np.full((len(self.names), 2), -1.0)
         self._frictions = model.pair_friction[self._pairs].copy()
+        self._edges = np.flatnonzero([each.grip == "across" for each in self._holding])
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
-        self._gripping = np.array([[each.grip == "all", True] for each in self._holding]).reshape(-1, 2)
+        self._gripping = np.array([each.grip == "all" for each in self._holding], dtype=float)
+        """Of the first direction of friction."""
+        self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
         """Forces of wheels that are only drawn, along their headings [N]."""
         mass = float(model.body_mass.sum())
@@ -142,7 +147,7 @@ class Ground:
         """How much a unit force along the ground accelerates what touches it, at most [1/kg]."""
         jacobian, moved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for place, geom in enumerate(self._geoms):
-            point = data.geom_xpos[geom] * [1.0, 1.0, 0.0]
+            point = data.geom_xpos[geom] * _LEVEL
             mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[geom])
             mujoco.mj_solveM(model, data, moved, jacobian)
             self._mobility[place] = np.linalg.eigvalsh((jacobian @ moved.T)[:2, :2])[-1]
@@ -157,28 +162,33 @@ class Ground:
         """
         if not len(self.names):
             return
-        model, data = self._model, self._data
+        model = self._model
         normal, tangential, slip = self._seen()
         if self._adapts:
             most = _BEYOND * self._friction * normal * self._mobility
             rate = np.clip(most / np.maximum(slip, _STICKS), 1.0, 1.0 / model.opt.timestep)
-            model.pair_solreffriction[self._pairs, 0] = -1.0
-            model.pair_solreffriction[self._pairs, 1] = -rate * _IMPEDANCE["elliptic"]
+            self._softness[:, 1] = -_IMPEDANCE["elliptic"] * rate
+            model.pair_solreffriction[self._pairs] = self._softness
         if not wanted.any() and not self._along.any():
             return
-        limit = self._friction * normal
-        across = np.minimum(tangential[:, 1], limit)
-        self._along = np.clip(wanted, -np.sqrt(limit**2 - across**2), np.sqrt(limit**2 - across**2))
-        left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))
+        self._drive(wanted, normal, tangential[:, 1])
+
+    def _drive(self, wanted: np.ndarray, normal: np.ndarray, across: np.ndarray) -> None:
+        """Apply forces along headings; what they take of the circle of friction is not there across."""
+        model, data, limit = self._model, self._data, self._friction * normal
+        most = np.sqrt(limit**2 - np.minimum(across, limit) ** 2)
+        self._along = np.clip(wanted, -most, most)
+        left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))[self._edges]
+        load = normal[self._edges]
+        grip = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)
+        model.pair_friction[self._pairs[self._edges], 1] = np.maximum(grip, _NO_GRIP)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        for place in np.flatnonzero(wanted):
+        for place in np.flatnonzero(self._along):
             geom = self._geoms[place]
-            heading = data.geom_xmat[geom].reshape(3, 3)[:, 2] * [1.0, 1.0, 0.0]
-            force, point = self._along[place] / np.linalg.norm(heading) * heading, data.geom_xpos[geom] * [1, 1, 0]
+            heading = data.geom_xmat[geom].reshape(3, 3)[:, 2] * _LEVEL
+            force, point = self._along[place] / np.linalg.norm(heading) * heading, data.geom_xpos[geom] * _LEVEL
             mujoco.mj_applyFT(model, data, force, np.zeros(3), point, model.geom_bodyid[geom], data.qfrc_applied)
-            if normal[place] > 0:
-                model.pair_friction[self._pairs[place], 1] = max(left[place] / normal[place], _NO_GRIP)
 
     def used(self) -> np.ndarray:
         """Force along the ground over what the grip allows, (w,); zero for a wheel off the ground."""
@@ -204,8 +214,15 @@ class Ground:
                 mujoco.mj_contactForce(self._model, data, number, force)
                 total[places[number]] += force[:3]
         elif len(numbers):
-            places, entries = places[numbers], rows[numbers, None] + np.arange(3)
-            np.add.at(total, places, data.efc_force[entries])
-            along, across = (data.efc_vel[entries[:, 1:]] * self._gripping[places]).T
-            np.maximum.at(slip, places, np.hypot(along, across))
+            sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
+            total = sums @ data.efc_force[entries]
+            moving = data.efc_vel[entries[:, 1:]]
+            moving[:, 0] *= self._gripping @ sums  # zero where that direction does not grip
+            slip = (sums @ np.hypot(moving[:, 0], moving[:, 1])) / np.maximum(sums.sum(axis=1), 1.0)
         return total[:, 0], np.abs(total[:, 1:]), slip
+
+    def _sums(self, places: np.ndarray) -> np.ndarray:
+        """What adds up over the contacts of each wheel, (w, contacts): the same as long as they touch."""
+        if not np.array_equal(places, self._touching[0]):
+            self._touching = places, (places == np.arange(len(self.names))[:, None]).astype(float)
+        return self._touching[1]

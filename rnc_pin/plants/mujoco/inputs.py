@@ -23,7 +23,6 @@ from rnc_pin.robots.robot import Robot
 
 _SAME = 1e-6  # of what an actuator does to the motion: wheels that miss less than this do the same
 _ZERO = 1e-9
-_UP = np.array([0.0, 0.0, 1.0])
 _SAMPLES = 3
 
 
@@ -42,9 +41,9 @@ class Drive:
         placement = data.oMi[joint]
         _, lowest = self.contact.at(placement)
         jacobian = pin.getJointJacobian(robot.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        moving = jacobian[:3] - pin.skew(lowest - placement.translation) @ jacobian[3:]
-        heading = np.cross(placement.rotation @ self.contact.axle, _UP)
-        return heading / np.linalg.norm(heading) @ moving / radius
+        moving = jacobian[:2] - pin.skew(lowest - placement.translation)[:2] @ jacobian[3:]
+        x, y, _ = placement.rotation @ self.contact.axle
+        return (y * moving[0] - x * moving[1]) / (np.hypot(x, y) * radius)
 
 
 class Inputs:
@@ -69,6 +68,7 @@ class Inputs:
         self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
         """Columns of B, and the drives that do the same."""
+        self._used = sorted({drive for _, drives in self._groups for drive in drives})
         wheeled = [column for columns, _ in self._groups for column in columns]
         self.by_wheels = tuple(self._actuation.names[column] for column in wheeled)
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
@@ -83,7 +83,7 @@ class Inputs:
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
-        seen, effects = self._seen(q)
+        seen, effects = self._seen(q, self._used)
         for columns, drives in self._groups:
             wanted = seen[0] @ (seen[1][:, columns] @ T[columns])
             torques = np.linalg.lstsq(seen[0] @ effects[:, drives], wanted, rcond=_ZERO)[0]
@@ -109,26 +109,29 @@ class Inputs:
 
     # ------------------------------------------------------------------ which wheels
 
-    def _seen(self, q: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """A basis (r, nv) of the motion that is left, B (nv, p), and effects of the drives (nv, k)."""
+    def _seen(self, q: np.ndarray, used: Sequence[int]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """A basis (r, nv) of the motion that is left, B (nv, p), and effects of drives (nv, k), zero of others."""
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
         basis = scipy.linalg.null_space(rows, rcond=_ZERO).T if len(rows) else np.eye(self._robot.nv)
         pin.computeJointJacobians(self._robot.model, self._data, q)
-        effects = np.array([drive.effect(self._robot, self._data) for drive in self._drives])
-        return (basis, self._actuation.matrix(at)), effects.reshape(-1, self._robot.nv).T
+        effects = np.zeros((self._robot.nv, len(self._drives)))
+        for drive in used:
+            effects[:, drive] = self._drives[drive].effect(self._robot, self._data)
+        return (basis, self._actuation.matrix(at)), effects
 
     def _assigned(self, q: np.ndarray) -> list[tuple[list[int], list[int]]]:
         if not self._drives:
             return []
         generator, model = np.random.default_rng(0), self._robot.model
         moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(_SAMPLES - 1)]
-        samples = [self._seen(each) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
+        everything = range(len(self._drives))
+        samples = [self._seen(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
         groups: dict[tuple[int, ...], list[int]] = {}
         for column, frame, _ in self._actuation.frames:
             body = model.frames[frame].parentJoint
             same = tuple(k for k, drive in enumerate(self._drives) if self._carrier(drive) == body)
-            for drives in (same, tuple(range(len(self._drives)))):
+            for drives in (same, tuple(everything)):
                 if drives and all(_does(seen, effects, column, drives) for seen, effects in samples):
                     groups.setdefault(drives, []).append(column)
                     break

@@ -56,8 +56,8 @@ class Contact:
         if self.round or self.blade:
             return center, center - self.radius * _UP
         axle = placement.rotation @ self.axle
-        down = -(_UP - (_UP @ axle) * axle)
-        return center, center + self.radius * down / max(float(np.linalg.norm(down)), 1e-9)
+        down = axle[2] * axle - _UP
+        return center, center + self.radius / max(down.dot(down) ** 0.5, 1e-9) * down
 
 
 def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
