@@ -15,6 +15,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import Spelled
 
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
@@ -31,7 +32,7 @@ class EstimatorState(NamedTuple):
     """Parameter estimates."""
 
 
-class Estimator:
+class Estimator(Spelled):
     """``phat_dot = alpha Y^T E`` with ``E = y - Y phat``, paper (20), at the measured q and v.
 
     Args:
@@ -109,6 +110,9 @@ class Estimator:
             p = adapt(p, Y, error, self.alpha, elapsed, self._low, self._high, self.dead_zone)
         self.model = self._estimated.at(p)
         return EstimatorState(t, p), error
+
+    def _settings(self) -> dict[str, object]:
+        return {"unknown": list(self.regressor.names), "initial": self.initial, "alpha": self.alpha}
 
 
 def believed(measurement: Measurement, guess: Evaluation) -> Measurement:
