@@ -23,10 +23,10 @@ from rnc_pin.errors import RncError
 from rnc_pin.scenario.run import execute, plan
 
 SCENARIOS: dict[str, dict[str, Any]] = {
-    "space-robot": {"simulation.duration": 14.0, "simulation.dt": 0.005},
-    "mobile-manipulator": {"simulation.duration": 10.0, "simulation.dt": 0.005},
-    "unicycle": {"simulation.dt": 0.005},
-    "mobile-manipulator-two-phase": {"simulation.dt": 0.005, "simulation.duration": 14.0},
+    "space-robot": {"simulation.duration": 8.0, "simulation.dt": 0.005},
+    "mobile-manipulator": {"simulation.duration": 8.0, "simulation.dt": 0.005},
+    "unicycle": {"simulation.duration": 8.0, "simulation.dt": 0.005},
+    "mobile-manipulator-two-phase": {"simulation.duration": 14.0, "simulation.dt": 0.005},
 }
 LARGEST = {
     "position_noise": 1e-3,

@@ -1,0 +1,49 @@
+"""The long forms of docs/reliability.md, in short: both plants, an hour of control, the campaign of faults."""
+
+import gc
+import sys
+import tracemalloc
+
+import pytest
+
+from benchmarks import campaign, plants, soak
+
+
+@pytest.mark.parametrize("name", ["space-robot", "mobile-manipulator", "wheels-uncertain", "snakeboard"])
+def test_errors_on_both_plants(name):
+    """In MuJoCo at most twice those on our own plant."""
+    pytest.importorskip("mujoco")
+    ours, theirs = plants.on_both(name, {"simulation.duration": 1.0})
+    assert theirs.outcome == "completed"
+    assert plants.ratio(ours, theirs) < 2.0
+    grips = name != "space-robot"
+    assert (theirs.friction_used.shape[1] > 0) == grips
+    if grips:  # by friction, not by decree
+        assert 1e-9 < abs(theirs.slip[10:]).max() < 0.05
+        assert 0 < theirs.friction_used[10:].max() < 1
+
+
+def test_memory_stays_where_it_is():
+    loop, machine = soak.setting()
+    soak.turn(loop, machine, 0, 200)
+    tracemalloc.start()
+    try:
+        gc.collect()
+        before = tracemalloc.get_traced_memory()[0]
+        soak.turn(loop, machine, 200, 1000)
+        gc.collect()
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < 20_000  # 20 bytes a step
+
+
+def test_faults_end_with_a_name(monkeypatch, capsys):
+    """One run of each: whatever comes of it, no NaN, and whoever was not there says why."""
+    short = {"unicycle": {"simulation.duration": 0.5, "simulation.dt": 0.01}}
+    monkeypatch.setattr(campaign, "SCENARIOS", short)
+    monkeypatch.setattr(sys, "argv", ["campaign", "--runs", "1", "--scenarios", "unicycle"])
+    assert campaign.main() == 0
+    said = capsys.readouterr().out
+    assert all(fault in said for fault in campaign.LARGEST)
+    assert "0 runs with NaN" in said
