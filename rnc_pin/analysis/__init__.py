@@ -1,6 +1,7 @@
 """What a system can do, before it is controlled."""
 
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
+from rnc_pin.analysis.grip import Grip
 from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
@@ -14,6 +15,7 @@ __all__ = [
     "Block",
     "Equilibrium",
     "Evidence",
+    "Grip",
     "Integrability",
     "Linearization",
     "Redundancy",
