@@ -1,7 +1,7 @@
 """What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
 
 from . import analysis, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
-from .analysis import Equilibrium, Linearization, Report, analyze, equilibrium, linearize, lqr
+from .analysis import Equilibrium, Grip, Linearization, Report, analyze, equilibrium, linearize, lqr
 from .constraints import (
     AckermannSteering,
     Caster,
@@ -77,6 +77,7 @@ __all__ = [
     "FrameTilt",
     "FrameTorque",
     "FrameYaw",
+    "Grip",
     "InfeasibleError",
     "InputError",
     "JointCoupling",

@@ -32,6 +32,8 @@ VALUES = {  # of every setting that some type has
     "adaptation": 3.0,
     "bandwidth": 20.0,
     "inertia_bound": 90.0,
+    "delay": 0.01,
+    "dead_zone": [0.1, 0.0, 0.2],
     "secondary": {"posture": {}},
     "coordinates": ["joint_1", {"joint": "joint_2"}],
     "rates": ["joint_1"],

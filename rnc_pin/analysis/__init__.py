@@ -2,6 +2,7 @@
 
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
+from rnc_pin.analysis.grip import Grip
 from rnc_pin.analysis.growth import growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
@@ -17,6 +18,7 @@ __all__ = [
     "Boundedness",
     "Equilibrium",
     "Evidence",
+    "Grip",
     "Integrability",
     "Linearization",
     "Redundancy",

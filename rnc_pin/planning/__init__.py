@@ -12,6 +12,7 @@ from rnc_pin.planning.references import (
     MinimumJerk,
     Reference,
     ReferencePoint,
+    Slowed,
     TaskReference,
     ViaPoints,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "MinimumJerk",
     "Reference",
     "ReferencePoint",
+    "Slowed",
     "TaskReference",
     "ViaPoints",
 ]

@@ -218,6 +218,28 @@ class InTurn:
         return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)
 
 
+class Slowed:
+    """Another reference in slower time: rates by the factor, accelerations by its square less.
+
+    Args:
+        reference: as it was meant.
+        factor: by which everything takes longer.
+
+    Raises:
+        InputError: the factor is not positive.
+    """
+
+    def __init__(self, reference: Reference, factor: float) -> None:
+        if not 0 < factor < np.inf:
+            raise InputError(f"a reference is slowed by a positive factor, found {factor}")
+        self._reference, self._factor = reference, factor
+        self.size, self.duration = reference.size, reference.duration * factor
+
+    def at(self, t: float) -> ReferencePoint:
+        point, s = self._reference.at(t / self._factor), self._factor
+        return ReferencePoint(point.position, point.velocity / s, point.acceleration / s**2, point.jerk / s**3)
+
+
 def _admit(value: ArrayLike, what: str) -> np.ndarray:
     array = np.atleast_1d(np.asarray(value, dtype=float))
     if not np.isfinite(array).all():

@@ -10,25 +10,28 @@ from typing import cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.analysis import Grip
 from rnc_pin.control import Controller, SlitheringReference, describe
-from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, nearest
 from rnc_pin.loop import LoopOptions
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
-from rnc_pin.planning import CarPath, Hold, Reference
+from rnc_pin.planning import CarPath, Hold, Reference, Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.plants import Machine
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.machines import build_machine
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import Context
-from rnc_pin.scenario.schema.controllers.base import reduced_velocity
+from rnc_pin.scenario.schema.controllers.base import Built, reduced_velocity
+from rnc_pin.scenario.schema.controllers.velocity import VelocitySettings
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
+_SLOWED_TIMES = 6  # what an initial error asks for does not slow down, so that a factor may not be enough
 _ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
 
 
@@ -110,7 +113,8 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     path = _plan_path(scenario, reduced, task, q0)
-    built = scenario.controller.build(
+    built = _built(
+        scenario,
         Context(
             reduced=reduced,
             task=task,
@@ -124,7 +128,8 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             slithering=path.slithering,
             watched=path.watched,
             v2_0=v2_0,
-        )
+            grip=_grip(scenario, reduced),
+        ),
     )
     _check_plots(scenario, reduced)
     for frame in scenario.view.trail:
@@ -145,6 +150,44 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         ),
         machine=build_machine(scenario, reduced, q0, folder),
     )
+
+
+def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
+    """Of the wheels on the ground; None where the scenario does not speak of it."""
+    if scenario.grip is None:
+        return None
+    if not isinstance(scenario.controller, VelocitySettings):
+        raise ConfigurationError("grip: is only known beforehand of controllers whose references are rolled out")
+    try:
+        return Grip(reduced, scenario.grip.friction, scenario.grip.loads)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"grip: {error}") from None
+
+
+def _built(scenario: Scenario, context: Context) -> Built:
+    """The controller, its references slowed until wheels hold on where the scenario asks for that."""
+    assert scenario.controller is not None
+    if scenario.grip is None or not scenario.grip.slow:
+        return scenario.controller.build(context)
+    slower, slowed = 1.0, replace(context, preflight="warn")
+    for _ in range(_SLOWED_TIMES):
+        built = scenario.controller.build(slowed)
+        if built.slower == 1.0 or not np.isfinite(built.slower):
+            break
+        slower *= built.slower
+        slowed = replace(
+            slowed,
+            primary=Slowed(context.primary, slower),
+            redundant=Slowed(context.redundant, slower),
+            vertical=Slowed(context.vertical, slower),
+            watched=context.watched and (context.watched[0], Slowed(context.watched[1], slower)),
+        )
+    if built.warnings and scenario.preflight == "refuse":
+        raise InfeasibleError("; ".join(built.warnings))
+    if slower > 1.0:
+        said = f"references take {slower:.4g} times as long, so that wheels hold on to the ground"
+        built = replace(built, warnings=(said, *built.warnings))
+    return built
 
 
 def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:

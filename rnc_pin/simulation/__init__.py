@@ -1,6 +1,7 @@
 """Running controllers against models."""
 
 from rnc_pin.simulation.free_motion import free_motion
+from rnc_pin.simulation.gripping import GripNeeded, grip_along, within_grip
 from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
@@ -23,6 +24,7 @@ from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
     "Columns",
+    "GripNeeded",
     "Margin",
     "Margins",
     "Observer",
@@ -40,6 +42,7 @@ __all__ = [
     "TaskNames",
     "Trajectory",
     "free_motion",
+    "grip_along",
     "kinematic_rollout",
     "margins_along",
     "output_names",
@@ -49,4 +52,5 @@ __all__ = [
     "summarize",
     "tracking_errors",
     "tuned_tracker",
+    "within_grip",
 ]

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rnc_pin.analysis import Grip
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.errors import DivergenceError, SimulationError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
+from rnc_pin.simulation.gripping import GripNeeded, grip_along
 from rnc_pin.simulation.rollout import kinematic_rollout
 
 _K3 = 2.0
+_FEWEST = 5  # configurations that accelerations can be told from
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Margins:
         singular: the error that ended the roll-out early, with its time, or None.
         time: times of the roll-out (N,) [s].
         q: its configurations (N, nq).
+        grip: what wheels need of the ground; None where nobody asked, or the roll-out ended early.
     """
 
     stack: Margin
@@ -48,6 +52,7 @@ class Margins:
     singular: SimulationError | None
     time: np.ndarray
     q: np.ndarray
+    grip: GripNeeded | None = None
 
     def complaints(self, threshold: float = 0.01) -> list[str]:
         """What speaks against the reference, in words; nothing where all margins are above the threshold."""
@@ -58,7 +63,7 @@ class Margins:
             f"{margin.value:.2g} at t = {margin.time:.2f} s"
             for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
             if margin is not None and margin.value < threshold
-        ]
+        ] + ([] if self.grip is None else self.grip.complaints())
 
 
 def preflight(
@@ -68,6 +73,7 @@ def preflight(
     q0: np.ndarray,
     duration: float | None = None,
     dt: float = 0.02,
+    grip: Grip | None = None,
 ) -> Margins:
     """Follow a reference by kinematics alone, without dynamics, and watch the singular values.
 
@@ -78,6 +84,7 @@ def preflight(
         q0: initial configuration (nq,).
         duration: [s]; by default until the reference rests.
         dt: step of the roll-out [s].
+        grip: friction of the ground, to see what wheels need of it.
 
     Raises:
         SingularityError: the initial configuration is singular.
@@ -96,7 +103,7 @@ def preflight(
         (True, 3.6)
     """
     controller = RedundancyController(task, reference.primary, reference.vertical, k3=_K3, k21=_K3)
-    return margins_along(reduced, controller, q0, reference.duration if duration is None else duration, dt, task)
+    return margins_along(reduced, controller, q0, reference.duration if duration is None else duration, dt, task, grip)
 
 
 def margins_along(
@@ -106,6 +113,7 @@ def margins_along(
     duration: float,
     dt: float = 0.02,
     task: Task | None = None,
+    grip: Grip | None = None,
 ) -> Margins:
     """The same for any kinematic controller.
 
@@ -116,6 +124,7 @@ def margins_along(
         duration: [s].
         dt: step of the roll-out [s].
         task: its A4 is watched too; None where the controller does not invert it.
+        grip: friction of the ground, to see what wheels need of it.
 
     Raises:
         SingularityError: the initial configuration is singular.
@@ -137,4 +146,8 @@ def margins_along(
     if task is not None:
         A4 = reduced.at(path).A_star[:, task.vertical][:, :, task.redundant]
         margin = smallest(np.linalg.svd(A4, compute_uv=False)[:, -1])
-    return Margins(smallest(np.asarray(reduced.smallest_singular_value(path))), margin, singular, times, path)
+    needed = None
+    if grip is not None and singular is None and len(path) >= _FEWEST:
+        needed = grip_along(reduced, grip, times, path)
+    stack = smallest(np.asarray(reduced.smallest_singular_value(path)))
+    return Margins(stack, margin, singular, times, path, needed)

@@ -12,6 +12,7 @@ from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
+from rnc_pin.scenario.schema.grip import GripSettings
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.plant import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.references import References
@@ -71,6 +72,8 @@ class Scenario(Strict):
     """What the machine does otherwise than the controller believes."""
     loop: LoopSettings | None = None
     """The loop around the controller."""
+    grip: GripSettings | None = None
+    """Friction of the ground, that preflight holds references against."""
     preflight: Literal["warn", "refuse"] = "warn"
     """What to do about a reference that leads to a singular configuration, found before anything moves."""
     seed: Annotated[int, Field(ge=0)] = 0

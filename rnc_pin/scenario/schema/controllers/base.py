@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from rnc_pin.analysis import Grip
 from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
@@ -35,6 +36,7 @@ class Context:
         given: names of the references that the scenario gives.
         q0: where the run starts, (nq,).
         v2_0: reduced velocity that it starts with, (r,); at rest where nothing is said.
+        grip: of the wheels on the ground, where the scenario speaks of it.
         simulation: how long and how finely.
         preflight: what to do about singular configurations ahead.
         slithering: instead of ``vertical``, what follows from the path that is driven.
@@ -53,6 +55,7 @@ class Context:
     slithering: SlitheringReference | None = None
     watched: tuple[np.ndarray, Reference] | None = None
     v2_0: np.ndarray | None = None
+    grip: Grip | None = None
 
     @property
     def horizon(self) -> float:
@@ -69,11 +72,13 @@ class Built:
         controller: ready to run.
         warnings: for the person who runs it.
         notes: for the record of the run.
+        slower: factor by which references would have to be slower for all wheels to hold on to the ground.
     """
 
     controller: Controller
     warnings: tuple[str, ...] = ()
     notes: Mapping[str, Json] = field(default_factory=dict)
+    slower: float = 1.0
 
 
 class ControllerSettings(Strict):

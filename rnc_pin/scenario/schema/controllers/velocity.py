@@ -70,13 +70,14 @@ class VelocitySettings(HeldSettings):
             InfeasibleError: no gains suit the way, or a singular configuration is on it and preflight refuses that.
         """
         reduced, r, simulation = context.reduced, context.reduced.r, context.simulation
-        margins = margins_along(reduced, kinematic, context.q0, context.horizon, _ROLLOUT_STEP, task)
+        margins = margins_along(reduced, kinematic, context.q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
+        slower = 1.0 if margins.grip is None else margins.grip.slower
         complaints = tuple(margins.complaints(_THIN))
         if complaints and context.preflight == "refuse":
             raise InfeasibleError("; ".join(complaints))
         if self.tracker == "computed_torque":
             gain = chosen("k", self.k, _COMPUTED_TORQUE_GAIN, r)
-            return Built(ComputedTorque(reduced, kinematic, gain), complaints, notes or {})
+            return Built(ComputedTorque(reduced, kinematic, gain), complaints, notes or {}, slower)
         gains = VelocityGains.paper()
         if self.preset == "normalised":
             gains = VelocityGains.normalised(self.bounds(context))
@@ -98,4 +99,4 @@ class VelocitySettings(HeldSettings):
             sigma=gains.sigma if self.sigma is None else self.sigma,
             dead_zone=chosen("dead_zone", self.dead_zone, 0.0, r),
         )
-        return Built(VelocityTracker(kinematic, gains, self.held_force(context)), complaints, notes or {})
+        return Built(VelocityTracker(kinematic, gains, self.held_force(context)), complaints, notes or {}, slower)

@@ -1,0 +1,168 @@
+"""What wheels and blades would need of friction to hold the constraints that are taken for granted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import Place
+
+_SMALL = 1e-9
+
+
+class _Contact(NamedTuple):
+    name: str
+    along: list[int]
+    """Rows along the ground, among all constraint rows."""
+    up: int | None
+    """Row that carries, if it does."""
+
+
+class Grip:
+    """Friction that constraints need: the size of their forces along the ground over ``friction`` times the load.
+
+    A contact is whatever does not slip along the ground: ``NoSideSlip``, the wheels, balls. Its force is the multiplier
+    of its rows (``ReducedModel.contact_forces``; rows that depend on each other share it evenly). Its load is the
+    multiplier of its vertical row where the model has one that carries; on a base that moves in the plane it follows
+    from statics, with casters among the supports: loads of least norm that add up to the weight and balance its moment
+    as well as these supports can, none below zero. What accelerations shift of the weight is not in that.
+
+    Args:
+        reduced: the model.
+        friction: coefficient of friction of the ground.
+        loads: by name of the contact, where they are known [N].
+
+    Attributes:
+        names: of the contacts, (w,): of the frame.
+
+    Raises:
+        ConfigurationError: friction or a load that is not positive, no such contact, or nothing that grips.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> grip = rnc.Grip(reduced, friction=0.5)
+        >>> grip.names, grip.used(robot.configuration(), [1.0, 2.0], np.zeros(2)).round(2)
+        (('sleigh',), array([0.3]))
+    """
+
+    def __init__(self, reduced: ReducedModel, friction: float, loads: Mapping[str, float] | None = None) -> None:
+        if not 0 < friction < np.inf:
+            raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
+        self._reduced, self.friction = reduced, friction
+        q = reduced.robot.configuration()
+        points = reduced.all_constraints.lines_of_action(Kinematics(reduced.robot).position(q))[0]
+        acting = np.isfinite(points).all(axis=-1)
+        self._contacts = [each for place in reduced.all_constraints.places for each in _contacts(place, acting)]
+        self._carrying = [
+            place.where.start + row
+            for place in reduced.all_constraints.places
+            if place.block.on_ground and not any(each.along[0] in range(*_span(place)) for each in self._contacts)
+            for row in range(len(place.block.names))
+        ]
+        self.names = tuple(each.name for each in self._contacts)
+        if not self.names:
+            raise ConfigurationError("nothing of this system grips the ground by friction")
+        self._known = np.full(len(self.names), np.nan)
+        for name, load in (loads or {}).items():
+            if name not in self.names:
+                raise ConfigurationError(f"loads: nothing grips at '{name}'{nearest(name, self.names)}")
+            if not load > 0:
+                raise ConfigurationError(f"load of '{name}' has to be positive, found {load}")
+            self._known[self.names.index(name)] = load
+
+    def forces(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
+        """Along the ground [N].
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            T: inputs of the actuators (..., p).
+        """
+        multipliers = self._reduced.contact_forces(q, v2, T)
+        return np.stack([np.linalg.norm(multipliers[..., each.along], axis=-1) for each in self._contacts], axis=-1)
+
+    def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
+        """Upwards [N].
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            T: inputs of the actuators (..., p).
+        """
+        q = np.asarray(q, dtype=float)
+        rows, multipliers = self._reduced.at(q).all_rows, self._reduced.contact_forces(q, v2, T)
+        flat = q.reshape(-1, q.shape[-1])
+        loads = np.array([self._static(each) for each in flat]).reshape(*q.shape[:-1], len(self.names))
+        for place, contact in enumerate(self._contacts):
+            if contact.up is not None and np.abs(rows[..., contact.up, :]).max() > _SMALL:
+                loads[..., place] = np.maximum(-multipliers[..., contact.up], 0.0)
+        return np.where(np.isnan(self._known), loads, self._known)
+
+    def used(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
+        """Share of the grip that every contact uses; more than 1 slips.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            T: inputs of the actuators (..., p).
+        """
+        forces, allowed = self.forces(q, v2, T), self.friction * self.loads(q, v2, T)
+        return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
+
+    def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
+        """The same for accelerations instead of inputs.
+
+        Args:
+            q: configurations (..., nq).
+            v2: reduced velocities (..., r).
+            v2_dot: their rates (..., r).
+
+        Raises:
+            ConstraintError: no inputs give them.
+        """
+        reduced = self._reduced
+        return self.used(q, v2, reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot)))
+
+    def _static(self, q: Array) -> Float[Array, " w"]:
+        """Loads at rest."""
+        robot = self._reduced.robot
+        points = self._reduced.all_constraints.lines_of_action(Kinematics(robot).position(q))[0]
+        supports = [*(each.along[0] for each in self._contacts), *self._carrying]
+        center = np.asarray(pin.centerOfMass(robot.model, robot.model.createData(), q))[:2]
+        weight = -pin.computeTotalMass(robot.model) * float(robot.model.gravity.linear[2])
+        share = np.full(len(supports), 1.0 / len(supports))
+        levers = (points[supports, :2] - center).T
+        # From equal shares on, along directions that keep their sum.
+        free = np.eye(len(supports)) - share
+        share = share - apply(np.linalg.pinv(levers @ free, rcond=1e-9), apply(levers, share))
+        share = np.maximum(share, 0.0)
+        loads: np.ndarray = max(weight, 0.0) * share[: len(self._contacts)] / share.sum()
+        return loads
+
+
+def _span(place: Place) -> tuple[int, int]:
+    return place.where.start, place.where.stop
+
+
+def _contacts(place: Place, acting: Array) -> list[_Contact]:
+    """What grips of a block's rows."""
+    block, start = place.block, place.where.start
+    holonomic = block.holonomic or (False,) * len(block.names)
+    along = [start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row]]
+    if not along:
+        return []
+    up = next((start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground), None)
+    name = getattr(block.kind, "frame", None)
+    return [_Contact(name if isinstance(name, str) else block.names[along[0] - start], along, up)]
