@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import reduction
+from benchmarks import mutation, reduction
 from benchmarks.states import regular_states
 from rnc_pin.scenario.run import plan
 
@@ -25,6 +25,14 @@ def test_states_are_regular_and_repeat_themselves(experiment):
     assert len(np.unique(states.q, axis=0)) == 5
     assert np.isfinite(reduced.forward_dynamics(states.q, states.v2, states.T)).all()
     assert np.abs(reduced.constraint_residual(states.q, states.v)).max() < 1e-12
+
+
+def test_mutants_meet_tests_that_are_there():
+    for path, tests in mutation.TESTS.items():
+        assert (mutation.ROOT / path).exists(), path
+        assert [name for name in tests.split() if not (mutation.ROOT / "tests" / f"{name}.py").exists()] == []
+    assert mutation.tests_of("rnc_pin/control/windup.py").endswith("tests/test_windup.py")  # the longest path counts
+    assert len(list(mutation.modules(["rnc_pin/outputs"]))) > 5
 
 
 def test_figures_are_finite_and_positive():

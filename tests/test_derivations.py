@@ -1,9 +1,5 @@
 """The files in tests/data are what tests/derivations derives; all of it: ``python -m tests.derivations``."""
 
-import pytest
-
-pytest.importorskip("sympy", reason="SymPy derives the reference data (pip install '.[dev]')")
-
 from derivations import bicycle_linear, chaplygin_sleigh
 from derivations.comparison import differences, read
 

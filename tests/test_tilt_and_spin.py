@@ -1,5 +1,7 @@
 """FrameTilt and FrameSpin against Pinocchio's own kinematics, finite differences, and closed forms."""
 
+from dataclasses import FrozenInstanceError
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -111,6 +113,7 @@ def test_a_spin_is_the_angular_velocity_in_the_frames_own_axes(axis, arm):
     reduced = free_of(arm, rnc.FrameSpin("hand", axis))
     assert reduced.vertical.names == (f"hand_spin_{axis}",)
     assert reduced.vertical.quasi.all()
+    assert not reduced.vertical.angular.any()  # the integral of a spin is no angle: a turn more is a turn more
     for q, v in states(arm):
         state = reduced.at(q, v)
         np.testing.assert_allclose(state.A_star, frame_jacobian(arm, "hand", q)[[3 + row]], atol=ROUNDING)
@@ -149,6 +152,12 @@ def test_a_spin_has_no_value_but_its_integral(arm):
 def test_an_axis_that_is_none_is_refused(output, arm):
     with pytest.raises(rnc.RncError, match="w"):
         output.bind(arm)
+
+
+@pytest.mark.parametrize("output", [rnc.FrameTilt("hand"), rnc.FrameSpin("hand")], ids=["tilt", "spin"])
+def test_an_output_that_was_named_stays_what_it_is(output):
+    with pytest.raises(FrozenInstanceError):
+        output.frame = "tip"
 
 
 @pytest.mark.parametrize("output", [rnc.FrameTilt("hnad"), rnc.FrameSpin("hnad")], ids=["tilt", "spin"])
