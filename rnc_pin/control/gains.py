@@ -37,12 +37,7 @@ class VelocityGains:
 
     def describe(self) -> Description:
         """The numbers by name."""
-        return {
-            "k": listed(self.k),
-            "beta": listed(self.beta),
-            "sigma": self.sigma,
-            "dead_zone": listed(self.dead_zone),
-        }
+        return {"k": listed(self.k), "beta": listed(self.beta), "sigma": self.sigma, **_zone(self.dead_zone)}
 
     @classmethod
     def paper(cls) -> VelocityGains:
@@ -137,7 +132,7 @@ class PositionGains:
             "gamma": self.gamma,
             "beta": listed(self.beta),
             "sigma": self.sigma,
-            "dead_zone": listed(self.dead_zone),
+            **_zone(self.dead_zone),
         }
 
     @classmethod
@@ -186,6 +181,11 @@ class PositionGains:
                 f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
             )
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
+
+
+def _zone(dead_zone: Gain) -> Description:
+    """A dead zone by name, where there is one."""
+    return {"dead_zone": listed(dead_zone)} if np.any(dead_zone) else {}
 
 
 def _check_delay(delay: float) -> None:
