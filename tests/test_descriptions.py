@@ -57,7 +57,7 @@ def test_the_record_of_a_built_in_scenario_has_its_gains(name):
     trackers = [part["gains"] for part in parts if "gains" in part]
     assert trackers
     for gains in trackers:
-        assert set(gains) in ({"k", "beta", "sigma", "dead_zone"}, {"k1", "k2", "gamma", "beta", "sigma", "dead_zone"})
+        assert set(gains) in ({"k", "beta", "sigma"}, {"k1", "k2", "gamma", "beta", "sigma"})
         assert all(np.min(gain) > 0 for gain in gains.values())
 
 

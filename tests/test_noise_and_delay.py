@@ -152,7 +152,8 @@ def test_a_scenario_says_delay_and_dead_zone():
     changes = {"controller.delay": 0.012, "controller.dead_zone": 0.01, "comparisons": {}}
     gains = [plan("unicycle", each).experiment.controller.gains for each in ({"comparisons": {}}, changes)]
     assert (gains[1].k < gains[0].k).all()
-    assert gains[1].dead_zone == 0.01
+    assert gains[1].dead_zone == gains[1].describe()["dead_zone"] == 0.01
+    assert "dead_zone" not in gains[0].describe()
     with pytest.raises(rnc.ConfigurationError, match=r"dead_zone"):
         plan("unicycle", {"controller.dead_zone": -1.0})
     with pytest.raises(rnc.ConfigurationError, match=r"delay.*belongs to the preset 'scaled'"):

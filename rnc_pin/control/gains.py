@@ -40,12 +40,7 @@ class VelocityGains:
 
     def describe(self) -> Description:
         """The numbers by name."""
-        return {
-            "k": listed(self.k),
-            "beta": listed(self.beta),
-            "sigma": self.sigma,
-            "dead_zone": listed(self.dead_zone),
-        }
+        return {"k": listed(self.k), "beta": listed(self.beta), "sigma": self.sigma, **_zone(self.dead_zone)}
 
     @classmethod
     def paper(cls) -> VelocityGains:
@@ -166,7 +161,7 @@ class PositionGains:
             "gamma": self.gamma,
             "beta": listed(self.beta),
             "sigma": self.sigma,
-            "dead_zone": listed(self.dead_zone),
+            **_zone(self.dead_zone),
         }
 
     @classmethod
@@ -243,12 +238,18 @@ class PositionGains:
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
 
 
+<<<<<<< HEAD
 def _positive(bound: Gain) -> np.ndarray:
     """A bound on the inertia as an array, refused where it is not positive."""
     values = np.asarray(bound, dtype=float)
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
     return values
+=======
+def _zone(dead_zone: Gain) -> Description:
+    """A dead zone by name, where there is one."""
+    return {"dead_zone": listed(dead_zone)} if np.any(dead_zone) else {}
+>>>>>>> survive
 
 
 def _check_delay(delay: float) -> None:
