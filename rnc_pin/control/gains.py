@@ -238,18 +238,17 @@ class PositionGains:
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
 
 
-<<<<<<< HEAD
 def _positive(bound: Gain) -> np.ndarray:
     """A bound on the inertia as an array, refused where it is not positive."""
     values = np.asarray(bound, dtype=float)
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
     return values
-=======
+
+
 def _zone(dead_zone: Gain) -> Description:
     """A dead zone by name, where there is one."""
     return {"dead_zone": listed(dead_zone)} if np.any(dead_zone) else {}
->>>>>>> survive
 
 
 def _check_delay(delay: float) -> None:
