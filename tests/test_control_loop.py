@@ -114,6 +114,7 @@ BAD = {
     "NaN in q": (lambda q, v: (q * np.nan, v), r"q\[0\] is not finite"),
     "NaN in v": (lambda q, v: (q, v * np.nan), r"v\[0\] is not finite"),
     "infinite": (lambda q, v: (q, v + np.inf), r"v\[0\] is not finite"),
+    "words": (lambda q, v: ("nowhere", v), "q is not made of numbers"),
     "too short": (lambda q, v: (q[:-1], v), r"q has shape \(3,\), expected \(4,\)"),
     "no velocity": (lambda q, v: (q, None), "v is missing"),
     "a jump": (lambda q, v: (q + np.eye(4)[0] * 5.0, v), "q jumped"),
@@ -161,7 +162,7 @@ def test_time_that_does_not_run_is_no_measurement(later):
 @pytest.mark.parametrize(("safe", "expected"), [("hold", 1.0), ("zero", 0.0), ("brake", -1.0)])
 def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
     reduced, tracker = sleigh()
-    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3.5 * DT)
+    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3 * DT)
     times = DT * np.arange(40)
     inputs = drive(loop, machine, times, lambda sample, q, v: (q * np.nan, v) if sample >= 30 else (q, v))
     assert np.array_equal(inputs[30:34], np.tile(inputs[29], (4, 1)))  # patience first

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypedDict
 
 import numpy as np
-import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import Command, Controller, State
-from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError, SingularityError, printable
+from rnc_pin.errors import (
+    ConfigurationError,
+    ConstraintError,
+    DivergenceError,
+    InputError,
+    RncError,
+    SingularityError,
+    printable,
+)
+from rnc_pin.loop.guard import Guard, ImpossibleError
+from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.saved_state import read_state, write_state
 from rnc_pin.loop.velocity import FilteredVelocity, Motion, VelocityEstimator, VelocityObserver
 from rnc_pin.math.linear_algebra import apply
@@ -21,7 +30,7 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
-_UNIT = 0.1  # by which a (cos, sin) pair or quaternion may miss unit length before it counts as no measurement
+_A_LITTLE_MORE = 1 + 1e-9  # than a time that is a sum of steps
 _SAFE = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
 
@@ -37,40 +46,6 @@ class LoopOptions(TypedDict, total=False):
     fastest: float
     margin: float
     brake: float
-
-
-class LoopState(NamedTuple):
-    """Everything that a loop remembers from one step to the next.
-
-    Example:
-        >>> rnc.loop.LoopState().trouble is None  # of a loop that has not begun
-        True
-    """
-
-    begin: float | None = None
-    """Time of the first step [s]: the controller's time zero."""
-    time: float | None = None
-    """Of the last measurement that was taken [s]."""
-    q: Float[Array, " nq"] | None = None
-    """Configuration measured last."""
-    v2: Float[Array, " r"] | None = None
-    """Reducing velocities then."""
-    integrals: Float[Array, " r"] | None = None
-    """Of the reducing velocities since the first step."""
-    motion: Motion | None = None
-    """Of the velocity's estimate."""
-    T: Float[Array, " p"] | None = None
-    """Inputs given last."""
-    excess: Float[Array, " r"] | None = None
-    """Reduced force that was asked for and not given."""
-    controller: State = None
-    """What the controller remembers."""
-    bad_since: float | None = None
-    """Time of the first of the measurements that were not taken [s]."""
-    trouble: str | None = None
-    """Why the controller is not listened to; None while it is."""
-    failed: bool = False
-    """Whether that lasts: the controller itself ended."""
 
 
 class Decision(NamedTuple):
@@ -153,17 +128,17 @@ class ControlLoop:
         self._given = controller
         self._controller: Controller | None = controller if isinstance(controller, Controller) else None
         self._on_trouble = _one_of("on_trouble", on_trouble, _SAFE)
-        self._estimator = self._velocity(velocity, cutoff)
+        self._guard = Guard(reduced.robot, fastest, self._estimator(velocity, cutoff))
         self._limits = _limits(reduced, limits)
         self._patience = 5 * dt if patience is None else patience
-        self._fastest, self._margin, self._brake = fastest, margin, brake
+        self._margin, self._brake = margin, brake
         self.state = LoopState()
         self.last: Decision | None = None
         self._input_matrix: np.ndarray | None = None
         self._asked = np.zeros(reduced.p)
         self.at_work = "the model"
 
-    def _velocity(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
+    def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
         _one_of("velocity", velocity, _VELOCITIES)
         if cutoff is not None and not cutoff > 0:
             raise ConfigurationError(f"cutoff of a loop has to be positive, found {cutoff}")
@@ -194,20 +169,19 @@ class ControlLoop:
         """
         if self.state.failed:
             return self._safe(v)
-        problem, q, v, motion = self._received(t, q, v)
-        if problem is not None:
-            return self._not_taken(t, problem, v)
-        self.state = self.state._replace(motion=motion)
-        state = None
         try:
-            state = self.reduced.at(q, v=v)
-            return self.decide(t, state, integrals).copy()
+            taken = self._guard.take(self.state, t, q, v)
+        except ImpossibleError as problem:
+            return self._not_taken(t, str(problem), v)
+        self.state = self.state._replace(motion=taken.motion)
+        try:
+            return self.decide(t, self.reduced.at(taken.q, v=taken.v), integrals).copy()
         except Exception as error:
             if self._on_trouble == "raise":
                 raise
             reason = str(error) if isinstance(error, RncError) else f"{type(error).__name__}: {error}"
             self.state = self.state._replace(trouble=printable(reason), failed=True)
-            return self._safe(v)
+            return self._safe(taken.v)
 
     def decide(self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None) -> Float[Array, " p"]:
         """The same for a state that is known to be true and has been evaluated; errors are raised.
@@ -270,61 +244,6 @@ class ControlLoop:
             return np.zeros(self.reduced.r)
         return before.integrals + 0.5 * (t - before.time) * (before.v2 + state.v2)
 
-    # ------------------------------------------------------------------ what comes in
-
-    def _received(self, t: float, q: Any, v: Any) -> tuple[str | None, Array, Array | None, Motion | None]:
-        """What is wrong with a measurement, or None; and what to take of it."""
-        before, robot = self.state, self.reduced.robot
-        q = np.array(q, dtype=float)
-        v = None if v is None else np.array(v, dtype=float)
-        problem = self._impossible(t, q, v)
-        if problem is not None:
-            return problem, q, v, None
-        unit = pin.normalize(robot.model, q)
-        if not np.abs(unit - q).max(initial=0.0) < _UNIT:
-            return "q holds a (cos, sin) pair or a quaternion that is not of unit length", q, v, None
-        elapsed = None if before.time is None else t - before.time
-        if elapsed is not None and before.q is not None:
-            speed = np.abs(pin.difference(robot.model, before.q, unit)).max(initial=0.0) / elapsed
-            if not speed < self._fastest:
-                return (
-                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._fastest:g}",
-                    q,
-                    v,
-                    None,
-                )
-        motion = None
-        if self._estimator is not None:
-            if before.motion is None or elapsed is None:
-                motion = self._estimator.start(unit)
-            else:
-                motion = self._estimator.step(before.motion, unit, elapsed)
-            v = motion.v
-        return None, unit, v, motion
-
-    def _impossible(self, t: float, q: Array, v: Array | None) -> str | None:
-        before, robot = self.state, self.reduced.robot
-        if not isfinite(t):
-            return f"time is {t}"
-        if before.time is not None and t <= before.time:
-            return f"time stands still or runs backwards: {t:g} s after {before.time:g} s"
-        if q.shape != (robot.nq,):
-            return f"q has shape {q.shape}, expected ({robot.nq},)"
-        if not isfinite(sum(q.tolist())):
-            return f"q[{int(np.flatnonzero(~np.isfinite(q))[0])}] is not finite"
-        if self._estimator is not None:
-            return None
-        if v is None:
-            return "v is missing: velocity='filtered' or 'observer' takes it from q"
-        if v.shape != (robot.nv,):
-            return f"v has shape {v.shape}, expected ({robot.nv},)"
-        if not isfinite(sum(v.tolist())):
-            return f"v[{int(np.flatnonzero(~np.isfinite(v))[0])}] is not finite"
-        fastest = np.abs(v).max(initial=0.0)
-        if not fastest < self._fastest:
-            return f"v reaches {fastest:.3g} rad/s or m/s, expected less than {self._fastest:g}"
-        return None
-
     # ------------------------------------------------------------------ what goes out in trouble
 
     def _not_taken(self, t: float, problem: str, v: Array | None) -> Array:
@@ -332,7 +251,7 @@ class ControlLoop:
             raise InputError(f"measurement at t = {t:g} s: {problem}")
         since = self.state.bad_since if self.state.bad_since is not None else t
         self.state = self.state._replace(bad_since=since, trouble=problem)
-        if self.state.T is not None and not t - since > self._patience:
+        if self.state.T is not None and not t - since > _A_LITTLE_MORE * self._patience:
             return self.state.T.copy()
         return self._safe(v)
 
@@ -413,6 +332,8 @@ def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.nd
     T = np.asarray(command.T, dtype=float)
     if T.shape != (reduced.p,):
         raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
+    if not isfinite(sum(T.tolist())):
+        raise DivergenceError("the controller asks for inputs without bound")
     return T
 
 
