@@ -23,8 +23,11 @@ SAMPLE = {
     "mobile-manipulator-two-phase": (2,),  # to any heading
     "fire-truck": (2, 11),
 }
-COARSE = {"simulation.dt": 0.01}
+COARSE, LESS_COARSE = {"simulation.dt": 0.01}, {"simulation.dt": 0.005}
 QUICK = {
+    "space-robot": LESS_COARSE,
+    "mobile-manipulator": LESS_COARSE,
+    "fire-truck": LESS_COARSE,
     "space-robot-fixed-platform": COARSE,
     "space-robot-uncertain": {**COARSE, "simulation.duration": 10.0},
     "mobile-manipulator-two-phase": COARSE,
