@@ -24,7 +24,9 @@ behind = SlitheringReference(reduced, task, tractor="tractor", axle="rear_axle")
 steering = SteeringController(reduced, task, primary=path.reference, vertical=behind)
 
 q0 = robot.configuration({"root_joint": start})
-run = rnc.simulate(reduced, rnc.tuned_tracker(reduced, steering, q0, duration=8.0), q0, duration=9.0)
+run = rnc.simulate(
+    reduced, rnc.tuned_tracker(reduced, steering, q0, duration=8.0, dt=0.004), q0, duration=9.0, dt=0.004
+)
 x, y, _, heading = run.x1[-1]
 print(f"tractor at ({x:.4f}, {y:.4f}) m, trailer heading {heading:.3f} rad")
 print("to see it, open", Recording(reduced, run).save("fire_truck.html"))

@@ -26,7 +26,7 @@ reduced = system.reduce(
 )
 hand, platform = np.array([0, 1]), np.array([2, 3])  # their places in x2
 
-dt = 0.002  # sampling period [s]
+dt = 0.004  # sampling period [s]
 q0 = robot.configuration({"root_joint": (-1.6, 0.4, 0.2), "joint_1": 0.4, "joint_2": -1.4})
 _, x2 = reduced.outputs(q0)
 H = reduced.inertia(q0)[None]

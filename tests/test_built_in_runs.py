@@ -38,12 +38,15 @@ def ends_at_its_goals(summary):
 
 @pytest.mark.parametrize("name", [name for name in built_in_names() if name != "fire-truck"])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
-    ends_at_its_goals(summary_of(name, **({"simulation.duration": ENOUGH[name]} if name in ENOUGH else {})))
+    """At twice their period where gains suit that, for half the time."""
+    options = {} if name == "free-flying-arm" else {"simulation.dt": 0.004}
+    options |= {"simulation.duration": ENOUGH[name]} if name in ENOUGH else {}
+    ends_at_its_goals(summary_of(name, **options))
 
 
 def test_figure_8():
     """The trailer's axle strays from the driven path by at most a tenth of what it does with the rear axle locked."""
-    summary = summary_of("fire-truck", compared=True)
+    summary = summary_of("fire-truck", compared=True, **{"simulation.dt": 0.004})
     locked = summary["comparisons"]["rear axle locked"]
     ends_at_its_goals(summary)
     assert summary["off_tracking_max"] < 0.1 * locked["off_tracking_max"]

@@ -176,9 +176,9 @@ def test_estimators_learn_the_machine_not_the_model():
     """Wheels of another size than the model has: what is measured tells, ``R v2`` of the model would not."""
     true = experiment("wheels-uncertain")
     wrong = {f"constraints__{wheel}__rolling_wheel__radius": 0.15 for wheel in (0, 1)}
-    believed = experiment("wheels-uncertain", simulation__dt=0.005, **wrong)
+    believed = experiment("wheels-uncertain", simulation__dt=0.01, **wrong)
     machine = ReducedPlant(true.reduced)
-    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.005, machine=machine)
+    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.01, machine=machine)
     assert run.outcome == "completed"
     assert np.abs(run.prediction_error).max() > 0.05
     radius, track = run.estimates[-1]
