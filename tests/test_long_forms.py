@@ -7,6 +7,7 @@ import tracemalloc
 import pytest
 
 from benchmarks import campaign, plants, soak
+from rnc_pin.scenario.run import execute, plan
 
 
 @pytest.mark.parametrize("name", ["space-robot", "mobile-manipulator", "wheels-uncertain", "snakeboard"])
@@ -47,3 +48,15 @@ def test_faults_end_with_a_name(monkeypatch, capsys):
     said = capsys.readouterr().out
     assert all(fault in said for fault in campaign.LARGEST)
     assert "0 runs with NaN" in said
+
+
+def test_the_platform_arrives_on_a_ground_of_little_grip():
+    """Of mu = 0.6, which gives 53 N m of yaw: the stabiliser's limits keep to less than half of it."""
+    pytest.importorskip("mujoco")
+    ground = {"plant": {"type": "mujoco", "friction": [0.6, 0.0, 0.0]}, "comparisons": {}, "plots": {}}
+    coarse = {"simulation.dt": 0.004, "simulation.duration": 8.0}
+    run = execute(plan("mobile-manipulator-two-phase", {**ground, **coarse})).trajectory
+    assert run.outcome == "completed"
+    assert run.friction_used.max() < 0.6
+    assert 1.0 < abs(run.T[:, 1]).max() < 30.0  # [N m], about the vertical
+    assert abs(run.slip).max() < 1e-3
