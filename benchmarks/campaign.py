@@ -67,8 +67,8 @@ def spoilt(fault: str, size: float, clean: dict[str, Any]) -> dict[str, Any]:
     return {fault: size, **({"slip_time": 1.0, "slip_duration": 0.1} if fault == "slip_speed" else {})}
 
 
-def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any]:
-    """Outcome, largest final error as a share of the way, whether anything was not a number, and the experiment."""
+def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:
+    """Outcome, largest final error as a share of the way, whether anything was not a number, experiment and run."""
     prepared = plan(scenario, {"comparisons": {}, **SCENARIOS[scenario], **options})
     found = execute(prepared)
     run, errors = found.trajectory, found.summary["final_error"]
@@ -78,15 +78,20 @@ def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, An
     worst = max((error / max(way[name], 0.1) for name, error in errors.items()), default=np.nan)
     broken = not all(np.isfinite(array).all() for array in (run.q, run.v, run.T))
     message = found.summary.get("message", "")
-    return str(run.outcome) + (f": {message.split(' at ')[0][:60]}" if message else ""), float(worst), broken, prepared
+    return (
+        str(run.outcome) + (f": {message.split(' at ')[0][:60]}" if message else ""),
+        float(worst),
+        broken,
+        prepared,
+        run,
+    )
 
 
 def reference(scenario: str) -> dict[str, Any]:
     """The run without a fault, and what sizes of faults are measured by."""
-    outcome, error, _, prepared = result(scenario, {})
+    outcome, error, _, prepared, run = result(scenario, {})
     reduced = prepared.experiment.reduced
     robot = reduced.robot
-    run = execute(prepared).trajectory
     last = [name for name in robot.joint_names if name in reduced.actuation.names]
     return {
         "outcome": outcome, "error": error, "peak": float(np.abs(run.T).max()),
@@ -100,7 +105,7 @@ def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> tuple[str
     size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
     options = {"seed": run, "faults": spoilt(fault, size, clean), "preflight": "warn"}
     try:
-        outcome, error, broken, _ = result(scenario, options)
+        outcome, error, broken, *_ = result(scenario, options)
     except RncError as failure:
         return f"refused: {failure}"[:80], np.nan, False, size
     return outcome, error, broken, size

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
+from benchmarks.processes import alive, children
 
 PATIENCE = 120.0  # [s]; for a process to start and to end on a busy machine
 SHORT = ["--set", "comparisons={}", "--set", "plots={}", "--set", "simulation.duration=0.1"]
@@ -203,26 +204,6 @@ def swept(out: Path, whom: Callable[[Run, list[int]], int], number: signal.Signa
     for row in table:
         rnc.Trajectory.load(out / f"run_{int(row['run']):04d}" / "trajectory.npz")
     return f"the table so far ({len(table)} runs) and their runs; no worker goes on"
-
-
-def children(pid: int) -> list[int]:
-    """Processes below a process, of any depth."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(path.read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
-            continue
-        if parent == pid:
-            found += [int(path.parent.name), *children(int(path.parent.name))]
-    return found
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def rows(out: Path) -> list[dict[str, str]]:

@@ -11,6 +11,14 @@ import rnc_pin as rnc
 
 
 @cache
+def sleigh() -> rnc.ReducedModel:
+    """A Chaplygin sleigh with a thruster and a flywheel."""
+    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+
+
 def space_robot() -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_2", "joint_3"])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+import systems
 from rnc_pin.plants import FaultyMachine
 from rnc_pin.simulation import ReducedPlant
-from systems import space_robot
 
 DT = 0.01
 GOAL = np.array([1.0, 0.5])
@@ -16,10 +16,7 @@ GOAL = np.array([1.0, 0.5])
 
 def sleigh():
     """A sleigh with a thruster and a flywheel, on its way to a place along its nose and to a heading."""
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    reduced = systems.sleigh()
     way = rnc.planning.MinimumJerk(np.zeros(2), GOAL, duration=1.0)
     target = rnc.control.ReducingOutputController(reduced, way)
     return reduced, rnc.control.VelocityTracker(target, rnc.control.VelocityGains(k=20.0, beta=20.0))
@@ -175,7 +172,7 @@ def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
 
 
 def test_a_singular_configuration_ends_the_controller_not_the_loop():
-    reduced = space_robot()  # the tip's x and y and joint 1: singular where the arm is straight
+    reduced = systems.space_robot()  # the tip's x and y and joint 1: singular where the arm is straight
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(3)))
     loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), DT, on_trouble="zero", margin=0.002)
     robot = reduced.robot

@@ -149,6 +149,49 @@ def test_truth_differs_from_belief():
     assert again.inertias[2].mass == before.inertias[2].mass  # drawn by the seed
 
 
+class Late:
+    """A machine whose sensors are not there for the first samples."""
+
+    def __init__(self, machine, samples):
+        self.machine, self.left = machine, samples
+
+    def __getattr__(self, name):
+        return getattr(self.machine, name)
+
+    def actual(self):
+        return self.machine.read()
+
+    def read(self):
+        q, v = self.machine.read()
+        self.left -= 1
+        return (q, v) if self.left < 0 else (np.full_like(q, np.nan), np.full_like(v, np.nan))
+
+
+def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
+    made = experiment("space-robot", simulation__dt=0.01)
+    machine = Late(ReducedPlant(made.reduced), 3)
+    run = rnc.simulate(made.reduced, made.controller, made.q0, 0.2, 0.01, machine=machine)
+    figures = rnc.summarize(run)
+    assert set(figures["final_error"]) == {"tip_x", "tip_y", "platform"}
+    for kind in ("final_error", "max_error", "rms_error"):
+        assert np.isfinite(list(figures[kind].values())).all()
+    assert not run.T[:2].any()  # one more is read to begin with
+    assert run.T[2].any()
+
+
+def test_limits_of_the_machine_under_the_faults_are_told():
+    """Dead zones are not: the loop does not know what they swallow."""
+    reduced = mobile_manipulator()
+
+    class Weak(ReducedPlant):
+        def apply(self, T):
+            self.applied = np.clip(T, -0.1, 0.1)
+
+    machine = FaultyMachine(Weak(reduced), rnc.Faults(effort=0.5, dead_zone=0.05), reduced, DT)
+    machine.apply(np.array([0.01, -0.07, 0.3, -2.0]))
+    np.testing.assert_allclose(machine.applied, [0.01, -0.07, 0.1, -0.1])
+
+
 def test_a_joint_gets_stuck():
     made = experiment("space-robot", faults={"stuck": {"joint": "joint_2", "time": 0.5}}, simulation__dt=0.01)
     run = rnc.simulate(made.reduced, made.controller, made.q0, 1.0, 0.01, machine=made.machine)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+import systems
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference, ViaPoints
 from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import grip_along, within_grip
@@ -13,10 +14,7 @@ G = 9.81
 
 @pytest.fixture(scope="module")
 def sleigh():
-    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    return systems.sleigh()
 
 
 def test_the_side_force_of_a_sleigh_in_a_steady_turn_is_m_v_w(sleigh):

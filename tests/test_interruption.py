@@ -12,20 +12,15 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from benchmarks.processes import alive, children
 from patience import eventually
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario import pictures
+from systems import sleigh
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
 LONG = ["--set", "simulation.duration=1000"]
-
-
-def sleigh():
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
 
 
 class Pushing:
@@ -236,26 +231,6 @@ def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, mo
 
 
 # ---------------------------------------------------------------------- sweeps
-
-
-def children(pid):
-    """Processes below a process, of any depth."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(path.read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
-            continue
-        if parent == pid:
-            found += [int(path.parent.name), *children(int(path.parent.name))]
-    return found
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def rows(out):

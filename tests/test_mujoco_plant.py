@@ -307,6 +307,7 @@ def test_limits_and_damping_on_request():
     stopped = MuJoCoPlant(reduced, MuJoCoSettings(joint_limits=True, joint_damping=True, effort_limits=True), q0)
     stopped.reset(q0, np.zeros(2))
     stopped.apply(np.array([1e6, 0.0]))
+    assert stopped.applied.tolist() == [reduced.actuation.limits[0], 0.0]  # as the loop is told
     stopped.advance(0.5)
     assert stopped.read()[0][0] < 62.84
     assert stopped.model.dof_damping.tolist() == robot.model.damping.tolist()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+import systems
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTracker
 from rnc_pin.control.dead_zone import beyond
 from rnc_pin.control.estimation import adapt
@@ -16,10 +17,7 @@ from rnc_pin.simulation import ReducedPlant
 
 @pytest.fixture(scope="module")
 def sleigh():
-    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
-    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    return systems.sleigh()
 
 
 # ---------------------------------------------------------------------- dead zones

@@ -120,17 +120,25 @@ def other_wheels(folder):
 PRESETS = {"scaled": {}, "normalised": {"controller.inertia_bound": 90.0}, "paper": {}}
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize(
+BOTH = pytest.mark.parametrize(
     ("name", "make"), [("space-robot-uncertain", heavier), ("wheels-uncertain", other_wheels)], ids=["masses", "wheels"]
 )
-def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(name, make, preset, tmp_path):
-    """Gains, controller and allocation together: what is unknown of the plant decides nothing."""
+
+
+def two_plants(name, make, preset, folder):
+    """A scenario, and the same with another robot under the same belief."""
     quiet = {"comparisons": {}, "plots": {}, "controller.preset": preset, "simulation.duration": 1.0}
     quiet |= PRESETS[preset]
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(tmp_path), **quiet})))
-    known, other = plan(name, quiet).experiment, plan(str(path)).experiment
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(folder), **quiet})))
+    return plan(name, quiet).experiment, plan(str(path)).experiment
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@BOTH
+def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(name, make, preset, tmp_path):
+    """Gains, controller and allocation together: what is unknown of the plant decides nothing."""
+    known, other = two_plants(name, make, preset, tmp_path)
     states = list(random_states(known.reduced, 5, condition=50.0))
     inputs, differ = [], []
     for experiment in (known, other):
@@ -144,6 +152,23 @@ def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(na
             differ.append(reduced.at(q).A_star)
     assert np.abs(np.array(differ[:5]) - differ[5:]).max() > 0.01  # the truth would tell them apart
     np.testing.assert_allclose(inputs[:5], inputs[5:], rtol=1e-9, atol=1e-9)
+
+
+@BOTH
+def test_what_clipped_actuators_leave_out_is_told_as_the_belief_has_it(name, make, tmp_path):
+    """Nor does the loop that says what was missing know the true masses or wheels."""
+    known, other = two_plants(name, make, "scaled", tmp_path)
+    states = list(random_states(known.reduced, 5, condition=50.0))
+    asked = []
+    for experiment in (known, other):
+        loop = rnc.ControlLoop(
+            experiment.reduced, experiment.controller, 0.01, limits=np.full(known.reduced.p, 1e-3), fastest=1e9
+        )
+        for k, (q, v2) in enumerate(states):
+            loop.step(0.01 * k, q, known.reduced.velocity(q, v2))
+            asked.append(loop.last.asked)
+    assert (np.abs(asked) > 1e-3).mean() > 0.5
+    np.testing.assert_allclose(asked[:5], asked[5:], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("gain", [0.1, 10.0, 1e6])

@@ -62,7 +62,8 @@ class Grip:
             raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
         self._reduced, self.friction = reduced, friction
         q = reduced.robot.configuration()
-        points = reduced.all_constraints.lines_of_action(Kinematics(reduced.robot).position(q))[0]
+        self._kinematics, self._data = Kinematics(reduced.robot), reduced.robot.model.createData()
+        points = reduced.all_constraints.lines_of_action(self._kinematics.position(q))[0]
         acting = np.isfinite(points).all(axis=-1)
         self._contacts = [each for place in reduced.all_constraints.places for each in _contacts(place, acting)]
         self._carrying = [
@@ -90,8 +91,7 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        multipliers = self._reduced.contact_forces(q, v2, T)
-        return np.stack([np.linalg.norm(multipliers[..., each.along], axis=-1) for each in self._contacts], axis=-1)
+        return self._along(self._reduced.contact_forces(q, v2, T))
 
     def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
         """Upwards [N].
@@ -101,8 +101,13 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        q = np.asarray(q, dtype=float)
-        rows, multipliers = self._reduced.at(q).all_rows, self._reduced.contact_forces(q, v2, T)
+        return self._upwards(np.asarray(q, dtype=float), self._reduced.contact_forces(q, v2, T))
+
+    def _along(self, multipliers: Array) -> Array:
+        return np.stack([np.linalg.norm(multipliers[..., each.along], axis=-1) for each in self._contacts], axis=-1)
+
+    def _upwards(self, q: Array, multipliers: Array) -> Array:
+        rows = self._reduced.at(q).all_rows
         flat = q.reshape(-1, q.shape[-1])
         loads = np.array([self._static(each) for each in flat]).reshape(*q.shape[:-1], len(self.names))
         for place, contact in enumerate(self._contacts):
@@ -118,7 +123,9 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        forces, allowed = self.forces(q, v2, T), self.friction * self.loads(q, v2, T)
+        multipliers = self._reduced.contact_forces(q, v2, T)
+        forces = self._along(multipliers)
+        allowed = self.friction * self._upwards(np.asarray(q, dtype=float), multipliers)
         return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
 
     def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
@@ -138,9 +145,9 @@ class Grip:
     def _static(self, q: Array) -> Float[Array, " w"]:
         """Loads at rest."""
         robot = self._reduced.robot
-        points = self._reduced.all_constraints.lines_of_action(Kinematics(robot).position(q))[0]
+        points = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))[0]
         supports = [*(each.along[0] for each in self._contacts), *self._carrying]
-        center = np.asarray(pin.centerOfMass(robot.model, robot.model.createData(), q))[:2]
+        center = np.asarray(pin.centerOfMass(robot.model, self._data, q))[:2]
         weight = -pin.computeTotalMass(robot.model) * float(robot.model.gravity.linear[2])
         share = np.full(len(supports), 1.0 / len(supports))
         levers = (points[supports, :2] - center).T

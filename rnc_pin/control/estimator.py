@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.control.estimation import Regressor, adapt
 from rnc_pin.control.protocol import Description, elapsed_time, listed
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -117,7 +118,8 @@ class Estimator(Spelled):
 
 def believed(measurement: Measurement, guess: Evaluation) -> Measurement:
     """A measurement with the kinematics of an estimated model in the place of the true ones."""
-    return measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
+    seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
+    return seen if seen.missing is None else seen._replace(excess=apply(guess.input_matrix, seen.missing))
 
 
 def _one_each(bound: Bound, size: int) -> np.ndarray:

@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.math.coordinates import wrapped
+
 _DEGREE = 5
 _FEWEST = 4  # places, each with a heading, that a curve of this degree can be fitted to
 _STEEPEST = 1.0  # heading against the middle of the window up to which y(x) describes a path [rad]
@@ -82,7 +84,7 @@ def chord_end_fitted(
     if first > older or last < older + 2:
         return near
     around = path[first:last]
-    turned = np.remainder(around[:, 2] - axis + np.pi, 2 * np.pi) - np.pi
+    turned = wrapped(around[:, 2] - axis)
     even = np.abs(turned) < _STEEPEST
     if np.count_nonzero(even) < _FEWEST:
         return near

@@ -82,6 +82,7 @@ class PositionTracker(Spelled):
             angular = angular.angular
         self.reference = reference
         self.gains = PositionGains.paper() if gains is None else gains
+        self._zoned = bool(np.any(self.gains.dead_zone))
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
         self.held = 0.0 if held is None else np.asarray(held, dtype=float)
@@ -141,7 +142,7 @@ class PositionTracker(Spelled):
 
         f = decay * state.f + held * (drive - g.sigma * step)
         A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
-        if measurement.excess is not None or np.any(g.dead_zone):
+        if measurement.excess is not None or self._zoned:
             excess = np.zeros(e.shape) if measurement.excess is None else measurement.excess[..., self.outputs]
             f, A, B = self._held_back(excess, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
         F = (

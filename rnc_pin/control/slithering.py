@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
+from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -108,7 +109,7 @@ class SlitheringReference(Spelled):
         back = _KEPT * self.length
         behind = [x - back * cos(heading), y - back * sin(heading), heading, -back]
         yaw = float(measurement.x1[self._output])
-        straight = yaw + _wrapped(heading + self._offset - yaw)
+        straight = yaw + wrapped(heading + self._offset - yaw)
         return DrivenPath(np.array([behind, [x, y, heading, 0.0]]), straight)
 
     def step(
@@ -136,7 +137,7 @@ class SlitheringReference(Spelled):
         vx, vy, ax, ay = float(rates[k0]), float(rates[k1]), float(rows[0]), float(rows[1])
         ex, ey, tx, ty = cos(theta), sin(theta), cos(psi), sin(psi)
         along, L = ex * tx + ey * ty, self.length
-        turn = _wrapped(theta + self._offset - state.heading)
+        turn = wrapped(theta + self._offset - state.heading)
         if min(along, cos(heading - theta)) < _ACROSS or abs(turn) > _JUMP:
             raise SingularityError(
                 "the driven path bends too tightly for the trailer to slither: it would stand across it or the tractor",
@@ -189,10 +190,6 @@ class SlitheringReference(Spelled):
         return older, chord_end_fitted(path, older, near, px, py, L, self.window)
 
 
-def _wrapped(angle: float) -> float:
-    return atan2(sin(angle), cos(angle))
-
-
 def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
     for name in wanted:
         if name not in names:
@@ -209,7 +206,7 @@ def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axl
         pin.framesForwardKinematics(robot.model, data, q)
         at, front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames)
         yaw = reduced.outputs(q)[0][output] - atan2(*(front - rear)[::-1])
-        found.append((hypot(*(front - rear)), _wrapped(yaw), hypot(*(front - at))))
+        found.append((hypot(*(front - rear)), wrapped(yaw), hypot(*(front - at))))
     (length, offset, ahead), change = found[0], np.ptp(found, axis=0)
     if change[:2].max() > 1e-9 or length < 1e-6:
         raise ConfigurationError(

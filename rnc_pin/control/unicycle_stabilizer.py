@@ -17,6 +17,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import Description, VelocityTarget, listed
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import Spelled
 
@@ -130,7 +131,7 @@ class UnicycleStabilizer(Spelled):
         """x, y in the goal's axes, and the heading from the goal's in (-pi, pi]."""
         dx, dy = measurement.x1[self.position] - self.goal[:2]
         c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
-        pose = np.array([c * dx + s * dy, c * dy - s * dx, _wrapped(measurement.x2[1] - self.goal[2])])
+        pose = np.array([c * dx + s * dy, c * dy - s * dx, wrapped(measurement.x2[1] - self.goal[2])])
         if not np.isfinite(pose).all():
             raise InputError("the vehicle's position and heading have to be given in x1 and x2")
         return pose
@@ -155,9 +156,9 @@ class UnicycleStabilizer(Spelled):
         x, y, heading = pose
         about, e = np.pi if backwards else 0.0, float(np.hypot(x, y))
         if e < self.close / 2:  # there, but for the heading
-            return _Sight(0.0, _wrapped(-heading), 0.0)
+            return _Sight(0.0, wrapped(-heading), 0.0)
         bearing = float(np.arctan2(-y, -x))
-        return _Sight(e, _wrapped(bearing - heading - about), _wrapped(bearing - about))
+        return _Sight(e, wrapped(bearing - heading - about), wrapped(bearing - about))
 
     def _turning(self, sight: _Sight) -> float:
         """What the angles add to V."""
@@ -188,8 +189,3 @@ class UnicycleStabilizer(Spelled):
         slower = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
         slower_dot = np.sum(v2 * v2_dot / limits**2) / slower
         return v2 / slower, (v2_dot - v2 * slower_dot / slower) / slower
-
-
-def _wrapped(angle: float) -> float:
-    """An angle in (-pi, pi]."""
-    return float(np.pi - np.mod(np.pi - angle, 2.0 * np.pi))

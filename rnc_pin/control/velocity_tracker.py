@@ -62,6 +62,7 @@ class VelocityTracker(Spelled):
     ) -> None:
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
+        self._zoned = bool(np.any(self.gains.dead_zone))
         self.held = 0.0 if held is None else np.asarray(held, dtype=float)
 
     def describe(self) -> Description:
@@ -101,10 +102,10 @@ class VelocityTracker(Spelled):
         decay = np.asarray(np.exp(-sigma * elapsed))
         held = -np.expm1(-sigma * elapsed) / sigma if sigma > 0 else elapsed  # integral of the leak over the sample
         gain = held * beta / (1.0 + held * beta * square[..., None] / k)
-        learnt_from = beyond(error, self.gains.dead_zone)
-        step = gain * learnt_from
-        if np.any(self.gains.dead_zone):
-            decay = np.where(learnt_from == 0.0, 1.0, decay)
+        step = gain * error
+        if self._zoned:
+            learnt_from = beyond(error, self.gains.dead_zone)
+            step, decay = gain * learnt_from, np.where(learnt_from == 0.0, 1.0, decay)
         if measurement.excess is not None:
             stays = asks_for_more(measurement.excess, error)
             step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)

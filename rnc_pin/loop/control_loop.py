@@ -57,6 +57,8 @@ class Decision(NamedTuple):
     """As it was measured."""
     measurement: Measurement
     command: Command
+    asked: Float[Array, " p"]
+    """Inputs that the command asks for, before they are clipped."""
     T: Float[Array, " p"]
 
 
@@ -134,8 +136,6 @@ class ControlLoop:
         self._margin, self._brake = margin, brake
         self.state = LoopState()
         self.last: Decision | None = None
-        self._input_matrix: np.ndarray | None = None
-        self._asked = np.zeros(reduced.p)
         self.at_work = "the model"
 
     def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
@@ -195,8 +195,9 @@ class ControlLoop:
         if integrals is None:
             integrals = self._integrated(t, state)
         measurement = state.measure(integrals)
-        if before.excess is not None:
-            measurement = measurement._replace(excess=before.excess)
+        if before.missing is not None:
+            excess = apply(state.input_matrix, before.missing)
+            measurement = measurement._replace(missing=before.missing, excess=excess)
         if self._margin > 0 and state.smallest_singular_value < self._margin:
             raise SingularityError(
                 f"the outputs are closer to singular than the margin {self._margin:g}",
@@ -215,11 +216,9 @@ class ControlLoop:
         self.at_work = "taking its command"
         asked = _inputs(self.reduced, state, command)
         T = asked if self._limits is None else np.clip(asked, -self._limits, self._limits)
-        self._asked, self._input_matrix = asked, state.input_matrix
-        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, None, own)
-        self.last = Decision(t - begin, state, measurement, command, T)
-        if T is not asked:
-            self.acted(T)
+        missing = None if T is asked else _missing(asked, T)
+        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, missing, own)
+        self.last = Decision(t - begin, state, measurement, command, asked, T)
         return T
 
     def acted(self, T: Float[Array, " p"]) -> None:
@@ -228,14 +227,11 @@ class ControlLoop:
         Args:
             T: that (p,).
         """
-        if self._input_matrix is None:
+        if self.last is None or T is self.state.T:
             return
         T = np.asarray(T, dtype=float)
-        missing = self._asked - T
-        excess = apply(self._input_matrix, missing) if missing.any() else None
-        self.state = self.state._replace(T=T, excess=excess)
-        if self.last is not None:
-            self.last = self.last._replace(T=T)
+        self.state = self.state._replace(T=T, missing=_missing(self.last.asked, T))
+        self.last = self.last._replace(T=T)
 
     def _integrated(self, t: float, state: Evaluation) -> np.ndarray:
         """Integrals of the reducing velocities, by the trapezoidal rule."""
@@ -262,7 +258,7 @@ class ControlLoop:
             T = self.state.T.copy()
         elif self._on_trouble == "brake":
             T = self._braked(v)
-        self.state = self.state._replace(T=T, excess=None)
+        self.state = self.state._replace(T=T, missing=None)
         return T
 
     def _braked(self, v: Any) -> Array:
@@ -282,7 +278,7 @@ class ControlLoop:
 
     def reset(self) -> None:
         """Forget everything: the next step is the first."""
-        self.state, self.last, self._input_matrix = LoopState(), None, None
+        self.state, self.last = LoopState(), None
         if not isinstance(self._given, Controller):
             self._controller = None
 
@@ -292,7 +288,7 @@ class ControlLoop:
         Args:
             state: that of the other.
         """
-        self.state, self._input_matrix = state, None
+        self.state, self.last = state, None
 
     def save(self, path: str | Path) -> None:
         """Write the state to an ``.npz`` file.
@@ -335,6 +331,11 @@ def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.nd
     if not isfinite(sum(T.tolist())):
         raise DivergenceError("the controller asks for inputs without bound")
     return T
+
+
+def _missing(asked: np.ndarray, T: np.ndarray) -> np.ndarray | None:
+    missing = asked - T
+    return missing if missing.any() else None
 
 
 def _limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray | None:

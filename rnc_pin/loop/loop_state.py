@@ -33,8 +33,8 @@ class LoopState(NamedTuple):
     """Of the velocity's estimate."""
     T: Float[Array, " p"] | None = None
     """Inputs given last."""
-    excess: Float[Array, " r"] | None = None
-    """Reduced force that was asked for and not given."""
+    missing: Float[Array, " p"] | None = None
+    """Inputs that were asked for and not given: asked less given. None where all of them were."""
     controller: State = None
     """What the controller remembers."""
     bad_since: float | None = None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,18 +21,8 @@ class Motion(NamedTuple):
     """Of a filter its inner stage [rad/s, m/s], of an observer the acceleration [rad/s^2, m/s^2]."""
 
 
-class VelocityEstimator(Protocol):
-    """Makes velocities of configurations."""
-
-    def start(self, q: Float[Array, " nq"]) -> Motion:
-        """At rest."""
-
-    def step(self, motion: Motion, q: Float[Array, " nq"], elapsed: float) -> Motion:
-        """After another measurement, a time [s] later."""
-
-
-class FilteredVelocity:
-    """Differences through two first-order filters of one cutoff, each exact over the step. They lag by 2 / cutoff.
+class VelocityEstimator(ABC):
+    """Makes velocities of configurations.
 
     Args:
         model: whose configurations they are.
@@ -41,9 +32,18 @@ class FilteredVelocity:
     def __init__(self, model: pin.Model, cutoff: float) -> None:
         self._model, self.cutoff = model, cutoff
 
-    def start(self, q: np.ndarray) -> Motion:
+    def start(self, q: Float[Array, " nq"]) -> Motion:
+        """At rest."""
         nothing = np.zeros(self._model.nv)
         return Motion(q, nothing, nothing)
+
+    @abstractmethod
+    def step(self, motion: Motion, q: Float[Array, " nq"], elapsed: float) -> Motion:
+        """After another measurement, a time [s] later."""
+
+
+class FilteredVelocity(VelocityEstimator):
+    """Differences through two first-order filters of one cutoff, each exact over the step. They lag by 2 / cutoff."""
 
     def step(self, motion: Motion, q: np.ndarray, elapsed: float) -> Motion:
         share = -np.expm1(-self.cutoff * elapsed)
@@ -51,24 +51,13 @@ class FilteredVelocity:
         return Motion(q, motion.v + share * (inner - motion.v), inner)
 
 
-class VelocityObserver:
+class VelocityObserver(VelocityEstimator):
     """A position, velocity and acceleration that follow what is measured: no lag while accelerations are steady.
 
     The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969):
     the parabola that fits the past best when its weight fades by ``theta = exp(-cutoff dt)`` a sample. No inertia is
     read. The estimated position stays inside; controllers see the measured one.
-
-    Args:
-        model: whose configurations they are.
-        cutoff: [rad/s]
     """
-
-    def __init__(self, model: pin.Model, cutoff: float) -> None:
-        self._model, self.cutoff = model, cutoff
-
-    def start(self, q: np.ndarray) -> Motion:
-        nothing = np.zeros(self._model.nv)
-        return Motion(q, nothing, nothing)
 
     def step(self, motion: Motion, q: np.ndarray, elapsed: float) -> Motion:
         theta = np.exp(-self.cutoff * elapsed)

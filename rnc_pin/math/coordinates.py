@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -123,9 +124,13 @@ def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarra
     """``desired - actual`` (..., k), with angles brought into (-pi, pi]."""
     difference = desired - actual
     if angular.any():
-        wrapped = np.pi - np.mod(np.pi - difference, 2 * np.pi)
-        difference = np.where(angular, wrapped, difference)
+        difference = np.where(angular, wrapped(difference), difference)
     return difference
+
+
+def wrapped(angle: Any) -> Any:
+    """An angle, or an array of them, brought into (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

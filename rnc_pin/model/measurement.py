@@ -50,3 +50,5 @@ class Measurement(NamedTuple):
     excess: Float[Array, "*batch r"] | None = None
     """Reduced force that was asked for at the last sample and that the actuators could not give: asked less given. None
     where they gave all of it, or nobody looked."""
+    missing: Float[Array, "*batch p"] | None = None
+    """The same as inputs of the actuators."""

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.polynomial import Polynomial
 
+from rnc_pin.math.coordinates import wrapped
 from rnc_pin.planning.references import MinimumJerk
 
 _STEEPEST = np.deg2rad(75.0)
@@ -112,7 +113,7 @@ def best_legs(
         samples: places on a leg at which it is checked; with few of them sharp bends escape.
     """
     s, slopes, bends = _sampled(samples)
-    turn = _wrapped(goals[:, 2] - starts[:, 2])
+    turn = wrapped(goals[:, 2] - starts[:, 2])
     room = _STEEPEST - np.abs(turn) / 2
     costs, charts = np.full(len(starts), np.inf), np.zeros(len(starts))
     for offset in _OFFSETS:
@@ -138,7 +139,3 @@ def _in_chart(start: Array, goal: Array, chart: Array) -> tuple[Array, Array, tu
     c, n = np.cos(chart), np.sin(chart)
     slopes = np.tan(start[..., 2] - chart), np.tan(goal[..., 2] - chart)
     return c * d[..., 0] + n * d[..., 1], c * d[..., 1] - n * d[..., 0], slopes
-
-
-def _wrapped(angle: Array) -> Array:
-    return (angle + np.pi) % (2 * np.pi) - np.pi

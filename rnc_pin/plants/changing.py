@@ -58,7 +58,7 @@ class ChangingMachine:
 
     def __getattr__(self, name: str) -> Any:
         """What else the machine has to tell."""
-        if name in ("friction_used", "wheel_names"):
+        if name in ("applied", "friction_used", "wheel_names"):
             return getattr(self._now, name)
         raise AttributeError(name)
 

@@ -100,13 +100,13 @@ class FaultyMachine:
     def __init__(self, machine: Machine, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
         self.machine, self.faults, self._reduced, self._dt, self._seed = machine, faults, reduced, dt, seed
         self._model = reduced.robot.model
-        self.applied = np.zeros(reduced.p)
         self._forget()
 
     def _forget(self) -> None:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._under_way: deque[tuple[np.ndarray, np.ndarray]] = deque()
         self._slip = np.zeros(self._model.nv)
+        self.applied = self._given = np.zeros(self._reduced.p)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Start again, with the same noise."""
@@ -169,6 +169,7 @@ class FaultyMachine:
             rate = apply_transposed(self._reduced.at(q).B, v)
             given = given - faults.friction * np.tanh(rate / _AT_REST)
         self.machine.apply(given)
+        self.applied = self.applied + (getattr(self.machine, "applied", given) - given)  # its own limits are known too
         self._given = given
 
     def advance(self, dt: float) -> None:

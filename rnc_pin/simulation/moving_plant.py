@@ -17,6 +17,15 @@ from rnc_pin.simulation.velocity_chart import VelocityChart
 Slope = tuple[np.ndarray, np.ndarray]
 
 
+def integrated(reduced: ReducedModel) -> np.ndarray:
+    """Of which reducing outputs an integral has to be kept, (r,)."""
+    x2 = reduced.reducing
+    whole = np.zeros(x2.size, dtype=bool)
+    for block, where, *_ in x2.places:
+        whole[where] = x2.quasi[where].any() or (x2.angular[where].any() and isinstance(block, ConstantRows))
+    return whole
+
+
 class MovingPlant:
     """A system whose state is (q, v), with what a real machine has.
 
@@ -43,15 +52,8 @@ class MovingPlant:
                 if block.conserved is not None and self._damping[block.conserved].any():
                     raise ConstraintError(f"joint damping acts on {block.names[0]}, which is said to be conserved")
         self._r, x2 = reduced.r, reduced.reducing
-        places = [
-            place
-            for place in x2.places
-            if x2.quasi[place.where].any() or (x2.angular[place.where].any() and isinstance(place.block, ConstantRows))
-        ]
-        self.carries = np.zeros(x2.size, dtype=bool)
-        for place in places:
-            self.carries[place.where] = True
-        self._carried = RowStack([place.block for place in places])
+        self.carries = integrated(reduced)
+        self._carried = RowStack([place.block for place in x2.places if self.carries[place.where].any()])
         self._where = np.flatnonzero(self.carries)
         self._chart: VelocityChart
 

@@ -47,6 +47,7 @@ class Record:
             "estimates": (0,), "prediction_error": (0,), "v_measured": (0,), "friction_used": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
+        self._first_word: int | None = None  # sample of the first goal: before it nothing could be measured
         self._integrals, self._carries = np.zeros((capacity, r)), carries
 
     def add(
@@ -71,8 +72,13 @@ class Record:
             if value is not None:
                 _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
-        told = {"estimates": command.estimates, "prediction_error": command.prediction_error}
-        for name, value in (told | {"v_measured": v_measured, "friction_used": friction_used}).items():
+                self._first_word = i if self._first_word is None else self._first_word
+        for name, value in (
+            ("estimates", command.estimates),
+            ("prediction_error", command.prediction_error),
+            ("v_measured", v_measured),
+            ("friction_used", friction_used),
+        ):
             if value is not None and np.size(value):
                 if not a[name].shape[1]:
                     a[name] = np.full((self.capacity, np.size(value)), np.nan)
@@ -98,11 +104,12 @@ class Record:
         about = _integrated(a["x2"], a["v2"], a["time"])
         about[:, self._carries] = (a["x2"][:1] + self._integrals[: self.count])[:, self._carries]
         a["x2"] = x2.unwrap(a["x2"], about)
+        first = self._first_word or 0
         goals = tuple(
             name
             for kind, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
             for name, column in zip(outputs.names, a[f"{kind}_desired"].T, strict=True)
-            if not np.isnan(column).any()
+            if not np.isnan(column[first:]).any()
         )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
         return Trajectory(

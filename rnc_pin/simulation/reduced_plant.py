@@ -51,11 +51,6 @@ class ReducedPlant:
         self.applied, self._seen = np.zeros(self.reduced.p), None
 
     @property
-    def carries(self) -> np.ndarray:
-        """Of which reducing outputs the integrals mean something, (r,)."""
-        return self._moving.carries
-
-    @property
     def state(self) -> Evaluation:
         """The state as the model's outputs see it.
 

@@ -133,7 +133,7 @@ class RunInfo:
 
     Attributes:
         outputs: names of the columns.
-        goals: outputs that had a goal all the time.
+        goals: outputs that had a goal all the time, from when the controller first could measure.
         dt: sampling period [s].
         versions: of the software that the numbers depend on.
         provenance: where the run comes from.

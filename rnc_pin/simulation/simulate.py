@@ -18,6 +18,7 @@ from rnc_pin.plain import Json
 from rnc_pin.plants import Machine
 from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of
+from rnc_pin.simulation.moving_plant import integrated
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.reduced_plant import ReducedPlant
@@ -129,8 +130,7 @@ def simulate(
     """
     provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
-    own = ReducedPlant(reduced, plant, substeps)
-    seen = SeenMachine(own if machine is None else machine, reduced)
+    seen = SeenMachine(ReducedPlant(reduced, plant, substeps) if machine is None else machine, reduced)
     usual: LoopOptions = {
         "on_trouble": "raise" if machine is None else "hold",
         "limits": plant.actuator_limits,
@@ -146,7 +146,7 @@ def simulate(
     if controller_state is None:
         controller_state = controller.initial_state(seen.look().measure(nothing))
     control.resume(LoopState(begin=0.0, controller=controller_state))
-    record = Record(reduced, samples, own.carries, seen.friction_names)
+    record = Record(reduced, samples, integrated(reduced), seen.friction_names)
     outcome, message, t, culprit = Outcome.COMPLETED, None, 0.0, _MODEL
     with uninterrupted():
         try:

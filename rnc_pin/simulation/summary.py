@@ -53,7 +53,7 @@ class Summary(Compared):
 
 
 def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Desired minus actual over time, (N,) for each output that had a goal."""
+    """Desired minus actual over time, (N,) for each output that had a goal; NaN before that was told."""
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
@@ -81,7 +81,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         True
     """
     info = trajectory.info
-    errors = tracking_errors(trajectory)
+    errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
     scale = max(float(np.ptp(trajectory.energy)) if len(balance) else 0.0, 1e-12)

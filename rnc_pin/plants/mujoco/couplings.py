@@ -23,6 +23,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.coupling import CouplingRow
 from rnc_pin.model.rows import Rows
 from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.parts import scalar_first
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.tree import Tree
 
@@ -131,7 +132,7 @@ class Couplings:
         for number, (frame_name, offset, turn) in enumerate(ends):
             frame = tree.robot.model.frames[tree.robot.frame_id(frame_name)]
             placement = frame.placement * pin.SE3(turn, np.asarray(offset, dtype=float))
-            quaternion = pin.Quaternion(placement.rotation).coeffs()[[3, 0, 1, 2]]
+            quaternion = scalar_first(pin.Quaternion(placement.rotation).coeffs())
             sites.append(f"{name}/{number}")
             tree.bodies[frame.parentJoint].add_site(name=sites[-1], pos=placement.translation, quat=quaternion)
         equality = mujoco.mjtEq.mjEQ_CONNECT if kind.kind == "point" else mujoco.mjtEq.mjEQ_WELD

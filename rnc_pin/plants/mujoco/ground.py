@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.parts import scalar_first
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.tree import Tree
 from rnc_pin.plants.mujoco.wheels import Contact
@@ -97,7 +98,7 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
 def _turned_to(axis: np.ndarray) -> np.ndarray:
     """A quaternion (w, x, y, z) that turns z to an axis."""
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))
-    return turn.coeffs()[[3, 0, 1, 2]]
+    return scalar_first(turn.coeffs())
 
 
 class Ground:

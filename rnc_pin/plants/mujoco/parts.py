@@ -91,7 +91,7 @@ class Ball(Part):
     """A ball joint: both have its spin along the axes of the moving body."""
 
     def write(self, here: State, there: State) -> None:
-        there.q[self.qpos : self.qpos + 4] = _scalar_first(here.q[self.q : self.q + 4])
+        there.q[self.qpos : self.qpos + 4] = scalar_first(here.q[self.q : self.q + 4])
         there.v[self.dof : self.dof + 3] = here.v[self.v : self.v + 3]
 
     def read(self, there: State, here: State) -> None:
@@ -235,7 +235,8 @@ class Joints:
                 part.push(qpos, force, applied)
 
 
-def _scalar_first(quaternion: np.ndarray) -> np.ndarray:
+def scalar_first(quaternion: np.ndarray) -> np.ndarray:
+    """Pinocchio's (x, y, z, w) as MuJoCo's (w, x, y, z)."""
     return quaternion[[3, 0, 1, 2]]
 
 
@@ -251,6 +252,6 @@ def _write_pose(pose: pin.SE3, velocity: np.ndarray, spin: np.ndarray, part: Par
     """A pose and its velocities along the body's axes."""
     values = pin.SE3ToXYZQUAT(pose)
     there.q[part.qpos : part.qpos + 3] = values[:3]
-    there.q[part.qpos + 3 : part.qpos + 7] = _scalar_first(values[3:])
+    there.q[part.qpos + 3 : part.qpos + 7] = scalar_first(values[3:])
     there.v[part.dof : part.dof + 3] = pose.rotation @ velocity
     there.v[part.dof + 3 : part.dof + 6] = spin

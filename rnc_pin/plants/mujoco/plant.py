@@ -54,6 +54,7 @@ class MuJoCoPlant:
         wheel_names: of what grips, (w,).
         casters: names of supports that were added.
         wheel_driven: actuators whose inputs become torques of wheels.
+        applied: inputs that act, (p,).
 
     Raises:
         ConfigurationError: MuJoCo has no such joint or constraint, or nothing presses a wheel on the ground.
@@ -100,7 +101,7 @@ class MuJoCoPlant:
         self.casters = tuple(each.name for each in standing.casters)
         self.wheel_driven = self._inputs.by_wheels
         self._limits = reduced.actuation.limits
-        self._T = np.zeros(reduced.p)
+        self.applied = np.zeros(reduced.p)
 
     def _set_options(self, option: mujoco.MjOption) -> None:
         chosen = self.settings
@@ -121,7 +122,7 @@ class MuJoCoPlant:
         if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
             raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
         mujoco.mj_resetData(self.model, self.data)
-        self._T = np.zeros(self._reduced.p)
+        self.applied = np.zeros(self._reduced.p)
         if self.stance == "free":
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
@@ -142,11 +143,11 @@ class MuJoCoPlant:
 
     def apply(self, T: Float[Array, " p"]) -> None:
         T = np.array(T, dtype=float)
-        if T.shape != self._T.shape:
-            raise InputError(f"T has shape {T.shape}, expected {self._T.shape}")
+        if T.shape != self.applied.shape:
+            raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
         if not np.isfinite(T).all():
             raise InputError(f"T is not finite: {T.tolist()}")
-        self._T = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
+        self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def advance(self, dt: float) -> None:
         """Let time pass [s].
@@ -157,13 +158,13 @@ class MuJoCoPlant:
         steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
-        held, drawn = self._inputs.of_wheels(q, self._T)
+        held, drawn = self._inputs.of_wheels(q, self.applied)
         wanted = np.zeros(len(self.wheel_names))
         wanted[self._drawn] = drawn
-        direct = None if self._inputs.follows else held + self._inputs.direct(q, self._T)
+        direct = None if self._inputs.follows else held + self._inputs.direct(q, self.applied)
         with unlogged():
             for _ in range(steps):
-                force = held + self._inputs.direct(self.read()[0], self._T) if direct is None else direct
+                force = held + self._inputs.direct(self.read()[0], self.applied) if direct is None else direct
                 self._step(force, wanted)
 
     def _step(self, force: np.ndarray, wanted: np.ndarray) -> None:

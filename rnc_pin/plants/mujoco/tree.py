@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.parts import Ball, Continuous, Free, Part, Planar, Standing, Straight
+from rnc_pin.plants.mujoco.parts import Ball, Continuous, Free, Part, Planar, Standing, Straight, scalar_first
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
@@ -218,5 +218,4 @@ def _weigh(body: Any, inertia: pin.Inertia) -> None:
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """(w, x, y, z)."""
-    return pin.Quaternion(rotation).coeffs()[[3, 0, 1, 2]]
+    return scalar_first(pin.Quaternion(rotation).coeffs())

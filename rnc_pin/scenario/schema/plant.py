@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
 from rnc_pin.plants import Faults
 from rnc_pin.plants.mujoco import MuJoCoSettings
@@ -19,7 +19,6 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
 
     type: Literal["reduced", "mujoco"] = "mujoco"
     """"reduced": our own; "mujoco": MuJoCo, to which the other settings belong."""
-    _settings: MuJoCoSettings = PrivateAttr(MuJoCoSettings())
 
     @model_validator(mode="before")
     @classmethod
@@ -31,15 +30,13 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
         others = sorted(self.model_fields_set - {"type"})
         if self.type == "reduced" and others:
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
-        settings = _MUJOCO.build(self)
-        assert isinstance(settings, MuJoCoSettings)
-        self._settings = settings
+        _ = self.settings  # refused here, with their place in the file
         return self
 
     @property
     def settings(self) -> MuJoCoSettings:
         """Those of MuJoCo."""
-        return self._settings
+        return cast(MuJoCoSettings, _MUJOCO.build(self))
 
 
 class Payload(Strict):
@@ -71,19 +68,16 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
     """A load that the controller does not know of."""
     stuck: StuckJoint | None = None
     """A joint that gets stuck."""
-    _faults: Faults = PrivateAttr(Faults())
 
     @model_validator(mode="after")
     def _suit(self) -> FaultSettings:
-        faults = _FAULTS.build(self)
-        assert isinstance(faults, Faults)
-        self._faults = faults
+        _ = self.faults
         return self
 
     @property
     def faults(self) -> Faults:
         """Those of sensors and actuators."""
-        return self._faults
+        return cast(Faults, _FAULTS.build(self))
 
 
 class LoopSettings(Strict):
