@@ -1,97 +1,107 @@
-"""How many small wrongs the tests notice: ``python -m benchmarks.mutation rnc_pin/control/windup.py ...``.
+"""How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
-Cosmic Ray makes every mutant of the modules, one after the other, and runs the tests that belong to them. That is done
-on a copy of the tree, so that the one that is worked on stays as it is. Without arguments all modules of ``TESTS`` are
-mutated, which takes days on two cores; name some. Survivors are printed as differences, to be killed by an assertion or
-found equivalent by a reader.
+Cosmic Ray makes the mutants, on a copy of the tree. The tests are run once as they are, which says how long each takes
+and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, the
+shortest first, until one fails or ``--patience`` is over. All mutants of six packages would take days on two cores:
+of the modules that are given as many are drawn as ``--sample`` says, with a seed. Survivors are printed as differences,
+to be killed by an assertion or found equivalent by a reader.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
+import random
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections import defaultdict
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md")
-TIMEOUT = 300.0  # [s], of the tests of one mutant
+from cosmic_ray.commands.init import init
+from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import MutationSpec, TestOutcome
+from coverage import CoverageData
+from rich.console import Console
+from rich.table import Table
 
-# Which tests know a module best, those of the longest path that it begins with; all others would be slow, not wrong.
-TESTS = {
-    "rnc_pin/model": "test_closed_forms test_reference_data test_lemma_1 test_systems test_evaluation",
-    "rnc_pin/constraints": "test_strange_rows test_rolling test_loops test_affine test_systems",
-    "rnc_pin/outputs": "test_strange_rows test_orientation test_systems",
-    "rnc_pin/outputs/frame_tilt.py": "test_tilt_and_spin test_strange_rows",
-    "rnc_pin/outputs/frame_spin.py": "test_tilt_and_spin",
-    "rnc_pin/control": "test_closed_forms test_control test_position_tracker test_secondary",
-    "rnc_pin/control/windup.py": "test_windup",
-    "rnc_pin/control/uncertain_redundancy.py": "test_closed_forms test_uncertain_kinematics test_uncertain_wheels",
-    "rnc_pin/control/steering.py": "test_closed_forms test_steering",
-    "rnc_pin/control/slithering.py": "test_slithering",
-    "rnc_pin/planning": "test_closed_forms test_references test_car_path test_chained_form",
-    "rnc_pin/analysis": "test_closed_forms test_analysis test_linearization test_equilibrium",
-}
+from benchmarks.covered_lines import ROOT, TESTS, Lines, Test, lowest, modules
+
+COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
+PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
+SAME = "core/ReplaceBinaryOperator_BitOr_"  # of annotations, which nobody evaluates
 
 
-def tests_of(module: str) -> str:
-    """The command that runs them."""
-    known = max((path for path in TESTS if module.startswith(path)), key=len, default=None)
-    if known is None:
-        raise SystemExit(f"no tests are listed for {module}: expected something in {', '.join(TESTS)}")
-    files = " ".join(f"tests/{name}.py" for name in TESTS[known].split())
-    return f"{sys.executable} -m pytest -q -x --no-header -p no:cacheprovider {files}"
+def mutants(paths: list[Path]) -> list[MutationSpec]:
+    """All of them that could make a difference, in the order of the text."""
+    with use_db(":memory:", WorkDB.Mode.create) as session:
+        init(paths, session, {})
+        made = [item.mutations[0] for item in session.work_items]
+    made = [each for each in made if not each.operator_name.startswith(SAME)]
+    return sorted(made, key=lambda each: (each.module_path, each.start_pos, each.operator_name, each.occurrence))
 
 
-def modules(paths: list[str]) -> Iterator[str]:
-    """Python files below the paths, from the root."""
-    for path in paths:
-        found = sorted((ROOT / path).rglob("*.py")) if (ROOT / path).is_dir() else [ROOT / path]
-        yield from (str(each.relative_to(ROOT)) for each in found if each.name != "__init__.py")
+def run_once(tree: Path, files: list[str]) -> None:
+    """The tests as they are, with what they go through."""
+    command = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
+    ran = subprocess.run([sys.executable, "-m", "pytest", *command.split(), *files], cwd=tree, check=False)
+    if ran.returncode:
+        raise SystemExit("the tests fail without a mutant")
 
 
-def mutate(module: str, tree: Path) -> tuple[int, int]:
-    """How many mutants of a module there are, and how many survived."""
-    settings, session = tree / "mutation.toml", tree / "mutation.sqlite"
-    session.unlink(missing_ok=True)
-    settings.write_text(
-        f'[cosmic-ray]\nmodule-path = "{module}"\ntimeout = {TIMEOUT}\nexcluded-modules = []\n'
-        f'test-command = "{tests_of(module)}"\n[cosmic-ray.distributor]\nname = "local"\n'
-    )
-    environment = {**os.environ, "PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
-
-    def run(*command: str) -> str:
-        done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise SystemExit(f"{' '.join(command)} failed: {done.stdout}{done.stderr}")
-        return done.stdout
-
-    run("cosmic-ray", "baseline", settings.name)
-    run("cosmic-ray", "init", settings.name, session.name)
-    run("cr-filter-pragma", session.name)
-    run("cosmic-ray", "exec", settings.name, session.name)
-    print(run("cr-report", "--show-diff", "--surviving-only", session.name), flush=True)
-    report = run("cr-report", session.name)
-    total = next(int(line.split()[-1]) for line in report.splitlines() if line.startswith("total jobs"))
-    survived = next(int(line.split()[2]) for line in report.splitlines() if line.startswith("surviving mutants"))
-    return total, survived
+def meets(mutant: MutationSpec, tests: list[Test], patience: float) -> tuple[bool, str]:
+    """Whether a mutant is killed, and its difference."""
+    chosen, sum_of = [], 0.0
+    for test in tests:
+        sum_of += test.seconds
+        if chosen and sum_of > patience:
+            break
+        chosen.append(test.name)
+    Path("tests.txt").write_text("\n".join(chosen))
+    command = f"{sys.executable} -m pytest -q -x --no-header -p no:cacheprovider"
+    # Of a line that no test goes through nothing has to be run to know that nothing notices.
+    command = f"{command} @tests.txt" if chosen else f"{sys.executable} --version"
+    result = mutate_and_test([mutant], command, 3.0 * min(sum_of, patience) + 30.0)
+    return result.test_outcome != TestOutcome.SURVIVED, result.diff or str(result.output)
 
 
 def main() -> None:
-    score = {}
+    parser = argparse.ArgumentParser(description="How many small wrongs the tests notice.")
+    parser.add_argument("paths", nargs="*", default=[f"rnc_pin/{name}" for name in PACKAGES])
+    parser.add_argument("--sample", type=int, help="how many mutants are drawn; all by default")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--patience", type=float, default=60.0, help="of tests that a mutant meets [s]")
+    parser.add_argument("--tests", nargs="*", default=TESTS, help="files, without test_")
+    given = parser.parse_args()
+    paths = list(modules(given.paths))
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder)
+        tree = Path(folder).resolve()
         for name in COPIED:
             source = ROOT / name
-            (shutil.copytree if source.is_dir() else shutil.copy)(source, tree / name)
-        for module in modules(sys.argv[1:] or [path for path in TESTS if not path.endswith(".py")]):
-            score[module] = mutate(module, tree)
-    for module, (total, survived) in score.items():
-        share = f"{100 * (total - survived) / total:.0f} %" if total else "nothing to mutate"
-        print(f"{module}: {total} mutants, {total - survived} killed: {share}")
+            (shutil.copytree if source.is_dir() else shutil.copy2)(source, tree / name)
+        os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
+        os.chdir(tree)
+        run_once(tree, [f"tests/test_{name}.py" for name in given.tests])
+        data = CoverageData(str(tree / ".coverage"))
+        data.read()
+        lines, made = Lines(tree, data.contexts_by_lineno), mutants(paths)
+        drawn = random.Random(given.seed).sample(made, min(given.sample or len(made), len(made)))
+        score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
+        for number, mutant in enumerate(drawn, 1):
+            tests = lines.through(mutant.module_path, mutant.start_pos[0])
+            killed, difference = meets(mutant, tests, given.patience)
+            done = score[mutant.module_path.parent.name]
+            done[0], done[1] = done[0] + killed, done[1] + 1
+            if not killed:
+                print(f"survives {len(tests)} tests, {mutant.operator_name}:\n{difference}\n", flush=True)
+            print(f"{number} of {len(drawn)}: {sum(each[0] for each in score.values())} killed", file=sys.stderr)
+    table = Table("package", "mutants drawn", "killed", "share", title=f"of {len(made)} mutants")
+    for name, (killed, count) in [*sorted(score.items()), ("all", [sum(x) for x in zip(*score.values(), strict=True)])]:
+        table.add_row(name, str(count), str(killed), f"{100 * killed / count:.1f} %")
+    Console().print(table)
+    print(f"with 95 % confidence at least {100 * lowest(killed, count):.1f} % of all")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 """The benchmark measures what it says and writes down what its first page promises; times are not judged here."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import mutation, reduction
+from benchmarks import reduction
+from benchmarks.covered_lines import ROOT, TESTS, Lines, lowest, modules, statement
 from benchmarks.states import regular_states
 from rnc_pin.scenario.run import plan
 
@@ -28,11 +30,29 @@ def test_states_are_regular_and_repeat_themselves(experiment):
 
 
 def test_mutants_meet_tests_that_are_there():
-    for path, tests in mutation.TESTS.items():
-        assert (mutation.ROOT / path).exists(), path
-        assert [name for name in tests.split() if not (mutation.ROOT / "tests" / f"{name}.py").exists()] == []
-    assert mutation.tests_of("rnc_pin/control/windup.py").endswith("tests/test_windup.py")  # the longest path counts
-    assert len(list(mutation.modules(["rnc_pin/outputs"]))) > 5
+    assert [name for name in TESTS if not (ROOT / "tests" / f"test_{name}.py").exists()] == []
+    assert len(list(modules(["rnc_pin/outputs"]))) > 5
+
+
+def test_a_mutant_meets_the_tests_of_its_statement_the_shortest_first(tmp_path):
+    """A line goes with its whole statement, the head of a loop without its body, what only imports with its module."""
+    (tmp_path / "module.py").write_text("a = [\n    1,\n]\nfor b in a:\n    c = b\n    d = c\n")
+    assert [statement(tmp_path / "module.py", line) for line in (2, 4, 6)] == [range(1, 4), range(4, 5), range(6, 7)]
+    (tmp_path / "tests.xml").write_text(
+        '<testsuite><testcase classname="tests.test_x" name="test_long" time="3.0"/>'
+        '<testcase classname="tests.test_x" name="test_short[1]" time="0.5"/></testsuite>'
+    )
+    long, short = "tests/test_x.py::test_long", "tests/test_x.py::test_short[1]"
+    contexts = {1: [""], 4: [f"{long}|run"], 5: [f"{long}|run", f"{short}|setup"], 6: []}
+    lines = Lines(tmp_path, lambda file: contexts)
+    found = [[test.name for test in lines.through(Path("module.py"), line)] for line in (2, 4, 5, 6)]
+    assert found == [[short, long], [long], [short, long], []]
+
+
+def test_a_sample_says_what_the_whole_has_at_least():
+    """Wilson's bound, one-sided: by the table of the binomial distribution 95 of 100 leave 90 %."""
+    assert lowest(95, 100) == pytest.approx(0.90, abs=0.003)
+    assert lowest(950, 1000) == pytest.approx(0.937, abs=0.002)
 
 
 def test_figures_are_finite_and_positive():

@@ -1,0 +1,80 @@
+"""Which tests go through a line, and what a sample says about the whole."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parents[1]
+# Files that are about these packages; those of commands, browsers and readers take minutes and see little.
+TESTS = (
+    "affine", "analysis", "car_path", "chained_form", "closed_forms", "control", "control_loop",
+    "controller_settings", "equilibrium", "evaluation", "grip", "integration", "lemma_1", "linearization",
+    "loops", "mimic", "noise_and_delay", "orientation", "plain_loop", "position_tracker", "printing",
+    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary", "simulation",
+    "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems", "tilt_and_spin",
+    "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "windup",
+)  # fmt: skip
+
+
+class Test(NamedTuple):
+    """One test as it is without a mutant."""
+
+    seconds: float
+    name: str
+
+
+class Lines:
+    """Which tests go through which lines.
+
+    Args:
+        tree: that the tests ran in, with JUnit's report ``tests.xml``, which says how long they took.
+        contexts: of each line of a file the tests that went through it, as coverage.py has them; "" for its import.
+    """
+
+    def __init__(self, tree: Path, contexts: Callable[[str], Mapping[int, list[str]]]) -> None:
+        self._tree, self._contexts = tree, contexts
+        self._seconds: dict[str, float] = {}
+        for case in ElementTree.parse(tree / "tests.xml").iter("testcase"):
+            file = case.attrib["classname"].replace(".", "/")
+            self._seconds[f"{file}.py::{case.attrib['name']}"] = float(case.attrib["time"])
+
+    def through(self, module: Path, line: int) -> list[Test]:
+        """Tests of a line, the shortest first; of one that only runs while importing, all of its module."""
+        contexts = self._contexts(str(self._tree / module))
+        found = {each for number in statement(self._tree / module, line) for each in contexts.get(number, [])}
+        if found == {""}:
+            found = {each for names in contexts.values() for each in names}
+        names = {each.rpartition("|")[0] for each in found if each}
+        return sorted(Test(self._seconds.get(name, 1.0), name) for name in names)
+
+
+def statement(path: Path, line: int) -> range:
+    """Lines of the innermost statement around a line; of one that holds others its head."""
+    inner = range(line, line + 1)
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.stmt):
+            body = getattr(node, "body", None)
+            start = min([node.lineno, *(each.lineno for each in getattr(node, "decorator_list", []))])
+            end = max(start, body[0].lineno - 1 if body else node.end_lineno or node.lineno)
+            if start <= line <= end:
+                inner = range(start, end + 1)
+    return inner
+
+
+def modules(paths: list[str]) -> Iterator[Path]:
+    """Python files below the paths, from the root."""
+    for path in paths:
+        found = sorted((ROOT / path).rglob("*.py")) if (ROOT / path).is_dir() else [ROOT / path]
+        yield from (each.relative_to(ROOT) for each in found if each.name != "__init__.py")
+
+
+def lowest(killed: int, drawn: int) -> float:
+    """The share that the whole has at least, with a confidence of 95 % (Wilson)."""
+    z, share = 1.645, killed / drawn
+    middle = share + z * z / (2 * drawn)
+    return (middle - z * math.sqrt(share * (1 - share) / drawn + z * z / (4 * drawn**2))) / (1 + z * z / drawn)
