@@ -1,18 +1,21 @@
 """Many runs with drawn faults, controller by controller: what is survived, and how the error grows.
 
-    python -m benchmarks.campaign --runs 1000 --jobs 2
+    python -m benchmarks.campaign --runs 1000 --jobs 2 --out campaign.csv
+
+What is in the file already is not run again, so that a campaign can be interrupted and made larger.
 
 A run survives if it is completed and its outputs are at their goals at the end within a tenth of the way that they
-went. Every other run ends with a named error, its data kept; none in NaN.
+went, or within twice what is left there without a fault. Every other run ends with a named error, its data kept; none in NaN.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import sys
-import time
 from collections import Counter
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
@@ -23,10 +26,10 @@ from rnc_pin.errors import RncError
 from rnc_pin.scenario.run import execute, plan
 
 SCENARIOS: dict[str, dict[str, Any]] = {
-    "space-robot": {"simulation.duration": 8.0, "simulation.dt": 0.005},
-    "mobile-manipulator": {"simulation.duration": 8.0, "simulation.dt": 0.005},
-    "unicycle": {"simulation.duration": 8.0, "simulation.dt": 0.005},
-    "mobile-manipulator-two-phase": {"simulation.duration": 14.0, "simulation.dt": 0.005},
+    "space-robot": {"simulation.duration": 8.0, "simulation.dt": 0.02},
+    "mobile-manipulator": {"simulation.duration": 8.0, "simulation.dt": 0.02},
+    "unicycle": {"simulation.duration": 6.0, "simulation.dt": 0.005},
+    "mobile-manipulator-two-phase": {"simulation.duration": 14.0, "simulation.dt": 0.02},
 }
 LARGEST = {
     "position_noise": 1e-3,
@@ -100,15 +103,69 @@ def reference(scenario: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> tuple[str, float, bool, float]:
-    """One run: outcome, error, whether it holds NaN, and the size of the fault."""
+class Row(NamedTuple):
+    """What came of a run."""
+
+    scenario: str
+    fault: str
+    run: int
+    size: float
+    """Of the fault."""
+    outcome: str
+    error: float
+    """Largest final one, as a share of the way."""
+    broken: bool
+    """Whether it holds NaN."""
+
+
+def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> Row:
     size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
     options = {"seed": run, "faults": spoilt(fault, size, clean), "preflight": "warn"}
     try:
         outcome, error, broken, *_ = result(scenario, options)
     except RncError as failure:
-        return f"refused: {failure}"[:80], np.nan, False, size
-    return outcome, error, broken, size
+        outcome, error, broken = f"refused: {failure}"[:80], np.nan, False
+    return Row(scenario, fault, run, size, outcome, error, broken)
+
+
+class Kept:
+    """Rows of a campaign, in a file if there is one."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.rows: dict[tuple[str, str, int], Row] = {}
+        self._path = path
+        if path is not None and path.exists():
+            with path.open(newline="") as file:
+                for scenario, fault, run, size, outcome, error, broken in csv.reader(file):
+                    self._keep(Row(scenario, fault, int(run), float(size), outcome, float(error), broken == "True"))
+
+    def _keep(self, row: Row) -> None:
+        self.rows[row[:3]] = row
+
+    def add(self, row: Row) -> None:
+        self._keep(row)
+        if self._path is not None:
+            with self._path.open("a", newline="") as file:
+                csv.writer(file).writerow(row)
+
+
+def line(scenario: str, fault: str, rows: list[Row], clean: float) -> list[str]:
+    """Of the table, for all runs with a fault."""
+    done = [row for row in rows if row.outcome == "completed"]
+    well = [row for row in done if row.error < max(0.1, 2.0 * clean)]
+    errors = [row.error for row in done] or [np.nan]
+    others = Counter(row.outcome for row in rows if row.outcome != "completed")
+    if len(well) < len(done):
+        others["completed, off its goal"] = len(done) - len(well)
+    # Up to which size at least 95 of 100 survive.
+    sizes = sorted((row.size, row in well) for row in rows)
+    share = np.cumsum([good for _, good in sizes]) / np.arange(1, len(sizes) + 1)
+    safe = max((size for (size, _), each in zip(sizes, share, strict=True) if each >= 0.95), default=0.0)
+    return [
+        scenario, fault, f"{LARGEST[fault]:g}", str(len(rows)), str(len(well)), f"{safe:.2g}",
+        f"{np.median(errors):.1e}", f"{np.max(errors):.1e}",
+        "; ".join(f"{count} x {what}" for what, count in others.most_common(3)),
+    ]  # fmt: skip
 
 
 def main() -> int:
@@ -116,37 +173,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Many runs with drawn faults.")
     parser.add_argument("--runs", type=int, default=1000, help="of each fault and controller")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="CSV file that rows are added to")
     parser.add_argument("--faults", nargs="*", choices=list(LARGEST), default=list(LARGEST))
     parser.add_argument("--scenarios", nargs="*", choices=list(SCENARIOS), default=list(SCENARIOS))
     given = parser.parse_args()
     table = Table(
-        "scenario", "fault", "largest", "runs", "survived", "median error", "worst error", "how the others ended"
-    )
-    start, nameless = time.process_time(), 0
+        "scenario", "fault", "largest", "runs", "survived", "95 % do up to", "median error", "worst error",
+        "how the others ended",
+    )  # fmt: skip
+    kept = Kept(given.out)
     for scenario in given.scenarios:
         clean = reference(scenario)
         table.add_row(
-            scenario, "none", "", "1", "1", f"{clean['error']:.1e}", f"{clean['error']:.1e}", clean["outcome"]
+            scenario, "none", "", "1", "1", "", f"{clean['error']:.1e}", f"{clean['error']:.1e}", clean["outcome"]
         )
         for fault in given.faults:
-            calls = [joblib.delayed(one)(scenario, fault, run, clean) for run in range(given.runs)]
-            rows = joblib.Parallel(given.jobs)(calls)
-            done = [row for row in rows if row[0] == "completed"]
-            well = [row for row in done if row[1] < 0.1]
-            errors = [row[1] for row in done] or [np.nan]
-            others = Counter(row[0] for row in rows if row[0] != "completed")
-            if len(well) < len(done):
-                others["completed, off its goal"] = len(done) - len(well)
-            nameless += sum(row[2] or not row[0] for row in rows)
-            table.add_row(
-                scenario, fault, f"{LARGEST[fault]:g}", str(len(rows)), str(len(well)), f"{np.median(errors):.1e}",
-                f"{np.max(errors):.1e}", "; ".join(f"{count} x {what}" for what, count in others.most_common(3)),
-            )  # fmt: skip
-            print(f"{scenario} {fault}: {len(well)} of {len(rows)}", file=sys.stderr, flush=True)
+            keys = [(scenario, fault, run) for run in range(given.runs)]
+            calls = [joblib.delayed(one)(*key, clean) for key in keys if key not in kept.rows]
+            for row in joblib.Parallel(given.jobs, return_as="generator_unordered")(calls):
+                kept.add(row)
+            cells = line(scenario, fault, [kept.rows[key] for key in keys], clean["error"])
+            table.add_row(*cells)
+            print(" ".join(cells[:5]), file=sys.stderr, flush=True)
     Console(width=180).print(table)
-    print(
-        f"{nameless} runs with NaN or without a named end; {time.process_time() - start:.0f} s of processor time here"
-    )
+    nameless = sum(row.broken or not row.outcome for row in kept.rows.values())
+    print(f"{nameless} of {len(kept.rows)} runs with NaN or without a named end")
     return 1 if nameless else 0
 
 

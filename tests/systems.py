@@ -19,6 +19,7 @@ def sleigh() -> rnc.ReducedModel:
     return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
 
 
+@cache
 def space_robot() -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_2", "joint_3"])
