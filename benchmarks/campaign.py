@@ -5,7 +5,8 @@
 What is in the file already is not run again, so that a campaign can be interrupted and made larger.
 
 A run survives if it is completed and its outputs are at their goals at the end within a tenth of the way that they
-went, or within twice what is left there without a fault. Every other run ends with a named error, its data kept; none in NaN.
+went, or within twice what is left there without a fault. Every other run ends with a named error, its data kept; none
+in NaN.
 """
 
 from __future__ import annotations
