@@ -54,6 +54,19 @@ def test_figure_8():
     assert max(abs(summary["final_output"][name]) for name in ("tractor_x", "tractor_y", "tractor_yaw")) < 0.02
 
 
+@pytest.mark.parametrize(
+    ("name", "coordinate"), [("mobile-manipulator", "base_x"), ("fire-truck", "tractor_yaw")], ids=["z1", "theta1"]
+)
+def test_the_papers_own_coordinates_do_where_they_are_regular(name, coordinate):
+    """Section 4.2's z1 and figure 8's theta1 in place of the forward speed."""
+    prepared = plan(name, {"variant": "paper-coordinates", "comparisons": {}, "plots": {}, "simulation.dt": 0.005})
+    assert coordinate in prepared.experiment.reduced.reducing.names
+    assert not any("speed" in each for each in prepared.experiment.reduced.reducing.names)
+    result = execute(prepared)
+    ends_at_its_goals(result.summary)
+    assert result.summary["min_singular_value"] > 0.1
+
+
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_gains_run_every_scenario_of_the_paper(name):
     """Bounded, as the lemmas promise; how well they track is in docs/paper.md."""

@@ -494,3 +494,21 @@ def test_what_goes_with_a_preset_is_brought_by_it_and_options_count_more(tmp_pat
     path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
     with pytest.raises(rnc.ConfigurationError, match=r"presets\.papr"):
         plan(str(path))
+
+
+def test_a_variant_is_the_scenario_with_what_it_says(tmp_path):
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"comparisons": {}, "plots": {}})
+    raw["variants"] = {"slow": {"simulation.duration": 3.0, "controller.preset": "paper"}, "other": {}}
+    raw["presets"] = {"paper": {"simulation.dt": 0.004}}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    assert plan(str(path)).duration == raw["simulation"]["duration"]
+    slow = plan(str(path), {"variant": "slow"})
+    assert (slow.duration, slow.raw["simulation"]["dt"]) == (3.0, 0.004)  # its preset brings what goes with it
+    assert not {"variant", "variants", "presets"} & slow.raw.keys()
+    assert plan(str(path), {"variant": "slow", "simulation.duration": 2.0}).duration == 2.0
+    path.write_text(yaml.safe_dump({**raw, "variant": "slow"}))
+    assert plan(str(path)).duration == 3.0
+    path.write_text(yaml.safe_dump({**raw, "variant": "slwo"}))
+    with pytest.raises(rnc.ConfigurationError, match=r"no variant 'slwo'; did you mean 'slow'"):
+        plan(str(path))

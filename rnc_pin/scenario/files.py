@@ -152,19 +152,28 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
 
 
 def chosen(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
-    """A scenario with options, and with what its ``presets`` say goes with the controller's preset.
+    """A scenario with options, its ``variant``, and what its ``presets`` say goes with the controller's preset.
 
-    Options count more than that. What a preset brought stands in the result as if the file said it, which then has no
-    ``presets`` any more.
+    Options count more than these, and a preset more than a variant. What they brought stands in the result as if the
+    file said it, which then has no ``variants`` or ``presets`` any more.
     """
-    result = with_options(raw, options)
-    controller, presets = result.get("controller"), result.get("presets")
-    preset = controller.get("preset") if isinstance(controller, dict) else None
-    brought = presets.get(preset) if isinstance(presets, dict) and isinstance(preset, str) else None
-    if not isinstance(brought, dict):
-        return result
-    result = with_options(with_options(raw, brought), options)
-    return {key: value for key, value in result.items() if key != "presets"}
+    said = with_options(raw, options)
+    variant = _of(said.get("variants"), said.get("variant"))
+    if variant is not None:
+        raw, options = ({key: each[key] for key in each if key != "variant"} for each in (raw, options))
+        raw = {key: value for key, value in with_options(raw, variant).items() if key != "variants"}
+        said = with_options(raw, options)
+    controller = said.get("controller")
+    preset = _of(said.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
+    if preset is None:
+        return said
+    said = with_options(with_options(raw, preset), options)
+    return {key: value for key, value in said.items() if key != "presets"}
+
+
+def _of(choices: object, name: object) -> dict[str, Json] | None:
+    found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
+    return found if isinstance(found, dict) else None
 
 
 def describe(value: object) -> str:

@@ -82,10 +82,20 @@ class Scenario(Strict):
     """Label: dotted keys and values that differ from this run."""
     presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
     """Preset of the controller: dotted keys and values that go with it, where they are not said otherwise."""
+    variant: str | None = None
+    """Which of the ``variants`` is run; none of them by default."""
+    variants: dict[str, dict[str, Any]] = {}
+    """Name: dotted keys and values of the same robot with other coordinates or another task."""
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
     plots: dict[FileName, PlotSettings] = {}
     view: Annotated[View, Entry(View)] = View()
+
+    @model_validator(mode="after")
+    def _variant_exists(self) -> Scenario:
+        if self.variant is not None and self.variant not in self.variants:
+            raise ValueError(f"no variant '{self.variant}'{nearest(self.variant, self.variants)}")
+        return self
 
     @model_validator(mode="after")
     def _labels_exist(self) -> Scenario:
