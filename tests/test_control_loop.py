@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.plants import FaultyMachine
+from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import ReducedPlant
 
 DT = 0.01
@@ -267,6 +268,32 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators(monkeypatch):
     assert late_error(run) < 2e-3
     monkeypatch.setattr("rnc_pin.control.velocity_tracker.asks_for_more", lambda excess, added: np.zeros(3, bool))
     assert late_error(swing(limits)) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "well", "badly"),
+    [
+        ("space-robot", 0.01, 1e-3, 0.1),
+        pytest.param("tiago", 0.005, 2e-3, 0.2, marks=pytest.mark.long),  # 14 s
+    ],
+)
+def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt, well, badly, monkeypatch):
+    """Of what is beyond the weight, which no controller can do without; without anti-windup they are off in the end."""
+    made = plan(name, {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}).experiment
+
+    def run(limits):
+        return rnc.simulate(made.reduced, made.controller, made.q0, 10.0, dt, loop={"limits": limits})
+
+    free = run(False)
+    weight, peak = np.abs(free.T[-1]), np.abs(free.T).max(axis=0)
+    limits = weight + 0.8 * (peak - weight)
+    clipped = run(limits)
+    assert (np.abs(clipped.T) >= limits - 1e-9).mean(axis=0).max() > 0.2
+    assert max(rnc.summarize(clipped)["final_error"].values()) < well
+    monkeypatch.setattr(
+        "rnc_pin.control.velocity_tracker.asks_for_more", lambda excess, added: np.zeros(np.shape(added), bool)
+    )
+    assert max(rnc.summarize(run(limits))["final_error"].values()) > badly
 
 
 def pushed(limit):
