@@ -57,8 +57,12 @@ def test_every_setting_is_tried():
 @pytest.mark.parametrize("kind", TYPES)
 @pytest.mark.parametrize("name", VALUES)
 def test_a_type_takes_its_own_settings_and_no_other(kind, name):
-    of_preset = {"preset": "normalised"} if name == "inertia_bound" else {}
-    raw = scenario({"type": kind, **NEEDED[kind], **of_preset, name: VALUES[name]})
+    beside = {
+        "inertia_bound": {"preset": "normalised"},
+        "alpha": {"unknown": VALUES["unknown"]},
+    }  # mean nothing without
+    needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
+    raw = scenario({"type": kind, **NEEDED[kind], **needed, name: VALUES[name]})
     own = name in TYPES[kind].model_fields
     assert jsonschema.Draft202012Validator(schema()).is_valid(raw) == own
     if own:

@@ -21,7 +21,7 @@ from rnc_pin.control import (
 from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.robots.urdf_files import find_urdf
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.run import execute, plan
 from systems import leaning_wheel, random_states
 from tolerances import ROUNDING
 
@@ -322,3 +322,29 @@ def test_a_scenario_names_what_is_unknown(tmp_path):
 def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         wheels_of(unknown, tmp_path)
+
+
+RADIUS_OF = {
+    "unicycle": ({"radii": [{"wheels": ["wheel"], "initial": 0.4}]}, 0.25, 4.0),
+    "tiago-two-phase": ({"radii": [{"wheels": ["wheel_left_link", "wheel_right_link"], "initial": 0.13}]}, 0.0985, 6.0),
+}
+
+
+@pytest.mark.parametrize("name", ["unicycle", pytest.param("tiago-two-phase", marks=pytest.mark.long)])  # 10 s
+def test_controllers_of_other_classes_take_unknown_wheels_too(name):
+    unknown, truth, duration = RADIUS_OF[name]
+    quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.004, "simulation.duration": duration}
+    run = execute(plan(name, {**quiet, "controller.unknown": unknown})).trajectory
+    assert run.outcome == "completed"
+    assert run.estimates[-1] == pytest.approx([truth], rel=1e-3)
+    with pytest.raises(rnc.ConfigurationError, match="adapts what is unknown, and 'unknown' is missing"):
+        plan(name, {"controller.alpha": 1.0})
+
+
+def test_class_1_with_something_unknown_is_the_type_of_its_own():
+    quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.01, "simulation.duration": 1.0}
+    own = execute(plan("wheels-uncertain", quiet)).trajectory
+    same = execute(plan("wheels-uncertain", {**quiet, "controller.type": "redundancy"})).trajectory
+    assert own.estimates.size
+    np.testing.assert_array_equal(own.T, same.T)
+    np.testing.assert_array_equal(own.estimates, same.estimates)

@@ -5,21 +5,24 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from rnc_pin.analysis import Grip
-from rnc_pin.control import Controller, SlitheringReference
+from rnc_pin.control import Controller, Estimator, SlitheringReference, UncertainController
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict, wrong
+from rnc_pin.scenario.schema.controllers.unknown import Unknown
 from rnc_pin.scenario.schema.simulation import SimulationSettings
+
+_ALPHA = {"paper": 1.0, "normalised": 20.0, "scaled": 20.0}
 
 Gain = float | Numbers | None
 """One number, one for each output, or what the preset says."""
@@ -176,6 +179,33 @@ class HeldSettings(AdaptiveSettings):
     """That scaled gains are for, from a measurement until a force answers it, sampling apart [s]."""
     dead_zone: Gain = None
     """Velocity error below which a tracker learns nothing, for noise: one number, or one for each reducing output."""
+    unknown: Unknown | None = None
+    """Masses, or radii and tracks of wheels, that are estimated."""
+    alpha: Annotated[float, Field(ge=0)] | None = None
+    """Adaptation of what is estimated (20); 0 for none."""
+
+    def build(self, context: Context) -> Built:
+        """The controller; where something is unknown, made and run on what is believed: the truth is not read."""
+        if self.unknown is None:
+            return super().build(context)
+        unknown, (low, high) = self.unknown, self.unknown.bounds
+        alpha = _ALPHA[self.preset] if self.alpha is None else self.alpha
+        with named("controller.unknown"):
+            regressor = unknown.build(context.reduced)
+            estimator = Estimator(context.reduced, regressor, unknown.estimates, (low, high), alpha, unknown.dead_zone)
+        built = super().build(replace(context, reduced=estimator.model))
+        notes = {
+            "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
+            "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
+        }
+        controller = UncertainController(estimator, built.controller)
+        return replace(built, controller=controller, notes={**built.notes, **notes})
+
+    @model_validator(mode="after")
+    def _nothing_to_adapt(self) -> HeldSettings:
+        if self.alpha is not None and self.unknown is None:
+            raise wrong("alpha", "adapts what is unknown, and 'unknown' is missing")
+        return self
 
     @model_validator(mode="after")
     def _not_negative(self) -> HeldSettings:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -10,7 +9,6 @@ from pydantic import Field, model_validator
 from rnc_pin.control import ComputedTorque, KinematicController, VelocityGains, VelocityTracker
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json
 from rnc_pin.scenario.schema.base import Positive, wrong
 from rnc_pin.scenario.schema.controllers.base import Built, Context, Gain, HeldSettings, chosen, named
 from rnc_pin.simulation import margins_along
@@ -56,7 +54,6 @@ class VelocitySettings(HeldSettings):
         context: Context,
         kinematic: KinematicController,
         task: Task | None = None,
-        notes: Mapping[str, Json] | None = None,
     ) -> Built:
         """A kinematic controller over the dynamic one, after a preflight.
 
@@ -64,7 +61,6 @@ class VelocitySettings(HeldSettings):
             context: what it is built from.
             kinematic: decides the rates.
             task: whose A4 the kinematic controller inverts, if any.
-            notes: for the record.
 
         Raises:
             InfeasibleError: no gains suit the way, or a singular configuration is on it and preflight refuses that.
@@ -77,7 +73,7 @@ class VelocitySettings(HeldSettings):
             raise InfeasibleError("; ".join(complaints))
         if self.tracker == "computed_torque":
             gain = chosen("k", self.k, _COMPUTED_TORQUE_GAIN, r)
-            return Built(ComputedTorque(reduced, kinematic, gain), complaints, notes or {}, slower)
+            return Built(ComputedTorque(reduced, kinematic, gain), complaints, slower=slower)
         gains = VelocityGains.paper()
         if self.preset == "normalised":
             gains = VelocityGains.normalised(self.bounds(context))
@@ -99,4 +95,4 @@ class VelocitySettings(HeldSettings):
             sigma=gains.sigma if self.sigma is None else self.sigma,
             dead_zone=chosen("dead_zone", self.dead_zone, 0.0, r),
         )
-        return Built(VelocityTracker(kinematic, gains, self.held_force(context)), complaints, notes or {}, slower)
+        return Built(VelocityTracker(kinematic, gains, self.held_force(context)), complaints, slower=slower)
