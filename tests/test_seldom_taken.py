@@ -1,0 +1,172 @@
+"""Ways that runs seldom take, and small wrongs that nothing else noticed (``python -m benchmarks.mutation``)."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.analysis.differences import gradient
+from rnc_pin.analysis.redundancy import _decide
+from rnc_pin.control import (
+    ChainedStabilizer,
+    MomentumRegressor,
+    RedundancyController,
+    SlitheringReference,
+    SteeringController,
+    UnknownMass,
+)
+from rnc_pin.control.slithering import DrivenPath
+from rnc_pin.planning import Hold
+from systems import fire_truck, mobile_manipulator, random_states, sleigh, space_robot
+from test_slithering import TASK
+
+
+def test_an_effort_of_zero_in_a_file_says_nothing():
+    model = rnc.Robot.from_urdf("space_robot.urdf").model
+    model.upperEffortLimit[:] = [0.0, 0.0, 5.0, 0.5]
+    robot = rnc.Robot(model)
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+    assert system.reduce().actuation.limits.tolist() == [np.inf, 5.0, 0.5]
+
+
+def test_derivatives_know_actuators_that_are_a_function():
+    """Of the configuration: forces of a thruster on the sleigh, by hand."""
+    robot = sleigh().robot
+
+    def thruster(q):
+        c, s = q[2], q[3]  # of the heading, as a planar joint has it
+        return np.array([[1.0, 0.2 * c], [0.0, 0.3 * s], [0.1 * q[0], 1.0]])
+
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], thruster).reduce()
+    T = np.array([0.7, -0.4])
+    for q, v2 in random_states(reduced, 2):
+        found = state_derivatives(reduced, q, v2, T)
+        wanted = gradient(robot.model, lambda p, v2=v2: reduced.forward_dynamics(p, v2, T), q, 1e-3)
+        np.testing.assert_allclose(found.v2_dot_q, wanted, atol=1e-7)
+        assert 0 < found.difference_error < 1e-9
+
+
+def test_loads_take_casters_among_the_supports():
+    """Two wheels and one caster are three supports: their loads follow from the centre of mass alone."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    model = robot.model
+    model.addFrame(pin.Frame("caster", 1, 0, pin.SE3(np.eye(3), np.array([0.5, 0.1, 0.0])), pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    reduced = rnc.NonholonomicSystem(robot, [*wheels, rnc.Caster("caster", 0.05)]).reduce()
+    q = robot.configuration({"root_joint": (1.0, 2.0, 0.7)})
+    grip = rnc.Grip(reduced, 0.5)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    pin.updateFramePlacements(model, data)
+    places = [data.oMf[model.getFrameId(name)].translation[:2] for name in ("left_wheel", "right_wheel", "caster")]
+    weight = -pin.computeTotalMass(model) * model.gravity.linear[2]
+    centre = pin.centerOfMass(model, data, q)[:2]
+    expected = np.linalg.solve(np.vstack([np.transpose(places), np.ones(3)]), np.append(centre, 1.0)) * weight
+    assert grip.names == ("left_wheel", "right_wheel")
+    np.testing.assert_allclose(grip.loads(q, np.zeros(reduced.r), np.zeros(reduced.p)), expected[:2], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("aside", "turned"), [(0.0, 0.0), (0.2, 0.1), (-0.3, -0.2)])
+def test_a_trailer_that_backs_up_beyond_its_oldest_place_goes_straight_on(aside, turned):
+    """The path is one place, and its chord is longer than the way to it: by the right triangle that it makes."""
+    reduced = fire_truck()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+    q = reduced.robot.configuration({"root_joint": [0.01, aside, turned], "hitch": -turned})
+    measurement = reduced.measure(q, np.zeros(3))
+    path = np.array([[0.0, 0.0, 0.0, 0.0]])
+    point, state = reference.step(measurement, np.zeros(3), DrivenPath(path, 0.0))
+    assert reference.length == 1.0
+    np.testing.assert_allclose(point.position, [np.arcsin(aside)], atol=1e-12)
+    assert len(state.path) == 1
+
+
+ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
+NONE = np.zeros((3, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("A4", "steering", "moved", "A5_depends", "expected"),
+    [
+        (NONE, ONES, [], False, ("2s", "its value steers")),
+        (NONE, TALL, [], False, (None, "do not steer A3 v21 either")),
+        (NONE, 0 * ONES, [], False, (None, "do not steer A3 v21 either")),
+        (TALL, ONES, [True, True], False, (None, "2 vertical outputs moved by 1 redundant one: too few")),
+        (0 * ONES, ONES, [True], False, (None, "A4 has not full row rank")),
+        (ONES, ONES, [True], True, ("1", "A4 has full row rank")),
+        (WIDE, ONES, [True], True, ("1", "some freedom is left")),
+        (
+            WIDE,
+            ONES,
+            [True, False],
+            False,
+            (None, "1 vertical output moved by 2 redundant ones: class 2"),
+        ),
+        (ONES, ONES, [True, False], True, (None, "A5 depends on x22")),
+        (ONES, ONES, [True, False], False, ("2", "A5 independent of x22")),
+    ],
+)
+def test_a_class_is_what_its_blocks_say(A4, steering, moved, A5_depends, expected):
+    found, reason = _decide(A4, steering, np.array(moved, dtype=bool), A5_depends)
+    assert found == expected[0]
+    assert expected[1] in reason
+
+
+def refusals():
+    truck, manipulator, robot = fire_truck(), mobile_manipulator(), rnc.Robot.from_urdf("space_robot.urdf")
+    of_truck = rnc.Task.of(truck, *TASK)
+    of_two = rnc.Task.of(truck, TASK[0], TASK[1], ["trailer_yaw", "tractor_yaw"])
+    of_robot = rnc.Task.of(space_robot(), ["tip_x", "tip_y"], ["joint_1"], ["platform"])
+    light = robot.model.copy()
+    light.inertias[3] = pin.Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+    flat = rnc.Robot(pin.buildSampleModelManipulator())
+    two = lambda q: np.zeros((2, flat.nv))  # noqa: E731
+    return {
+        "stabiliser that may not move": (lambda: ChainedStabilizer(3, fastest=0.0), "positive largest input, found 0"),
+        "no unknown body": (lambda: MomentumRegressor(robot, "platform", []), "name at least one body of unknown mass"),
+        "unknown body without mass": (
+            lambda: MomentumRegressor(rnc.Robot(light), "platform", [UnknownMass("joint_2")]),
+            "body behind joint 'joint_2' has no mass",
+        ),
+        "weights of the wrong number": (
+            lambda: RedundancyController(of_robot, Hold([0.0, 0.0]), Hold([0.0]), weights=[1.0, 2.0]),
+            "weights have to be 1 positive numbers",
+        ),
+        "steering two by one": (
+            lambda: SteeringController(truck, of_two, Hold([0.0, 0.0]), Hold([0.0, 0.0])),
+            "as many redundant as vertical outputs, found 1 and 2",
+        ),
+        "two headings of a trailer": (
+            lambda: SlitheringReference(truck, of_two, "tractor", "rear_axle"),
+            "slithers by one vertical output, its yaw; the task has trailer_yaw, tractor_yaw",
+        ),
+        "no place of the trailer": (
+            lambda: SlitheringReference(truck, of_truck, "tractor", "rear_axle", kingpin="tractor", spacing=-1.0),
+            "spacing of a slithering reference has to be positive",
+        ),
+        "too few names": (
+            lambda: rnc.NonholonomicSystem(flat, [rnc.Pfaffian(two, two, ["one"])]),
+            "1 names for 2 Pfaffian rows",
+        ),
+        "names in one word": (
+            lambda: rnc.NonholonomicSystem(flat, []).reduce([rnc.Output(lambda q: q, two, two, "both")]),
+            "names of a user-defined output have to be a list of strings, found 'both'",
+        ),
+        "position of a ball": (
+            lambda: rnc.NonholonomicSystem(manipulator.robot, []).reduce([rnc.JointPosition("root_joint")]),
+            "joint 'root_joint' has 3 degrees of freedom: use outputs of a frame",
+        ),
+        "force on a ball": (
+            lambda: rnc.NonholonomicSystem(manipulator.robot, [], ["root_joint"]),
+            "actuator 'root_joint' is a joint of several degrees of freedom",
+        ),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("case", refusals())
+def test_what_is_refused_is_said(case):
+    call, words = refusals()[case]
+    with pytest.raises(rnc.RncError) as caught:
+        call()
+    assert words in str(caught.value)
