@@ -16,7 +16,10 @@ from rnc_pin.control import (
     SteeringController,
     UnknownMass,
 )
+from rnc_pin.control.path_fit import PathPoint, chord_end_fitted
 from rnc_pin.control.slithering import DrivenPath
+from rnc_pin.model.parts import natural_lengths
+from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.planning import Hold
 from systems import fire_truck, mobile_manipulator, random_states, sleigh, space_robot
 from test_slithering import TASK
@@ -80,6 +83,44 @@ def test_a_trailer_that_backs_up_beyond_its_oldest_place_goes_straight_on(aside,
     assert reference.length == 1.0
     np.testing.assert_allclose(point.position, [np.arcsin(aside)], atol=1e-12)
     assert len(state.path) == 1
+
+
+def bend(x):
+    """A polynomial of the path's degree: place, heading and curvature."""
+    y, slope, bent = 0.3 * x**2 - 0.2 * x**3 + 0.1 * x**5, 0.6 * x - 0.6 * x**2 + 0.5 * x**4, 0.6 - 1.2 * x + 2.0 * x**3
+    return y, np.arctan(slope), bent / (1 + slope**2) ** 1.5
+
+
+def test_a_fitted_path_is_the_polynomial_that_it_is_of():
+    """A chord from beside a bend ends on it, at its length; where places end before or after, nothing is fitted."""
+    x = np.linspace(-0.4, 0.4, 33)
+    y, heading, _ = bend(x)
+    driven = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
+    path, window = np.column_stack([x, y, heading, driven]), 0.15
+    older = 16  # at x = 0, along which the axes of the fit are then
+    near = PathPoint(0.0, 0.0, 0.0, 0.0)
+    end = (0.003, *bend(0.003)[:2])
+    px, py = 0.5, 0.3
+    L = float(np.hypot(px - end[0], py - end[1]))
+    found = chord_end_fitted(path, older, near, px, py, L, window)
+    np.testing.assert_allclose(found, [*end, bend(0.003)[2]], atol=1e-9)
+    assert chord_end_fitted(path, len(path) - 1, near, px, py, L, window) is near
+    assert chord_end_fitted(path, older, near, px, py, L, 0.01) is near
+    assert chord_end_fitted(path[: older + 1], older, near, px, py, L, window) is near
+
+
+def test_rows_that_vanish_everywhere_have_no_length():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheel = rnc.RollingWheel("left_wheel", 0.1).bind(robot)
+    lengths = natural_lengths(
+        robot,
+        RowStack([wheel, rnc.Caster("nose", 0.1).bind(robot)]),
+        OutputStack([]),
+        np.array([robot.random_configuration(np.random.default_rng(k)) for k in range(5)]),
+    )
+    assert lengths[-1] == 0.0
+    # Forwards 1 m/s of the base, 0.2 m of its turning and 0.1 m of the wheel's; sideways the base alone.
+    assert (lengths[:2] >= 1.0).all()
 
 
 ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
