@@ -57,9 +57,10 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     """Write what shows one scenario, and say what the page needs to know."""
     name, scenario = prepared.name, prepared.experiment.scenario
     with TemporaryDirectory() as scratch:
-        folder = OutputFolder(Path(scratch) / "run")
-        write(prepared, result, folder)
-        draw(prepared, result, folder)
+        with OutputFolder(Path(scratch) / "run") as folder:
+            write(prepared, result, folder)
+            draw(prepared, result, folder)
+            folder.keep()
         plots = [f"{plot}.png" for plot in scenario.plots]
         for plot in plots:
             shrink(Image.open(folder.path / plot), IMAGES / plot, colors=128)
