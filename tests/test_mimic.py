@@ -67,6 +67,16 @@ def test_it_can_be_turned_off(tmp_path):
         assert rnc.NonholonomicSystem(robot, mimic=False).m == 0
 
 
+def test_one_that_is_given_takes_the_place_of_its_own_and_of_no_other(tmp_path):
+    robot = arm(tmp_path, a=mimic("c", 2), b=mimic("c", -0.5))
+    for given, names in (("a", ("coupling(a, c)", "coupling(b, c)")), ("b", ("coupling(b, c)", "coupling(a, c)"))):
+        system = rnc.NonholonomicSystem(robot, [rnc.JointCoupling(given, "c", 3.0)])
+        assert system.constraints.names == names
+        assert positions(system, c=0.1)[given] == pytest.approx(0.3, abs=1e-9)
+    turned = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("c", "a", 0.25)])  # said the other way round
+    assert turned.constraints.names == ("coupling(c, a)", "coupling(b, c)")
+
+
 def test_chains_couple_all(tmp_path):
     system = rnc.NonholonomicSystem(arm(tmp_path, a=mimic("b", 2), b=mimic("c", -0.5, 0.1)))
     assert system.r == 1

@@ -15,13 +15,17 @@ from rnc_pin.control import (
     SlitheringReference,
     SteeringController,
     UnknownMass,
+    VelocityGains,
+    VelocityTracker,
 )
 from rnc_pin.control.path_fit import PathPoint, chord_end_fitted
 from rnc_pin.control.slithering import DrivenPath
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import natural_lengths
 from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Hold
-from systems import fire_truck, mobile_manipulator, random_states, sleigh, space_robot
+from systems import fire_truck, free_flying_panda, mobile_manipulator, random_states, rolling_base, sleigh, space_robot
 from test_slithering import TASK
 
 
@@ -121,6 +125,48 @@ def test_rows_that_vanish_everywhere_have_no_length():
     assert lengths[-1] == 0.0
     # Forwards 1 m/s of the base, 0.2 m of its turning and 0.1 m of the wheel's; sideways the base alone.
     assert (lengths[:2] >= 1.0).all()
+
+
+def test_a_long_sample_learns_what_the_leak_leaves_of_it():
+    """With ``e`` held, ``gdot = -sigma g + beta e`` has the closed form; without a leak it is a straight line."""
+    reduced = sleigh()
+    q, still = reduced.robot.configuration(), rnc.planning.Hold([0.3, 0.0])
+    measured = reduced.measured(q, np.zeros(3), np.zeros(2))
+    for sigma, time in ((2.0, 1.5), (0.0, 1.5)):
+        target = rnc.control.ReducingOutputController(reduced, still)
+        tracker = VelocityTracker(target, VelocityGains(k=1e9, beta=4.0, sigma=sigma))  # k: the step is not bounded
+        state = tracker.initial_state(measured)._replace(time=0.0)
+        command, state = tracker.step(time, measured, state)
+        whole = (1.0 - np.exp(-sigma * time)) / sigma if sigma else time
+        np.testing.assert_allclose(state.g, whole * 4.0 * command.v2_desired, rtol=1e-6)
+
+
+def test_nothing_is_left_of_rows_that_are_not_there():
+    reduced = sleigh()
+    assert reduced.position_residual(reduced.robot.configuration()).shape == (0,)
+    assert reduced.position_residual(np.tile(reduced.robot.configuration(), (2, 3, 1))).shape == (2, 3, 0)
+
+
+def test_orientations_of_many_states_are_those_of_each():
+    reduced = free_flying_panda()
+    states = [q for q, _ in random_states(reduced, 4)]
+    hand = FrameOrientation("panda_hand").bind(reduced.robot)
+    kinematics = Kinematics(reduced.robot)
+    each = [hand.value(kinematics.position(q)) for q in states]
+    together = hand.value(kinematics.position(np.reshape(states, (2, 2, -1))))
+    np.testing.assert_allclose(together, np.reshape(each, (2, 2, 3)), atol=1e-12)
+
+
+def test_a_warning_points_at_the_line_that_made_the_system():
+    model = rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1)
+    joint = model.getJointId("right_spin")
+    model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(
+        pin.rpy.rpyToMatrix(0.0, 0.0, 3e-4), np.zeros(3)
+    )
+    robot = rnc.Robot(model)
+    with pytest.warns(rnc.ModelWarning, match="nearly dependent|toed") as caught:
+        rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left", 0.1), rnc.RollingWheel("right", 0.1)])
+    assert {each.filename for each in caught} == {__file__}
 
 
 ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
