@@ -25,6 +25,8 @@ from rnc_pin.model.parts import natural_lengths
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Hold
+from rnc_pin.planning.car_planner import _BEARINGS, _DISTANCES, _moves
+from rnc_pin.planning.leg import best_legs
 from systems import fire_truck, free_flying_panda, mobile_manipulator, random_states, rolling_base, sleigh, space_robot
 from test_slithering import TASK
 
@@ -167,6 +169,16 @@ def test_a_warning_points_at_the_line_that_made_the_system():
     with pytest.warns(rnc.ModelWarning, match="nearly dependent|toed") as caught:
         rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left", 0.1), rnc.RollingWheel("right", 0.1)])
     assert {each.filename for each in caught} == {__file__}
+
+
+@pytest.mark.parametrize("forward_only", [True, False])
+def test_the_planner_tries_poses_round_about_the_cheapest_first(forward_only):
+    moves = _moves(forward_only)
+    distance, bearing = np.hypot(*moves[:, :2].T), np.arctan2(moves[:, 1], np.abs(moves[:, 0]))
+    assert np.isclose(distance[:, None], _DISTANCES, atol=1e-12).any(axis=1).all()
+    assert np.isclose(bearing[:, None], _BEARINGS, atol=1e-12).any(axis=1).all()
+    assert (moves[:, 0] < -1e-12).any() == (not forward_only)
+    assert (np.diff(best_legs(np.zeros_like(moves), moves, 1.0, forward_only)[0]) >= 0).all()
 
 
 ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
