@@ -115,6 +115,14 @@ def test_what_is_not_found_is_said(call, error, words):
     assert "\n" not in str(raised.value)
 
 
+def test_a_loop_that_stays_open_is_said():
+    robot = four_bar().robot
+    system = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")])
+    guess = robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 2.2})
+    with pytest.raises(rnc.ConstraintError, match=r"and closure_x\(coupler_tip, rocker_tip\) is left 0\.\d+ from zero"):
+        rnc.equilibrium(system.reduce([rnc.JointPosition("crank")]), guess, hold=["crank", "rocker"])
+
+
 def test_nothing_rests_under_a_momentum():
     reduced = ALL["spinning_space_robot"]()
     with pytest.raises(rnc.ConstraintError, match="nothing rests"):
