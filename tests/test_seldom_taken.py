@@ -20,6 +20,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.path_fit import PathPoint, chord_end_fitted
 from rnc_pin.control.slithering import DrivenPath
+from rnc_pin.model.independence import _candidates, _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import natural_lengths
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -27,6 +28,7 @@ from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Hold
 from rnc_pin.planning.car_planner import _BEARINGS, _DISTANCES, _moves
 from rnc_pin.planning.leg import best_legs
+from rnc_pin.scenario.run import plan
 from systems import fire_truck, free_flying_panda, mobile_manipulator, random_states, rolling_base, sleigh, space_robot
 from test_slithering import TASK
 
@@ -179,6 +181,42 @@ def test_the_planner_tries_poses_round_about_the_cheapest_first(forward_only):
     assert np.isclose(bearing[:, None], _BEARINGS, atol=1e-12).any(axis=1).all()
     assert (moves[:, 0] < -1e-12).any() == (not forward_only)
     assert (np.diff(best_legs(np.zeros_like(moves), moves, 1.0, forward_only)[0]) >= 0).all()
+
+
+def test_a_wheel_grips_along_and_across():
+    """By the names of its rows, of both wheels together the second of the axle's."""
+    made = plan("wheels-uncertain", {"comparisons": {}}).experiment
+    reduced, names = made.reduced, made.reduced.all_constraints.names
+    grip = rnc.Grip(reduced, 0.6)
+    for q, v2 in random_states(reduced, 3):
+        T = np.array([0.3, -0.2, 0.1, 0.4])[: reduced.p]
+        multipliers = dict(zip(names, reduced.contact_forces(q, v2, T), strict=True))
+        for wheel, force in zip(grip.names, grip.forces(q, v2, T), strict=True):
+            own = [value for name, value in multipliers.items() if f"({wheel}" in name and "vertical" not in name]
+            assert len(own) == 2
+            np.testing.assert_allclose(force, np.hypot(*own), rtol=1e-12)
+
+
+def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept():
+    generator = np.random.default_rng(5)
+    for _ in range(5):
+        matrices = np.array([1.0, 0.0, 0.0]) + 0.001 * generator.normal(size=(3, 4, 3))  # nearly parallel
+        matrices /= np.linalg.norm(matrices, axis=-1, keepdims=True)
+
+        def worst(kept, matrices=matrices):
+            return min(np.linalg.svd(matrix[kept], compute_uv=False)[-1] for matrix in matrices)
+
+        tried = [worst(kept) for kept in _candidates(matrices, 3, 1e-9) if len(kept) == 3]
+        assert len(set(tried)) > 1
+        assert max(tried) < 1e-3
+        np.testing.assert_allclose(worst(_choose(matrices, 3, 1e-9)), max(tried))
+
+
+def test_batches_that_do_not_go_together_are_refused():
+    reduced = sleigh()
+    q = np.tile(reduced.robot.configuration(), (2, 3, 1))
+    with pytest.raises(rnc.InputError, match=r"q of shape \(2, 3, 4\) and v2 of shape \(2, 2\) do not go together"):
+        reduced.at(q, np.zeros((2, 2)))
 
 
 ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))

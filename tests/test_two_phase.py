@@ -134,6 +134,14 @@ def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
     assert (np.abs(asked).max(axis=0) < (0.8, 0.6)).all()
 
 
+@pytest.mark.parametrize("ahead", [1.0, -1.0])
+def test_a_unicycle_sets_out_the_way_that_its_goal_lies(ahead):
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]))
+    _, state, asked = driven(stabilizer, beside(-ahead, 0.05, 0.02), 0.1)
+    assert state.backwards == (ahead < 0)
+    assert (asked[2:, 0] * ahead > 0).all()
+
+
 @pytest.mark.parametrize("left", [(0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05)], ids=["x", "y", "heading"])
 def test_it_rests_only_where_all_three_are_small_and_wakes_up_when_pushed(left):
     stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), close=0.01)
