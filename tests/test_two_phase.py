@@ -137,8 +137,9 @@ def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
 @pytest.mark.parametrize("ahead", [1.0, -1.0])
 def test_a_unicycle_sets_out_the_way_that_its_goal_lies(ahead):
     stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]))
+    _, first, _ = driven(stabilizer, beside(-ahead, 0.05, 0.02), 0.02)
     _, state, asked = driven(stabilizer, beside(-ahead, 0.05, 0.02), 0.1)
-    assert state.backwards == (ahead < 0)
+    assert first.backwards == state.backwards == (ahead < 0)
     assert (asked[2:, 0] * ahead > 0).all()
 
 
