@@ -11,7 +11,7 @@ from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, Veloc
 from rnc_pin.control.dead_zone import beyond
 from rnc_pin.control.estimation import adapt
 from rnc_pin.plants import Faults, FaultyMachine
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import ReducedPlant
 
 
@@ -156,3 +156,11 @@ def test_a_scenario_says_delay_and_dead_zone():
         plan("unicycle", {"controller.dead_zone": -1.0})
     with pytest.raises(rnc.ConfigurationError, match=r"delay.*belongs to the preset 'scaled'"):
         plan("unicycle", {"controller.delay": 0.01, "controller.preset": "paper"})
+
+
+def test_tiago_six_ticks_late_holds_with_gains_that_know_it():
+    """Without, it leaves its joint range at the largest inputs that it has."""
+    late = {"comparisons": {}, "plots": {}, "faults.delay": 6, "simulation.duration": 1.4}
+    runs = [execute(plan("tiago", {**late, **knows})).trajectory for knows in ({"controller.delay": 0.012}, {})]
+    assert [str(run.outcome) for run in runs] == ["completed", "limit"]
+    assert np.abs(runs[0].T).max() < 200.0 < 1000.0 < np.abs(runs[1].T).max()
