@@ -120,6 +120,7 @@ class Row(NamedTuple):
 
 
 def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> Row:
+    """One run, its fault's size drawn by its number."""
     size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
     options = {"seed": run, "faults": spoilt(fault, size, clean), "preflight": "warn"}
     try:
@@ -153,13 +154,13 @@ class Kept:
 def line(scenario: str, fault: str, rows: list[Row], clean: float) -> list[str]:
     """Of the table, for all runs with a fault."""
     done = [row for row in rows if row.outcome == "completed"]
-    well = [row for row in done if row.error < max(0.1, 2.0 * clean)]
+    well = [row for row in done if _arrived(row, clean)]
     errors = [row.error for row in done] or [np.nan]
     others = Counter(row.outcome for row in rows if row.outcome != "completed")
     if len(well) < len(done):
         others["completed, off its goal"] = len(done) - len(well)
     # Up to which size at least 95 of 100 survive.
-    sizes = sorted((row.size, row in well) for row in rows)
+    sizes = sorted((row.size, _arrived(row, clean)) for row in rows)
     share = np.cumsum([good for _, good in sizes]) / np.arange(1, len(sizes) + 1)
     safe = max((size for (size, _), each in zip(sizes, share, strict=True) if each >= 0.95), default=0.0)
     return [
@@ -167,6 +168,10 @@ def line(scenario: str, fault: str, rows: list[Row], clean: float) -> list[str]:
         f"{np.median(errors):.1e}", f"{np.max(errors):.1e}",
         "; ".join(f"{count} x {what}" for what, count in others.most_common(3)),
     ]  # fmt: skip
+
+
+def _arrived(row: Row, clean: float) -> bool:
+    return row.outcome == "completed" and row.error < max(0.1, 2.0 * clean)
 
 
 def main() -> int:

@@ -16,9 +16,8 @@ TESTS = (
     "controller_settings", "equilibrium", "evaluation", "grip", "integration", "lemma_1", "linearization",
     "loops", "mimic", "noise_and_delay", "orientation", "plain_loop", "position_tracker", "printing",
     "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary", "seldom_taken",
-    "simulation",
-    "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems", "tilt_and_spin",
-    "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "windup",
+    "simulation", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems",
+    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "windup",
 )  # fmt: skip
 
 

@@ -57,10 +57,8 @@ def test_every_setting_is_tried():
 @pytest.mark.parametrize("kind", TYPES)
 @pytest.mark.parametrize("name", VALUES)
 def test_a_type_takes_its_own_settings_and_no_other(kind, name):
-    beside = {
-        "inertia_bound": {"preset": "normalised"},
-        "alpha": {"unknown": VALUES["unknown"]},
-    }  # mean nothing without
+    # What some mean nothing without.
+    beside = {"inertia_bound": {"preset": "normalised"}, "alpha": {"unknown": VALUES["unknown"]}}
     needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
     raw = scenario({"type": kind, **NEEDED[kind], **needed, name: VALUES[name]})
     own = name in TYPES[kind].model_fields

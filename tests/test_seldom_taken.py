@@ -184,7 +184,7 @@ def test_the_planner_tries_poses_round_about_the_cheapest_first(forward_only):
 
 
 def test_a_wheel_grips_along_and_across():
-    """By the names of its rows, of both wheels together the second of the axle's."""
+    """By the names of its rows."""
     made = plan("wheels-uncertain", {"comparisons": {}}).experiment
     reduced, names = made.reduced, made.reduced.all_constraints.names
     grip = rnc.Grip(reduced, 0.6)
@@ -233,13 +233,7 @@ NONE = np.zeros((3, 0, 1))
         (0 * ONES, ONES, [True], False, (None, "A4 has not full row rank")),
         (ONES, ONES, [True], True, ("1", "A4 has full row rank")),
         (WIDE, ONES, [True], True, ("1", "some freedom is left")),
-        (
-            WIDE,
-            ONES,
-            [True, False],
-            False,
-            (None, "1 vertical output moved by 2 redundant ones: class 2"),
-        ),
+        (WIDE, ONES, [True, False], False, (None, "1 vertical output moved by 2 redundant ones: class 2")),
         (ONES, ONES, [True, False], True, (None, "A5 depends on x22")),
         (ONES, ONES, [True, False], False, ("2", "A5 independent of x22")),
     ],
@@ -258,7 +252,10 @@ def refusals():
     light = robot.model.copy()
     light.inertias[3] = pin.Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
     flat = rnc.Robot(pin.buildSampleModelManipulator())
-    two = lambda q: np.zeros((2, flat.nv))  # noqa: E731
+
+    def two(q):
+        return np.zeros((2, flat.nv))
+
     return {
         "stabiliser that may not move": (lambda: ChainedStabilizer(3, fastest=0.0), "positive largest input, found 0"),
         "no unknown body": (lambda: MomentumRegressor(robot, "platform", []), "name at least one body of unknown mass"),
@@ -301,9 +298,11 @@ def refusals():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", refusals())
-def test_what_is_refused_is_said(case):
-    call, words = refusals()[case]
+REFUSED = refusals()
+
+
+@pytest.mark.parametrize(("call", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_is_refused_is_said(call, words):
     with pytest.raises(rnc.RncError) as caught:
         call()
     assert words in str(caught.value)
