@@ -113,9 +113,7 @@ def test_a_momentum_that_is_kept_where_nobody_knows():
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
     robot = rnc.Robot(model)
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
-    with pytest.raises(
-        rnc.ConstraintError, match=r"'disc' can only be zero: .* JointModelPlanar that does not hang"
-    ):
+    with pytest.raises(rnc.ConstraintError, match=r"'disc' can only be zero: .* JointModelPlanar that does not hang"):
         rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc", [1.0, 0.0, 0.0])])
 
 
