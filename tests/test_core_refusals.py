@@ -175,6 +175,25 @@ def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
         SlitheringReference(reduced, task, "front_axle", "rear_axle", "hitch")
 
 
+def test_a_kingpin_that_is_on_the_trailer_alone():
+    """Fixed on the trailer, but not where it turns about the tractor."""
+    truck = fire_truck()
+    model = truck.robot.model.copy()
+    trailer = model.getJointId("hitch")
+    model.addFrame(pin.Frame("pole", trailer, 0, pin.SE3(np.eye(3), np.array([-0.2, 0, 0])), pin.FrameType.OP_FRAME))
+    rows = [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")]
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), rows).reduce(
+        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
+        [
+            *(rnc.FramePosition(frame, "xy") for frame in ("tractor", "pole")),
+            *map(rnc.FrameYaw, ("trailer", "tractor")),
+        ],
+    )
+    task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+    with pytest.raises(rnc.ConfigurationError, match="kingpin 'pole' has to be a fixed place on the tractor, nearer"):
+        SlitheringReference(reduced, task, "tractor", "rear_axle", "pole")
+
+
 def with_wheel(frame, kind, place, centre=(0.0, 0.0, 0.0)):
     """The differential drive with another wheel on a joint of its own."""
     model = differential_drive().model

@@ -91,6 +91,15 @@ def test_a_loop_is_closed_and_rests():
     check(reduced, held)
 
 
+@pytest.mark.parametrize("guess", [(2.6382, 0.1483, -2.6641), (-0.3365, -2.6001, -0.4021)])
+def test_a_step_that_leads_away_is_made_shorter(guess):
+    """From these an open loop overshoots: the first step is halved up to ten times."""
+    reduced = four_bar()
+    found = rnc.equilibrium(reduced, np.array(guess))
+    assert np.abs(reduced.position_residual(found.q)).max() < 1e-9
+    check(reduced, found)
+
+
 def test_a_steady_motion_is_one_too():
     reduced = wheeled_pendulum()
     v2 = [0.0, 0.0, 2.0]  # turning, it stands upright or is thrown out

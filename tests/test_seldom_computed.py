@@ -20,13 +20,14 @@ from rnc_pin.control import (
     WheelRegressor,
 )
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
+from rnc_pin.model import assembly
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.once import once
 from rnc_pin.model.rows import check_defined
 from rnc_pin.planning import CarPath
-from systems import fire_truck, four_bar_robot, random_states, sleigh, space_robot
+from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
 from test_closed_forms import estimating
 
 DRIVE = ("left_wheel", "right_wheel")
@@ -84,6 +85,43 @@ def test_what_is_not_a_number_is_not_called_singular():
     check_defined("small", here, np.array([np.nan, 1.0]), 0.5, ("row",))
     with pytest.raises(rnc.SingularityError, match="small"):
         check_defined("small", here, np.array([1.0, 0.1]), 0.5, ("row",))
+
+
+def test_of_many_states_the_first_that_is_singular_is_told():
+    """With its size and the names of its rows."""
+    robot = sleigh().robot
+    generator = np.random.default_rng(0)
+    q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
+    sizes = np.array([[1.0, 2.0, 1.0], [1.0, 0.25, 0.1]])
+    with pytest.raises(rnc.SingularityError) as told:
+        check_defined("small", Kinematics(robot).position(q), sizes, 0.5, ("row",))
+    assert told.value.q.tolist() == q[1, 1].tolist()
+    assert told.value.condition == 4.0
+    assert told.value.rows == ("row",)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_momentum_of_grams_is_no_nearer_to_zero(scale):
+    """Rows are compared at one length each: units of mass change nothing."""
+    reduced = space_robot()
+    model = reduced.robot.model.copy()
+    for joint, inertia in enumerate(model.inertias):
+        model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")])
+    scaled = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+    for q, _ in random_states(reduced, 4):
+        np.testing.assert_allclose(scaled.at(q).scaled_stack(), reduced.at(q).scaled_stack(), atol=1e-12)
+
+
+def test_closing_a_loop_is_quadratic(monkeypatch):
+    """Some steps of at most half a radian, then each doubles the digits."""
+    reduced = four_bar()
+    closed = reduced.assembled(reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}))
+    monkeypatch.setattr(assembly, "_STEPS", 8)
+    generator = np.random.default_rng(4)
+    for _ in range(5):
+        found = reduced.assembled(closed + generator.uniform(-0.3, 0.3, 3))
+        assert np.abs(reduced.position_residual(found)).max() < 1e-11
 
 
 def test_rows_that_take_turns_move_at_their_own_rates():

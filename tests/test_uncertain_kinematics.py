@@ -251,6 +251,7 @@ def test_nonsense_is_refused():
         ((1.0, 1.0), (0.1, 9.0), "2 initial estimates for 3"),
         ((1.0, 1.0, 99.0), (0.1, 9.0), "mass behind joint_3, 99, has to be within its bounds 0.1 and 9"),
         ((1.0, 1.0, 1.0), (0.0, 9.0), "positive and in order"),
+        ((1.0, 1.0, 1.0), (1.0, [9.0, 1.0, 9.0]), "positive and in order"),
         ((1.0, 1.0, 1.0), (0.1, [9.0, 8.0]), "2 values for 3 unknown"),
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):

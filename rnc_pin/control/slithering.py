@@ -204,16 +204,17 @@ def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axl
     found = []
     for q in (robot.configuration(), *(robot.random_configuration(generator, spread=0.5) for _ in range(2))):
         pin.framesForwardKinematics(robot.model, data, q)
-        at, front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames)
+        front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames[1:])
         yaw = reduced.outputs(q)[0][output] - atan2(*(front - rear)[::-1])
-        found.append((hypot(*(front - rear)), wrapped(yaw), hypot(*(front - at))))
-    (length, offset, ahead), change = found[0], np.ptp(found, axis=0)
+        on_tractor = data.oMf[frames[0]].actInv(data.oMf[frames[1]]).translation
+        found.append((hypot(*(front - rear)), wrapped(yaw), *on_tractor))
+    (length, offset, *place), change = found[0], np.ptp(found, axis=0)
     if change[:2].max() > 1e-9 or length < 1e-6:
         raise ConfigurationError(
             f"'{kingpin}' and '{axle}' are not two fixed places on a body with {reduced.vertical.names[output]}: "
             "name the kingpin and the middle of the trailer's axle"
         )
-    if change[2] > 1e-9 or ahead >= length:
+    if change[2:].max() > 1e-9 or hypot(*place[:2]) >= length:
         raise ConfigurationError(
             f"the kingpin '{kingpin}' has to be a fixed place on the tractor, nearer to '{tractor}' than to '{axle}'"
         )
