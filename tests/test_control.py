@@ -194,6 +194,13 @@ def test_redundancy_controller_says_where_it_is_singular():
     with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
         kinematic.step(1.0, flat, None)
     assert caught.value.rows == ("platform", "joint_1")
+    np.testing.assert_array_equal(caught.value.q, q0)
+    assert caught.value.condition == pytest.approx(1e300)
+    nearly = measured._replace(A_star=np.array([[1.0, 1.0, -1e-12]]), q=None)
+    with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
+        kinematic.step(1.0, nearly, None)
+    assert caught.value.q.size == 0
+    assert caught.value.condition == pytest.approx(1e12)
 
 
 def test_task_refuses_wrong_names():
