@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -13,11 +14,11 @@ ROOT = Path(__file__).parents[1]
 # Files that are about these packages; those of commands, browsers and readers take minutes and see little.
 TESTS = (
     "affine", "analysis", "car_path", "chained_form", "closed_forms", "control", "control_loop",
-    "controller_settings", "equilibrium", "evaluation", "grip", "integration", "lemma_1", "linearization",
+    "controller_settings", "core_refusals", "equilibrium", "evaluation", "grip", "integration", "lemma_1", "linearization",
     "loops", "mimic", "noise_and_delay", "orientation", "plain_loop", "position_tracker", "printing",
-    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary", "seldom_taken",
+    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary", "seldom_computed", "seldom_taken",
     "simulation", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems",
-    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "windup",
+    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
 )  # fmt: skip
 
 
@@ -44,13 +45,24 @@ class Lines:
             self._seconds[f"{file}.py::{case.attrib['name']}"] = float(case.attrib["time"])
 
     def through(self, module: Path, line: int) -> list[Test]:
-        """Tests of a line, the shortest first; of one that only runs while importing, all of its module."""
+        """Tests of a line, one of each file, then another, the shortest first; of an import's all of its module."""
         contexts = self._contexts(str(self._tree / module))
         found = {each for number in statement(self._tree / module, line) for each in contexts.get(number, [])}
         if found == {""}:
             found = {each for names in contexts.values() for each in names}
         names = {each.rpartition("|")[0] for each in found if each}
-        return sorted(Test(self._seconds.get(name, 1.0), name) for name in names)
+        return in_turn(sorted(Test(self._seconds.get(name, 1.0), name) for name in names))
+
+
+def in_turn(tests: list[Test]) -> list[Test]:
+    """One of each file, then another of each: what one does not notice the next of its kind seldom does."""
+    before: Counter[str] = Counter()
+    rounds = []
+    for test in tests:
+        file = test.name.partition("::")[0]
+        rounds.append((before[file], test))
+        before[file] += 1
+    return [test for _, test in sorted(rounds)]
 
 
 def statement(path: Path, line: int) -> range:

@@ -1,8 +1,8 @@
 """How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
 Cosmic Ray makes the mutants, on a copy of the tree. The tests are run once as they are, which says how long each takes
-and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, the
-shortest first, until one fails or ``--patience`` is over. All mutants of six packages would take days on two cores:
+and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, of each file
+in turn the shortest, until one fails or ``--patience`` is over. All mutants of six packages would take days on two cores:
 of the modules that are given as many are drawn as ``--sample`` says, with a seed. Survivors are printed as differences,
 to be killed by an assertion or found equivalent by a reader.
 """

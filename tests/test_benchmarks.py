@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import reduction
-from benchmarks.covered_lines import ROOT, TESTS, Lines, lowest, modules, statement
+from benchmarks.covered_lines import ROOT, TESTS, Lines, Test, in_turn, lowest, modules, statement
 from benchmarks.states import regular_states
 from rnc_pin.scenario.run import plan
 
@@ -47,6 +47,12 @@ def test_a_mutant_meets_the_tests_of_its_statement_the_shortest_first(tmp_path):
     lines = Lines(tmp_path, lambda file: contexts)
     found = [[test.name for test in lines.through(Path("module.py"), line)] for line in (2, 4, 5, 6)]
     assert found == [[short, long], [long], [short, long], []]
+
+
+def test_files_take_turns():
+    """Beside the shortest tests of one file the others would never be met in time."""
+    tests = [Test(0.1, "a::x[1]"), Test(0.2, "a::x[2]"), Test(0.3, "a::y"), Test(0.5, "b::z"), Test(0.6, "b::w")]
+    assert [test.name for test in in_turn(tests)] == ["a::x[1]", "b::z", "a::x[2]", "b::w", "a::y"]
 
 
 def test_a_sample_says_what_the_whole_has_at_least():
