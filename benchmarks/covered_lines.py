@@ -13,16 +13,18 @@ from xml.etree import ElementTree
 ROOT = Path(__file__).parents[1]
 # Files that are about these packages; those of commands, browsers and readers take minutes and see little.
 TESTS = (
-    "affine", "analysis", "car_path", "chained_form", "closed_forms", "control", "control_loop",
-    "controller_settings", "core_refusals", "equilibrium", "evaluation", "grip", "integration", "lemma_1", "linearization",
-    "loops", "mimic", "noise_and_delay", "orientation", "plain_loop", "position_tracker", "printing",
-    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary", "seldom_computed", "seldom_taken",
-    "simulation", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems",
-    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
+    "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
+    "control_loop", "control_pinned", "controller_settings", "core_refusals", "equilibrium", "evaluation",
+    "grip", "integration", "lemma_1", "linear_pinned", "linearization", "loops", "mimic", "model_pinned",
+    "noise_and_delay", "orientation", "plain_loop", "planning_pinned", "position_tracker", "printing",
+    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary",
+    "seldom_computed", "seldom_taken", "simulation", "slithering", "state_feedback", "steering",
+    "strange_joints", "strange_rows", "systems", "tilt_and_spin", "two_phase", "uncertain_classes",
+    "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
 )  # fmt: skip
 
 
-class Test(NamedTuple):
+class TimedTest(NamedTuple):
     """One test as it is without a mutant."""
 
     seconds: float
@@ -44,17 +46,17 @@ class Lines:
             file = case.attrib["classname"].replace(".", "/")
             self._seconds[f"{file}.py::{case.attrib['name']}"] = float(case.attrib["time"])
 
-    def through(self, module: Path, line: int) -> list[Test]:
+    def through(self, module: Path, line: int) -> list[TimedTest]:
         """Tests of a line, one of each file, then another, the shortest first; of an import's all of its module."""
         contexts = self._contexts(str(self._tree / module))
         found = {each for number in statement(self._tree / module, line) for each in contexts.get(number, [])}
         if found == {""}:
             found = {each for names in contexts.values() for each in names}
         names = {each.rpartition("|")[0] for each in found if each}
-        return in_turn(sorted(Test(self._seconds.get(name, 1.0), name) for name in names))
+        return in_turn(sorted(TimedTest(self._seconds.get(name, 1.0), name) for name in names))
 
 
-def in_turn(tests: list[Test]) -> list[Test]:
+def in_turn(tests: list[TimedTest]) -> list[TimedTest]:
     """One of each file, then another of each: what one does not notice the next of its kind seldom does."""
     before: Counter[str] = Counter()
     rounds = []

@@ -1,10 +1,10 @@
 """How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
 Cosmic Ray makes the mutants, on a copy of the tree. The tests are run once as they are, which says how long each takes
-and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, of each file
-in turn the shortest, until one fails or ``--patience`` is over. All mutants of six packages would take days on two cores:
-of the modules that are given as many are drawn as ``--sample`` says, with a seed. Survivors are printed as differences,
-to be killed by an assertion or found equivalent by a reader.
+and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, of each
+file in turn the shortest, until one fails or ``--patience`` is over. All mutants of six packages would take days on
+two cores: of the modules that are given as many are drawn as ``--sample`` says, with a seed. Survivors are printed as
+differences, to be killed by an assertion or found equivalent by a reader.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from coverage import CoverageData
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.covered_lines import ROOT, TESTS, Lines, Test, lowest, modules
+from benchmarks.covered_lines import ROOT, TESTS, Lines, TimedTest, lowest, modules
 
 COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
@@ -51,7 +51,7 @@ def run_once(tree: Path, files: list[str]) -> None:
         raise SystemExit("the tests fail without a mutant")
 
 
-def meets(mutant: MutationSpec, tests: list[Test], patience: float) -> tuple[bool, str]:
+def meets(mutant: MutationSpec, tests: list[TimedTest], patience: float) -> tuple[bool, str]:
     """Whether a mutant is killed, and its difference."""
     chosen, sum_of = [], 0.0
     for test in tests:

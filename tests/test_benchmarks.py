@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import reduction
-from benchmarks.covered_lines import ROOT, TESTS, Lines, Test, in_turn, lowest, modules, statement
+from benchmarks.covered_lines import ROOT, TESTS, Lines, TimedTest, in_turn, lowest, modules, statement
 from benchmarks.states import regular_states
 from rnc_pin.scenario.run import plan
 
@@ -51,7 +51,13 @@ def test_a_mutant_meets_the_tests_of_its_statement_the_shortest_first(tmp_path):
 
 def test_files_take_turns():
     """Beside the shortest tests of one file the others would never be met in time."""
-    tests = [Test(0.1, "a::x[1]"), Test(0.2, "a::x[2]"), Test(0.3, "a::y"), Test(0.5, "b::z"), Test(0.6, "b::w")]
+    tests = [
+        TimedTest(0.1, "a::x[1]"),
+        TimedTest(0.2, "a::x[2]"),
+        TimedTest(0.3, "a::y"),
+        TimedTest(0.5, "b::z"),
+        TimedTest(0.6, "b::w"),
+    ]
     assert [test.name for test in in_turn(tests)] == ["a::x[1]", "b::z", "a::x[2]", "b::w", "a::y"]
 
 
