@@ -15,10 +15,10 @@ ROOT = Path(__file__).parents[1]
 TESTS = (
     "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
     "control_loop", "control_pinned", "controller_settings", "core_refusals", "equilibrium", "evaluation",
-    "grip", "integration", "lemma_1", "linear_pinned", "linearization", "loops", "mimic", "model_pinned",
-    "noise_and_delay", "orientation", "plain_loop", "planning_pinned", "position_tracker", "printing",
-    "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "secondary",
-    "seldom_computed", "seldom_taken", "simulation", "slithering", "state_feedback", "steering",
+    "feedback_pinned", "grip", "integration", "lemma_1", "linear_pinned", "linearization", "loops", "mimic",
+    "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_pinned", "position_tracker",
+    "printing", "reference_data", "references", "regular_everywhere", "rolling", "rounded_rows", "rows_pinned",
+    "secondary", "seldom_computed", "seldom_taken", "simulation", "slithering", "state_feedback", "steering",
     "strange_joints", "strange_rows", "systems", "tilt_and_spin", "two_phase", "uncertain_classes",
     "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
 )  # fmt: skip

@@ -1,6 +1,7 @@
 """Linear-quadratic regulators and the feedback of states, by hand and from scenario files."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import scipy.linalg
 import yaml
@@ -236,3 +237,20 @@ def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         plan(str(written(tmp_path, BICYCLE, **changes)))
     assert "\n" not in str(caught.value)
+
+
+def balancing(scale):
+    """Gains of the wheeled pendulum, masses in other units and inputs weighed accordingly."""
+    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    for joint, inertia in enumerate(robot.model.inertias):
+        robot.model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+    linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+    return rnc.lqr(linear, {"pitch": 10.0, "base_speed_x": 1.0}, 1.0 / scale**2)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1e5, 1e9])
+def test_a_regulator_does_not_mind_units_of_mass(scale):
+    np.testing.assert_allclose(balancing(scale) / scale, balancing(1.0), rtol=1e-6)

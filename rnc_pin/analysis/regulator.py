@@ -15,7 +15,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 Cost = float | Sequence[float] | Mapping[str, float] | Array
 
 _SLOW = 1e-5  # of the size of A: real part above which a mode counts as one that does not fade by itself
-_UNREACHED = 1e-6  # of the same: what counts as none
+_UNREACHED = 1e-6  # of the size of A and of B, or of the cost: what counts as none
 
 
 def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Float[Array, "p s"]:
@@ -52,21 +52,24 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
         raise ConfigurationError("input_cost: every input has to weigh something")
     if not len(R):
         raise ConstraintError("a system without actuators has nothing to feed back to")
+    # Each input in a unit of its own, of which one weighs 1: what units they come in must not matter.
+    unit = 1.0 / np.sqrt(np.diag(R))
+    B, R = B * unit, unit[:, None] * R * unit
     size = max(1.0, float(np.abs(A).max(initial=0.0)))
     for value in np.linalg.eigvals(A):
         if value.real < -_SLOW * size:
             continue
         mode = complex(*(part if abs(part) > _SLOW * size else 0.0 for part in (value.real, value.imag)))
         shifted = A - mode * np.eye(len(A))
-        left, values, _ = np.linalg.svd(np.hstack([shifted, B]))
-        if values[-1] < _UNREACHED * size:
+        left, values, _ = np.linalg.svd(np.hstack([shifted / size, B / max(np.abs(B).max(), 1e-300)]))
+        if values[-1] < _UNREACHED:
             names = _moved(left[:, -1], linear.state_names)
             raise ConstraintError(
                 f"the actuators {', '.join(linear.input_names)} do not reach a mode that does not fade by itself: "
                 f"it moves {names}"
             )
-        _, values, right = np.linalg.svd(np.vstack([shifted, Q / max(np.abs(Q).max(), 1e-300)]))
-        if values[-1] < _UNREACHED * size and abs(mode.real) <= _SLOW * size:
+        _, values, right = np.linalg.svd(np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)]))
+        if values[-1] < _UNREACHED and abs(mode.real) <= _SLOW * size:
             names = _moved(right[-1], linear.state_names)
             raise ConstraintError(f"state_cost: a mode that does not fade by itself costs nothing: it moves {names}")
     try:
@@ -77,7 +80,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     slowest = float(np.linalg.eigvals(A - B @ K).real.max(initial=-np.inf))
     if not slowest < 0:
         raise ConstraintError(f"no regulator was found: with the best gain a mode still grows at {slowest:.3g}/s")
-    return K
+    return unit[:, None] * K
 
 
 def _moved(vector: Array, names: Sequence[str]) -> str:
