@@ -1,0 +1,239 @@
+"""Singular sets and bounds of systems written down row by row, beside what they have to be."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis import boundedness
+from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
+from systems import four_bar, leaning_wheel, random_states, spinning_space_robot
+from test_analysis import planar_model
+
+
+def sliders(count):
+    """Bodies on rails of their own, ``s0`` to ``s<count - 1>``: q and v are their places and speeds."""
+    model = pin.Model()
+    model.name = "sliders"
+    for k in range(count):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return rnc.Robot(model)
+
+
+def rates_of(rows, names):
+    """Outputs with rows of a function of q; their own rates are not asked for."""
+    return rnc.Output(None, lambda q: np.array(rows(q), float), lambda q, v: np.zeros((len(names), len(q))), names)
+
+
+# ---------------------------------------------------------------------- singular configurations
+
+
+def two_ways_to_be_singular():
+    """a and b agree where q1 is a multiple of pi, c and d where q3 is zero."""
+    return rnc.NonholonomicSystem(sliders(4), []).reduce(
+        [
+            rates_of(lambda q: [[0, 0, 2.0, 0], [3, 0, 0, 0]], ["c", "a"]),
+            rates_of(lambda q: [[np.cos(q[1]), np.sin(q[1]), 0, 0], [0, 0, 1, q[3]]], ["b", "d"]),
+        ]
+    )
+
+
+def test_each_singular_set_is_met_with_the_rows_that_are_dependent_there():
+    configurations = np.random.default_rng(3).uniform(-1.5, 1.5, (16, 4))
+    found = {each.rows: each for each in stack_singularities(two_ways_to_be_singular(), configurations)}
+    assert set(found) == {("a", "b"), ("c", "d")}
+    for each in found.values():
+        assert (each.matrix, each.located) == ("E", True)
+        assert each.smallest_singular_value < 1e-9
+    assert abs(found["a", "b"].configuration["s1"]) < 1e-9
+    assert abs(found["c", "d"].configuration["s3"]) < 1e-9
+
+
+def test_a_singular_set_is_looked_for_between_neighbours():
+    """Of samples of the other sign the nearest counts, whichever comes first."""
+    first, second, far = np.zeros((3, 4))
+    first[:], second[:], far[:] = (0, -0.4, 0, 1), (0, 0.5, 0, 1), (0, -4.0, 0, 1)
+    for configurations in ([first, second, far], [far, second, first]):
+        (found,) = stack_singularities(two_ways_to_be_singular(), np.stack(configurations))
+        assert abs(found.configuration["s1"]) < 1e-9
+    (found,) = stack_singularities(two_ways_to_be_singular(), np.stack([first, far]))
+    assert found.configuration["s1"] == pytest.approx(-np.pi, abs=1e-9)
+
+
+@pytest.mark.parametrize(("part", "rows"), [(0.02, ("a", "b")), (0.5, ("a", "b", "c"))])
+def test_rows_that_hardly_take_part_are_not_named(part, rows):
+    """``b = a + part * c`` in the middle."""
+    reduced = rnc.NonholonomicSystem(sliders(3), []).reduce(
+        [rates_of(lambda q: [[1, 0, 0], [1, q[1], part], [0, 0, 1]], ["a", "b", "c"])]
+    )
+    (found,) = stack_singularities(reduced, np.array([[0.1, 0.7, 0.3], [0.2, -0.4, 0.1]]))
+    assert found.located
+    assert found.rows == rows
+
+
+def test_of_two_sets_that_share_a_row_the_one_with_most_is_told():
+    """a and b agree where q1 is zero, and c lies in their plane where q2 is."""
+    reduced = rnc.NonholonomicSystem(sliders(3), []).reduce(
+        [rates_of(lambda q: [[1, 0, 0], [1, q[1], 0], [1, 1, q[2]]], ["a", "b", "c"])]
+    )
+    samples = [[0.1, y, z] for y, z in ((0.7, 0.3), (-0.4, 0.3), (0.7, -0.2), (0.1, 0.5))]
+    (found,) = stack_singularities(reduced, np.array(samples))
+    assert found.rows == ("a", "b", "c")
+    assert abs(found.configuration["s2"]) < 1e-9
+
+
+def test_rows_of_a_long_chain_all_take_part():
+    """Differences of neighbours round a ring: each has a small weight, and none a smaller one than another."""
+    count = 16
+    ring = np.eye(count) - np.roll(np.eye(count), 1, axis=1)
+    last = np.outer(np.eye(count)[-1], np.eye(count)[3])
+    names = [f"d{k}" for k in range(count)]
+    reduced = rnc.NonholonomicSystem(sliders(count), []).reduce([rates_of(lambda q: ring + q[0] * last, names)])
+    samples = np.zeros((2, count))
+    samples[:, 0] = 0.3, -0.4
+    (found,) = stack_singularities(reduced, samples)
+    assert found.located
+    assert found.rows == tuple(names)
+
+
+@pytest.mark.parametrize("jump", [False, True])
+def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
+    """Where a determinant jumps from one sign to the other there is no singular configuration between."""
+
+    def side(q):
+        return -1.0 if jump and q[0] < 0 else 1.0
+
+    reduced = rnc.NonholonomicSystem(sliders(2), []).reduce(
+        [rates_of(lambda q: [[1, 0], [2 * np.cos(q[1]), side(q) * 2 * np.sin(q[1])]], ["a", "b"])]
+    )
+    configurations = np.array([[-0.3, 1.2], [0.2, 0.4], [-0.1, 1.5], [0.3, 0.25], [0.1, 0.7], [0.2, 0.3]])
+    (found,) = stack_singularities(reduced, configurations)
+    assert not found.located
+    assert found.configuration == {"s0": 0.3, "s1": 0.25}
+    assert found.rows == ("a", "b")
+    # Unit rows at an angle t: of the two singular values the smaller is sqrt(2) sin(t / 2).
+    assert found.smallest_singular_value == pytest.approx(np.sqrt(2) * np.sin(0.125), rel=1e-12)
+
+
+def test_the_way_to_a_singular_configuration_keeps_a_loop_closed():
+    """A four-bar that its rocker drives is stuck where crank and coupler are in line."""
+    reduced = rnc.NonholonomicSystem(
+        four_bar().robot, [rnc.LoopClosure("coupler_tip", "rocker_tip", "point")], ["crank"]
+    ).reduce([rnc.JointPosition("rocker")])
+    generator = np.random.default_rng(2)
+    found = stack_singularities(reduced, np.stack([reduced.random_configuration(generator) for _ in range(8)]))
+    for each in found:
+        assert each.located
+        assert "rocker" in each.rows
+        assert abs(np.sin(each.configuration["coupler"])) < 1e-7
+        assert np.abs(reduced.position_residual(reduced.robot.configuration(each.configuration))).max() < 1e-10
+    assert found
+
+
+def steered(a, g):
+    """``x11dot = a(w) u``, and the redundant output has the rate ``g(w) u``: A4 is a / g, and E is singular with g."""
+    row = rnc.Pfaffian(lambda q: np.array([[1.0, -a(q[2]), 0.0]]), lambda q, v: np.zeros((1, 3)), ["steered"])
+    return rnc.NonholonomicSystem(sliders(3), [row]).reduce(
+        [rates_of(lambda q: [[0, 0, 1]], ["w"]), rates_of(lambda q: [[0, g(q[2]), 0]], ["x22"])],
+        [rnc.JointPosition("s1"), rnc.JointPosition("s0")],
+    )
+
+
+def test_a4_is_not_called_singular_where_it_has_a_pole():
+    """A4 is the tangent of w: between samples either side of its pole nothing vanishes, between the others it does."""
+    reduced = steered(np.sin, np.cos)
+    task = rnc.Task.of(reduced, ["w"], ["x22"])
+    configurations = np.array([[0.0, 0.0, w] for w in (1.3, 1.9, -0.7)])
+    (found,) = task_singularities(reduced, task, ["s0"], configurations)
+    assert (found.matrix, found.located, found.rows) == ("A4", True, ("s0",))
+    assert abs(found.configuration["s2"]) < 1e-9
+    (worst,) = task_singularities(reduced, task, ["s0"], configurations[:2])
+    assert not worst.located
+    assert worst.smallest_singular_value == pytest.approx(abs(np.tan(1.9)))  # as it is, no row of unit length
+    assert worst.configuration["s2"] == 1.9
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a4_in_other_units_is_singular_at_the_same_place(unit):
+    reduced = steered(lambda w: unit * np.sin(w - 0.2), lambda w: 1.0)
+    task = rnc.Task.of(reduced, ["w"], ["x22"])
+    configurations = np.array([[0.0, 0.0, w] for w in (1.3, 1.9, -0.7)])
+    (found,) = task_singularities(reduced, task, ["s0"], configurations)
+    assert found.located
+    assert found.configuration["s2"] == pytest.approx(0.2, abs=1e-9)
+
+
+def test_a_reducing_output_that_stands_still_is_the_only_row():
+    """Constraint rows come first in E."""
+    configurations = np.array([[0.0, 0.0, w] for w in (1.3, 1.9, -0.7)])
+    (found,) = stack_singularities(steered(np.sin, np.cos), configurations)
+    assert found.rows == ("x22",)
+    assert found.configuration["s2"] == pytest.approx(np.pi / 2, abs=1e-9)
+
+
+# ---------------------------------------------------------------------- bounds
+
+
+@pytest.mark.parametrize("make", [spinning_space_robot, leaning_wheel])
+def test_sizes_are_those_of_the_matrices(make):
+    """V without what a given momentum adds to it, for the worst of the unit velocities."""
+    reduced = make()
+    configurations = np.stack([q for q, _ in random_states(reduced, 5)])
+    bounds = boundedness(reduced, configurations)
+    H, V, G = [], [], []
+    for q in configurations:
+        rest = reduced.terms(q, np.zeros(reduced.r))
+        turned = [reduced.terms(q, unit).V - rest.V for unit in np.eye(reduced.r)]
+        H.append(np.linalg.eigvalsh(rest.H)[-1])
+        V.append(max(np.sqrt(np.linalg.eigvalsh(each.T @ each)[-1]) for each in turned))
+        G.append(np.sqrt(rest.G @ rest.G))
+    for found, sizes in ((bounds.H, H), (bounds.V, V), (bounds.G, G)):
+        expected = min(sizes), sorted(sizes)[2], max(sizes)
+        np.testing.assert_allclose((found.min, found.median, found.max), expected, rtol=1e-9, atol=1e-9)
+    assert max(G) > 0.1
+    assert bounds.everywhere
+    assert bounds.approaches == ()
+
+
+def test_growth_towards_a_singular_heading_is_that_of_the_closed_form():
+    """A unicycle in x and yaw, at d from heading along y: ``H = 1 / sin(d)^2``, ``V = cos(d) / sin(d)^3``.
+
+    Only the nearest sample lies straight across; sets that were not met, or are not of E, are no goals.
+    """
+    model, _ = planar_model()
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")])
+    reduced = system.reduce([rnc.FramePosition("body", "x"), rnc.FrameYaw("body")])
+
+    def singularity(matrix="E", located=True):
+        return Singularity(matrix, ("body_x",), 0.0, located, {"root_joint": [2.0, 1.0, np.pi / 2]})
+
+    samples = [(5.0, 1.0, 1.5), (2.0, 1.0, np.pi / 2 - 0.4), (2.0, 1.0, np.pi / 2 + 0.9)]
+    configurations = np.stack([reduced.robot.configuration({"root_joint": each}) for each in samples])
+    goals = [singularity("A4"), singularity(located=False), singularity()]
+    bounds = boundedness(reduced, configurations, goals)
+    (way,) = bounds.approaches
+    distances = np.array(way.distances)
+    assert 0.1 > distances[0] > 10 * distances[-1] > 0
+    assert (np.diff(distances) < 0).all()
+    np.testing.assert_allclose(way.H, 1 / np.sin(distances) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(way.V, np.cos(distances) / np.sin(distances) ** 3, rtol=1e-9)
+    assert (way.H_order, way.V_order) == (pytest.approx(2.0, abs=1e-3), pytest.approx(3.0, abs=1e-3))
+    assert way.rows == ("body_x",)
+    assert not way.bounded
+    assert not bounds.everywhere
+
+
+@pytest.mark.parametrize(("mass", "H_order", "V_order"), [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (1e-15, 0.0, 3.0)])
+def test_what_grows_without_inertia_leaves_h_bounded(mass, H_order, V_order):
+    """The last slide moves at ``1 / q1`` times the first; of a grain of dust V grows where H hardly does."""
+    row = rnc.Pfaffian(lambda q: np.array([[1.0, 0.0, -q[1]]]), lambda q, v: np.array([[0.0, 0.0, -v[1]]]), ["lever"])
+    robot = sliders(3)
+    robot.model.inertias[3] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+    reduced = rnc.NonholonomicSystem(robot, [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    goal = Singularity("E", ("lever", "s0"), 0.0, True, {"s0": 0.0, "s1": 0.0, "s2": 0.0})
+    bounds = boundedness(reduced, np.array([[0.0, 0.5, 0.0]]), [goal])
+    (way,) = bounds.approaches
+    assert way.bounded == bounds.everywhere == (mass == 0)
+    assert (way.H_order, way.V_order) == (pytest.approx(H_order, abs=0.01), pytest.approx(V_order, abs=0.01))
+    np.testing.assert_allclose(way.H, 1 + mass / np.square(way.distances), rtol=1e-9)
