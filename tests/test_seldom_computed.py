@@ -14,6 +14,7 @@ from rnc_pin.analysis.singularities import Singularity
 from rnc_pin.control import (
     ChainedStabilizer,
     MomentumRegressor,
+    PositionGains,
     UnknownMass,
     UnknownRadius,
     UnknownTrack,
@@ -21,11 +22,12 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.model import assembly
+from rnc_pin.model.assembly import _out_of_reach
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.once import once
-from rnc_pin.model.rows import check_defined
+from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.planning import CarPath
 from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
 from test_closed_forms import estimating
@@ -288,11 +290,11 @@ def test_a_cost_that_is_no_diagonal():
     np.testing.assert_allclose(K, [[1.0, np.sqrt(4.5)]], atol=1e-12)
 
 
-def test_a_regulator_that_no_solver_finds():
-    """What is reached and costs, but by so little that nothing holds it."""
+def test_a_little_force_is_enough_for_little_dynamics():
+    """What is reached by nanonewtons is reached."""
     linear = linearization(np.array([[1e-7, 1.0], [0.0, 1e-7]]), np.array([[0.0], [1e-9]]))
-    with pytest.raises(rnc.ConstraintError, match=r"no regulator was found|do not reach"):
-        rnc.lqr(linear, np.diag([1e-30, 1e-30]))
+    K = rnc.lqr(linear, np.eye(2), 1e-18)
+    assert np.linalg.eigvals(linear.A - linear.B @ K).real.max() < -0.5
 
 
 def test_a_report_leaves_out_where_outputs_are_undefined():
@@ -335,3 +337,33 @@ def test_gripping_knows_which_rows_act_behind_rows_that_do_not():
         found.append(grip.forces(q, np.array([0.4]), np.array([2.0])))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
     assert found[0].max() > 0.1
+
+
+def test_gains_that_nobody_asked_otherwise_fade_at_three_behind_a_filter_of_eight():
+    """As ``PositionGains`` says of itself: omega^2 = gamma / dt, and the error at 2 kappa2 gamma^3 / omega^2 [1/s]."""
+    inertia, dt = np.diag([2.0, 0.5]), 0.01
+    gains = PositionGains.scaled(inertia, dt)
+    kappa1, kappa2 = gains.k1 / np.diag(inertia), gains.k2 / np.diag(inertia)
+    square = kappa1 * gains.gamma**4 + kappa2 * gains.gamma**2
+    np.testing.assert_allclose(square, 8.0 / dt)
+    np.testing.assert_allclose(2 * kappa2 * gains.gamma**3 / square, 3.0)
+    assert (gains.gamma, gains.sigma) == (8.0, 0.1)
+
+
+def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():
+    """Twenty of them within a hundredth, and not next to zero."""
+    far = [0.3] * 15 + [0.302] * 5
+    assert _out_of_reach([*far, *np.linspace(0.31, 2.0, 5)])
+    assert not _out_of_reach([*far[:-1], *np.linspace(0.31, 2.0, 6)])
+    assert not _out_of_reach([each * 1e-3 for each in far])
+
+
+def test_rows_without_a_drift_are_no_rows():
+    class Short(Rows):
+        names, units, holonomic = ("one",), ("m/s",), (False,)
+
+        def jacobian(self, at):
+            return np.zeros((1, 3))
+
+    with pytest.raises(TypeError, match=r"abstract methods? .*drift"):
+        Short()
