@@ -133,6 +133,23 @@ def test_an_actuator_that_is_active_twice():
         JacobianTransposeController(reduced, tracker, ["joint_1", "joint_1"])
 
 
+def test_more_active_actuators_than_outputs_share_the_work():
+    """By the transpose of the Jacobian; fewer are refused."""
+    reduced = mobile_manipulator()
+    tracker = PositionTracker(Hold([0.0, 0.0]), PositionGains(), outputs=np.array([0, 1]))
+    names = ["joint_1", "joint_2", "torque(base.z)"]
+    controller = JacobianTransposeController(reduced, tracker, names)
+    q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": -1.1})
+    measured = reduced.measure(q, np.zeros(4))
+    command, _ = controller.step(0.1, measured, controller.initial_state(measured))
+    forces, _ = tracker.step(0.1, measured, tracker.initial_state(measured))
+    drive = reduced.drive_jacobian(q)[[0, 1]]
+    np.testing.assert_allclose(command.T[[2, 3, 1]], drive[:, [2, 3, 1]].T @ forces.F[:2])
+    assert command.T[0] == 0.0
+    with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):
+        JacobianTransposeController(reduced, tracker, ["joint_1"])
+
+
 def test_a_robot_without_ends_has_none_to_keep_from():
     reduced = sleigh()
     task = rnc.Task.of(reduced, reduced.reducing.names[:1], reduced.reducing.names[1:])

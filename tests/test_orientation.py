@@ -130,6 +130,18 @@ def test_a_geodesic_turns_about_one_axis():
         np.testing.assert_allclose(spin, moved, atol=1e-6)
 
 
+def test_what_is_no_rotation_goes_straight_beside_one():
+    """A place before and two after the rotation vector: as without it."""
+    start, goal = np.array([0.3, 2.0, -1.0, 0.5, 1.0, -2.0]), np.array([1.0, -1.5, 1.0, 2.0, 0.2, 0.7])
+    reference = Geodesic(start, goal, 2.0, Coordinates([False] * 6, [1]), begin=0.5)
+    alone = Geodesic(start[1:4], goal[1:4], 2.0, ROTATION, begin=0.5)
+    straight = MinimumJerk(start, goal, 2.0, begin=0.5)
+    for t in np.linspace(0.6, 2.4, 7):
+        for found, turned, moved in zip(reference.at(t), alone.at(t), straight.at(t), strict=True):
+            np.testing.assert_array_equal(found[1:4], turned)
+            np.testing.assert_array_equal(found[[0, 4, 5]], moved[[0, 4, 5]])
+
+
 def test_any_reference_in_rotation_vectors_has_its_angular_acceleration():
     reference, h = Harmonic([0.2, -1.0, 2.0], [0.8, 0.5, 0.9], [0.3, 0.2, 0.4]), 1e-4
     for t in np.linspace(1.2, 4.0, 8):

@@ -27,7 +27,7 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.once import once
-from rnc_pin.model.rows import Rows, check_defined
+from rnc_pin.model.rows import check_defined
 from rnc_pin.planning import CarPath
 from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
 from test_closed_forms import estimating
@@ -356,14 +356,3 @@ def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():
     assert _out_of_reach([*far, *np.linspace(0.31, 2.0, 5)])
     assert not _out_of_reach([*far[:-1], *np.linspace(0.31, 2.0, 6)])
     assert not _out_of_reach([each * 1e-3 for each in far])
-
-
-def test_rows_without_a_drift_are_no_rows():
-    class Short(Rows):
-        names, units, holonomic = ("one",), ("m/s",), (False,)
-
-        def jacobian(self, at):
-            return np.zeros((1, 3))
-
-    with pytest.raises(TypeError, match=r"abstract methods? .*drift"):
-        Short()

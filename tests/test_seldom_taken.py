@@ -90,6 +90,7 @@ def test_a_trailer_that_backs_up_beyond_its_oldest_place_goes_straight_on(aside,
     point, state = reference.step(measurement, np.zeros(3), DrivenPath(path, 0.0))
     assert reference.length == 1.0
     np.testing.assert_allclose(point.position, [np.arcsin(aside)], atol=1e-12)
+    assert np.isnan(point.jerk).tolist() == [True]
     assert len(state.path) == 1
 
 
