@@ -289,3 +289,30 @@ def test_a_path_of_several_legs_shares_its_time_by_their_lengths():
 def test_a_path_at_the_edge_of_what_makes_sense(start, options, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         CarPath(start, (4.0, 0.0, 0.0), **{"duration": 5.0, "wheelbase": 1.0, **options})
+
+
+@pytest.mark.parametrize(
+    ("goal", "forward_only"),
+    [((0.2, 1.1, 0.3), False), ((-0.4, 0.7, 2.8), False), ((0.1, -0.9, -1.2), True)],
+)
+def test_a_plan_is_the_same_in_a_mirror_and_in_any_size(goal, forward_only):
+    """Several legs: left is right, and of a car of a hundred times the size all is a hundred times as long."""
+    start, goal = np.zeros(3), np.array(goal)
+    legs = plan_legs(start, goal, 0.5, forward_only)
+    assert len(legs) > 1
+    whole = sum(leg.length for leg in legs)
+    mirrored = plan_legs(start, goal * [1, -1, -1], 0.5, forward_only)
+    assert sum(leg.length for leg in mirrored) == pytest.approx(whole, rel=1e-9)
+    large = plan_legs(start, goal * [100, 100, 1], 50.0, forward_only)
+    for leg, other in zip(legs, large, strict=True):
+        np.testing.assert_allclose(other.goal, leg.goal * [100, 100, 1], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("radius", "apart", "same"), [(0.5, 4e-7, True), (500.0, 4e-4, True), (0.5, 4e-6, False)])
+def test_a_pose_is_the_same_to_a_millionth_of_the_turning_radius(radius, apart, same):
+    start, goal = np.zeros(3), np.array([0.0, apart, 0.0])
+    if same:
+        with pytest.raises(rnc.ConfigurationError, match="are the same pose"):
+            plan_legs(start, goal, radius)
+    else:
+        assert plan_legs(start, goal, radius)

@@ -15,6 +15,7 @@ from rnc_pin.control import (
     ChainedStabilizer,
     MomentumRegressor,
     PositionGains,
+    PositionTracker,
     UnknownMass,
     UnknownRadius,
     UnknownTrack,
@@ -28,7 +29,7 @@ from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.once import once
 from rnc_pin.model.rows import check_defined
-from rnc_pin.planning import CarPath
+from rnc_pin.planning import CarPath, Hold
 from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
 from test_closed_forms import estimating
 
@@ -356,3 +357,36 @@ def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():
     assert _out_of_reach([*far, *np.linspace(0.31, 2.0, 5)])
     assert not _out_of_reach([*far[:-1], *np.linspace(0.31, 2.0, 6)])
     assert not _out_of_reach([each * 1e-3 for each in far])
+
+
+def test_inputs_of_many_states_are_of_as_many():
+    """The same everywhere, but one for each: B of a batch has its shape."""
+    reduced = sleigh()
+    q = np.tile(reduced.robot.configuration(), (2, 3, 1))
+    assert reduced.at(q).B.shape == (2, 3, 3, 2)
+    assert reduced.at(q[0, 0]).B.shape == (3, 2)
+
+
+@pytest.mark.parametrize("elapsed", [0.01, 0.2])
+def test_a_filter_is_exact_over_samples_of_any_length(elapsed):
+    """``z' = -2 gamma (z + gamma^2 e)`` with e held: towards ``-gamma^2 e`` by ``exp(-2 gamma t)``."""
+    reduced = space_robot()
+    gains = PositionGains(k1=2.0, k2=3.0, gamma=4.0, beta=1.0, sigma=0.1)
+    tracker = PositionTracker(Hold([1.0, 0.5]), gains, outputs=np.array([0, 1]))
+    q = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.4})
+    measured = reduced.measure(q, np.zeros(3))
+    state = tracker.initial_state(measured)
+    _, state = tracker.step(1.0, measured, state)
+    state = state._replace(z=np.array([5.0, -3.0]))
+    _, after = tracker.step(1.0 + elapsed, measured, state)
+    rest = -(4.0**2) * (np.array([1.0, 0.5]) - measured.x2[:2])
+    np.testing.assert_allclose(after.z, rest + np.exp(-8.0 * elapsed) * (state.z - rest), rtol=1e-12)
+
+
+def test_a_loop_has_no_more_coordinates_than_freedoms():
+    reduced = four_bar()
+    found = rnc.equilibrium(reduced, reduced.assembled(reduced.robot.configuration({"crank": 1.0})), hold=["crank"])
+    one = rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank"])
+    assert one.A.shape == (2, 2)
+    with pytest.raises(rnc.ConstraintError, match="coordinates crank, rocker are not independent under"):
+        rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank", "rocker"])

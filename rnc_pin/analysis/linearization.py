@@ -193,13 +193,13 @@ def _restricted(
     if moving.any():
         name = read.names[int(np.argmax(np.abs(J @ v)))]
         raise ConstraintError(f"coordinate '{name}' moves in this motion: leave it out of the coordinates")
-    r, size = reduced.r, len(J) + len(kept)
+    r = reduced.r
     admissible = scipy.linalg.block_diag(_holonomic_null_space(reduced, q), np.eye(r))
     C = scipy.linalg.block_diag(J, np.eye(r)[kept])
     C_dot = scipy.linalg.block_diag(J_dot, np.zeros((len(kept), r)))
     seen, moved = C @ admissible, (C @ A + C_dot) @ admissible
     values = np.linalg.svd(seen, compute_uv=False)
-    if min(seen.shape) < size or values[-1] < _INDEPENDENT * values[0]:
+    if seen.shape[1] < len(seen) or values[-1] < _INDEPENDENT * values[0]:
         raise ConstraintError(f"coordinates {', '.join(read.names)} are not independent under the constraints")
     chosen = moved @ np.linalg.pinv(seen)
     rest = (moved - chosen @ seen) @ admissible.T
