@@ -15,13 +15,14 @@ LARGEST = {
     "mobile-manipulator-two-phase": 0.01,  # it rests within 0.002
     "fire-truck": 0.02,
 }
+# 200 of each stand in docs/random_tasks.md; here a few.
 SAMPLE = {
-    "space-robot": (0, 3, 17, 101),
-    "space-robot-fixed-platform": (0, 5),
+    "space-robot": (0, 17),
+    "space-robot-fixed-platform": (5,),
     "space-robot-uncertain": (4,),  # first estimates are drawn as well
-    "mobile-manipulator": (1, 7, 50),
+    "mobile-manipulator": (1, 50),
     "mobile-manipulator-two-phase": (2,),  # to any heading
-    "fire-truck": (2, 11),
+    "fire-truck": (11,),
 }
 COARSE, LESS_COARSE = {"simulation.dt": 0.01}, {"simulation.dt": 0.005}
 QUICK = {
