@@ -33,20 +33,23 @@ from rnc_pin.scenario.run import Plan, execute, plan
 
 SCENARIOS: dict[str, dict[str, Any]] = {
     "space-robot": {
-        "reference.primary.minimum_jerk.duration": 4,
-        "reference.vertical.minimum_jerk.duration": 4,
-        "simulation": {"duration": 5.0, "dt": 0.02},
+        "reference.primary.minimum_jerk.duration": 2.5,
+        "reference.vertical.minimum_jerk.duration": 2.5,
+        "simulation": {"duration": 3.0, "dt": 0.02},
     },
     "mobile-manipulator": {
-        "reference.primary.minimum_jerk.duration": 4,
-        "simulation": {"duration": 5.0, "dt": 0.02},
+        "reference.primary.minimum_jerk.duration": 2.5,
+        "simulation": {"duration": 3.0, "dt": 0.02},
     },
-    "unicycle": {"simulation": {"duration": 3.0, "dt": 0.005}},
+    "unicycle": {
+        "reference.primary": {"harmonic": {"amplitude": [0.8, 0.4], "frequency": [0.1, 0.2], "ramp": 1}},
+        "simulation": {"duration": 1.5, "dt": 0.005},
+    },
     "mobile-manipulator-two-phase": {
-        "initial.q.root_joint": [-1.5, 0.1, 0.1],
+        "initial.q.root_joint": [-0.8, 0.1, 0.1],
         "reference.primary.minimum_jerk.duration": 2,
         "controller.platform.begin": 1.0,
-        "simulation": {"duration": 9.0, "dt": 0.02},
+        "simulation": {"duration": 7.5, "dt": 0.02},
     },
 }
 """Built-in scenarios made shorter, for many of them."""
