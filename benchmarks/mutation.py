@@ -1,15 +1,17 @@
 """How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
-Cosmic Ray makes the mutants, on a copy of the tree. The tests are run once as they are, which says how long each takes
+Cosmic Ray makes the mutants, of a copy of the tree. The tests are run once as they are, which says how long each takes
 and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, of each
-file in turn the shortest, until one fails or ``--patience`` is over. All mutants of six packages would take days on
-two cores: of the modules that are given as many are drawn as ``--sample`` says, with a seed. Survivors are printed as
-differences, to be killed by an assertion or found equivalent by a reader.
+file in turn the shortest, until one fails or ``--patience`` is over, in a fork of a process that has the libraries
+loaded. All mutants of six packages would take a day on two cores: of the modules that are given as many are drawn as
+``--sample`` says, with a seed. Survivors are printed as differences, to be killed by an assertion or found equivalent
+by a reader.
 """
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import os
 import random
 import shutil
@@ -20,14 +22,16 @@ from collections import defaultdict
 from pathlib import Path
 
 from cosmic_ray.commands.init import init
-from cosmic_ray.mutating import mutate_and_test
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec, TestOutcome
+from cosmic_ray.work_item import MutationSpec
 from coverage import CoverageData
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.covered_lines import ROOT, TESTS, Lines, TimedTest, lowest, modules
+from benchmarks.forked_tests import Trial, survivors
 
 COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
@@ -51,20 +55,23 @@ def run_once(tree: Path, files: list[str]) -> None:
         raise SystemExit("the tests fail without a mutant")
 
 
-def meets(mutant: MutationSpec, tests: list[TimedTest], patience: float) -> tuple[bool, str]:
-    """Whether a mutant is killed, and its difference."""
-    chosen, sum_of = [], 0.0
+def trial(mutant: MutationSpec, tests: list[TimedTest], patience: float) -> Trial:
+    """A mutant, and as many of its tests as are over in time."""
+    chosen, total = [], 0.0
     for test in tests:
-        sum_of += test.seconds
-        if chosen and sum_of > patience:
+        total += test.seconds
+        if chosen and total > patience:
             break
         chosen.append(test.name)
-    Path("tests.txt").write_text("\n".join(chosen))
-    command = f"{sys.executable} -m pytest -q -x --no-header -p no:cacheprovider"
-    # Of a line that no test goes through nothing has to be run to know that nothing notices.
-    command = f"{command} @tests.txt" if chosen else f"{sys.executable} --version"
-    result = mutate_and_test([mutant], command, 3.0 * min(sum_of, patience) + 30.0)
-    return result.test_outcome != TestOutcome.SURVIVED, result.diff or str(result.output)
+    operator = get_operator(mutant.operator_name)(**(mutant.operator_args or {}))
+    text = mutate_code(mutant.module_path.read_text(), operator, mutant.occurrence)
+    return Trial(mutant.module_path, text, chosen, 3.0 * min(total, patience) + 60.0)
+
+
+def difference(made: Trial) -> str:
+    """The mutated lines, as in a patch."""
+    texts = [each.splitlines() for each in (made.module.read_text(), made.text)]
+    return "\n".join(difflib.unified_diff(*texts, str(made.module), str(made.module), n=1, lineterm=""))
 
 
 def main() -> None:
@@ -73,6 +80,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, help="how many mutants are drawn; all by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=60.0, help="of tests that a mutant meets [s]")
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--tests", nargs="*", default=TESTS, help="files, without test_")
     given = parser.parse_args()
     paths = list(modules(given.paths))
@@ -83,21 +91,22 @@ def main() -> None:
             (shutil.copytree if source.is_dir() else shutil.copy2)(source, tree / name)
         os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
         os.chdir(tree)
+        sys.path.insert(0, str(tree))
         run_once(tree, [f"tests/test_{name}.py" for name in given.tests])
         data = CoverageData(str(tree / ".coverage"))
         data.read()
-        lines, made = Lines(tree, data.contexts_by_lineno), mutants(paths)
-        drawn = random.Random(given.seed).sample(made, min(given.sample or len(made), len(made)))
+        lines, every = Lines(tree, data.contexts_by_lineno), mutants(paths)
+        drawn = random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
-        for number, mutant in enumerate(drawn, 1):
-            tests = lines.through(mutant.module_path, mutant.start_pos[0])
-            killed, difference = meets(mutant, tests, given.patience)
-            done = score[mutant.module_path.parent.name]
-            done[0], done[1] = done[0] + killed, done[1] + 1
-            if not killed:
-                print(f"survives {len(tests)} tests, {mutant.operator_name}:\n{difference}\n", flush=True)
-            print(f"{number} of {len(drawn)}: {sum(each[0] for each in score.values())} killed", file=sys.stderr)
-    table = Table("package", "mutants drawn", "killed", "share", title=f"of {len(made)} mutants")
+        trials = [trial(each, lines.through(each.module_path, each.start_pos[0]), given.patience) for each in drawn]
+        for ended, (number, survived) in enumerate(survivors(trials, given.jobs), 1):
+            made = trials[number]
+            done = score[made.module.parent.name]
+            done[0], done[1] = done[0] + (not survived), done[1] + 1
+            if survived:
+                print(f"survives {len(made.tests)} tests:\n{difference(made)}\n", flush=True)
+            print(f"{ended} of {len(drawn)}: {sum(each[0] for each in score.values())} killed", file=sys.stderr)
+    table = Table("package", "mutants drawn", "killed", "share", title=f"of {len(every)} mutants")
     for name, (killed, count) in [*sorted(score.items()), ("all", [sum(x) for x in zip(*score.values(), strict=True)])]:
         table.add_row(name, str(count), str(killed), f"{100 * killed / count:.1f} %")
     Console().print(table)

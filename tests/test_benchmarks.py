@@ -1,6 +1,8 @@
 """The benchmark measures what it says and writes down what its first page promises; times are not judged here."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +49,28 @@ def test_a_mutant_meets_the_tests_of_its_statement_the_shortest_first(tmp_path):
     lines = Lines(tmp_path, lambda file: contexts)
     found = [[test.name for test in lines.through(Path("module.py"), line)] for line in (2, 4, 5, 6)]
     assert found == [[short, long], [long], [short, long], []]
+
+
+def test_a_mutant_is_loaded_from_its_text_and_a_module_beside_it_from_its_file(tmp_path):
+    """In a process of its own, for this one has the project loaded; a mutant without end runs out of time."""
+    (tmp_path / "one.py").write_text("import two\n\ndef f(n):\n    return n + two.g()\n")
+    (tmp_path / "two.py").write_text("def g():\n    return 1\n")
+    (tmp_path / "test_one.py").write_text("import one\n\ndef test_sum():\n    assert one.f(2) == 3\n")
+    trials = [("one", "import two\n\ndef f(n):\n    return n * two.g()\n"), ("one", "def f(n):\n    return 3\n"),
+              ("two", "def g():\n    return 2\n"), ("two", "def g():\n    while True: pass\n")]  # fmt: skip
+    (tmp_path / "run.py").write_text(
+        f"""
+import sys
+from pathlib import Path
+sys.path[:0] = [{str(ROOT)!r}, {str(tmp_path)!r}]
+from benchmarks import forked_tests
+forked_tests.LIBRARIES = ()
+trials = [forked_tests.Trial(Path(name + ".py"), text, ["test_one.py"], 2.0) for name, text in {trials!r}]
+print(sorted(forked_tests.survivors(trials, jobs=2)))
+"""
+    )
+    told = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert told.stdout.strip() == "[(0, False), (1, True), (2, False), (3, False)]", told.stderr
 
 
 def test_files_take_turns():
