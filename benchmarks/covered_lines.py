@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ast
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[1]
+_START = 0.1  # what any test takes besides itself [s]
 # Files that are about these packages; those of commands, browsers and readers take minutes and see little.
 TESTS = (
     "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
@@ -48,13 +49,23 @@ class Lines:
             self._seconds[f"{file}.py::{case.attrib['name']}"] = float(case.attrib["time"])
 
     def through(self, module: Path, line: int) -> list[TimedTest]:
-        """Tests of a line, one of each file, then another, the shortest first; of an import's all of its module."""
+        """Tests of a line, those first that are most likely to see what is wrong there; of an import's all of it.
+
+        By turns comes a test that goes through much of the module where few others do, for its time, and one of
+        another file, the shortest first.
+        """
         contexts = self._contexts(str(self._tree / module))
-        found = {each for number in statement(self._tree / module, line) for each in contexts.get(number, [])}
+        tests_of = {number: {name.rpartition("|")[0] for name in names} for number, names in contexts.items()}
+        found = {each for number in statement(self._tree / module, line) for each in tests_of.get(number, ())}
         if found == {""}:
-            found = {each for names in contexts.values() for each in names}
-        names = {each.rpartition("|")[0] for each in found if each}
-        return in_turn(sorted(TimedTest(self._seconds.get(name, 1.0), name) for name in names))
+            found = {each for names in tests_of.values() for each in names}
+        tests = sorted(TimedTest(self._seconds.get(name, 1.0), name) for name in found - {""})
+        seldom: defaultdict[str, float] = defaultdict(float)
+        for names in tests_of.values():
+            for name in names:
+                seldom[name] += 1.0 / len(names)
+        own = sorted(tests, key=lambda test: -seldom[test.name] / (test.seconds + _START))
+        return list(dict.fromkeys(each for pair in zip(own, in_turn(tests), strict=True) for each in pair))
 
 
 def in_turn(tests: list[TimedTest]) -> list[TimedTest]:

@@ -73,6 +73,20 @@ print(sorted(forked_tests.survivors(trials, jobs=2)))
     assert told.stdout.strip() == "[(0, False), (1, True), (2, False), (3, False)]", told.stderr
 
 
+def test_tests_of_what_others_pass_over_come_first(tmp_path):
+    """One that goes through lines of its own sees more of its module than one that runs it in passing."""
+    (tmp_path / "module.py").write_text("a = 1\nb = 2\n")
+    names = ["tests/test_x.py::test_a", "tests/test_x.py::test_b", "tests/test_y.py::test_own"]
+    (tmp_path / "tests.xml").write_text(
+        '<testsuite><testcase classname="tests.test_x" name="test_a" time="0.1"/>'
+        '<testcase classname="tests.test_x" name="test_b" time="0.2"/>'
+        '<testcase classname="tests.test_y" name="test_own" time="0.3"/></testsuite>'
+    )
+    contexts = {1: [f"{name}|run" for name in names], 2: [f"{names[2]}|run"]}
+    lines = Lines(tmp_path, lambda file: contexts)
+    assert [test.name for test in lines.through(Path("module.py"), 1)] == [names[2], names[0], names[1]]
+
+
 def test_files_take_turns():
     """Beside the shortest tests of one file the others would never be met in time."""
     tests = [
