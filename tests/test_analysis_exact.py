@@ -5,7 +5,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.model.rows import Rows
 from systems import sleigh
+from test_analysis_pinned import WHEEL, cart_robot
 from test_singular_pinned import sliders
 
 # ---------------------------------------------------------------------- derivatives
@@ -116,3 +118,66 @@ def test_what_is_in_closed_form_has_no_error():
     for v2 in ([0.0, 0.0], [0.6, -1.3]):
         found = state_derivatives(reduced, reduced.robot.configuration(), np.array(v2), np.array([3.0, -2.0]))
         assert found.difference_error == 0.0
+
+
+# ---------------------------------------------------------------------- grip
+
+
+class TwoCasters(Rows):
+    """A bar with a caster at both ends, as a constraint of a user's own: two rows that carry."""
+
+    holonomic = (True, True)
+    on_ground = True
+    units = ("m/s", "m/s")
+
+    def bind(self, robot):
+        self.parts = [rnc.Caster(name, WHEEL).bind(robot) for name in ("nose", "tail")]
+        self.names = ("front", "back")
+        self.joints = tuple({joint for part in self.parts for joint in part.joints})
+        return self
+
+    def jacobian(self, at):
+        return np.concatenate([part.jacobian(at) for part in self.parts], axis=-2)
+
+    def jacobian_dot(self, at):
+        return np.concatenate([part.jacobian_dot(at) for part in self.parts], axis=-2)
+
+    def drift(self, at):
+        return np.concatenate([part.drift(at) for part in self.parts], axis=-1)
+
+    def residual(self, at):
+        return np.concatenate([part.residual(at) for part in self.parts], axis=-1)
+
+    def lines_of_action(self, at):
+        both = [part.lines_of_action(at) for part in self.parts]
+        return tuple(np.concatenate(each, axis=-2) for each in zip(*both, strict=True))
+
+
+class Wheel:
+    """A wheel under a name of a user's own, which says of no frame that it is its."""
+
+    def bind(self, robot):
+        return rnc.RollingWheel("b", WHEEL).bind(robot)
+
+
+def test_a_bar_of_two_casters_carries_as_two_do():
+    robot = cart_robot()
+    wheel = rnc.RollingWheel("a", WHEEL)
+    apart = [wheel, rnc.Caster("nose", WHEEL), rnc.Caster("tail", WHEEL)]
+    q = robot.configuration({"root_joint": (0.3, -0.2, 1.1), "mast": 0.8})
+    loads = []
+    for rows in (apart, [wheel, TwoCasters()]):
+        reduced = rnc.NonholonomicSystem(robot, rows).reduce()
+        loads.append(rnc.Grip(reduced, 0.5).loads(q, np.zeros(reduced.r), np.zeros(0)))
+    assert loads[0] > 1.0
+    np.testing.assert_allclose(loads[1], loads[0], rtol=1e-12)
+
+
+def test_a_wheel_without_a_frame_has_the_name_of_its_first_row():
+    reduced = rnc.NonholonomicSystem(cart_robot(), [rnc.Caster("nose", WHEEL), Wheel()]).reduce()
+    assert rnc.Grip(reduced, 0.5).names == ("rolling(b)",)
+
+
+def test_no_ground_grips_without_end():
+    with pytest.raises(rnc.ConfigurationError, match="friction of the ground has to be positive, found inf"):
+        rnc.Grip(sleigh(), float("inf"))

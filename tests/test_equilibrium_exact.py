@@ -1,5 +1,7 @@
 """Equilibria at their limits: what counts as rest, how far steps go, and when the search ends."""
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -40,7 +42,7 @@ def test_one_part_in_ten_to_the_nine_is_accepted_where_nothing_can_move():
     reduced, v2 = sideways_pendulum(), [SPEED]
     near, far = (np.array([share * angle_of(1e-9 * SIZE)]) for share in (0.97, 1.03))
     np.testing.assert_array_equal(rnc.equilibrium(reduced, near, ["hinge_0"], v2).q, near)
-    with pytest.raises(rnc.ConstraintError, match="at best the rate of 'hinge_0' changes by -1.64e-09 a second$"):
+    with pytest.raises(rnc.ConstraintError, match=r"rate of 'hinge_0' changes by -1\.64e-09 a second$"):
         rnc.equilibrium(reduced, far, ["hinge_0"], v2)
 
 
@@ -157,7 +159,7 @@ def test_every_step_leads_nearer_and_is_as_long_as_it_may(way, guess):
     end = search.any_near()
     points = [*way["points"], (end, None)]
     shorter = 0
-    for (here, step), (after, _) in zip(points[:-1], points[1:], strict=True):
+    for (here, step), (after, _) in pairwise(points):
         assert after.left < here.left
         step = step * min(1.0, 0.3 / np.abs(step).max())
         while search._at(here.q + step).left >= here.left:
