@@ -152,13 +152,8 @@ def test_a_derivative_is_of_eighth_order():
 
     found = _derivative(model, powers, points, directions, step)
     missing = -576 * step**8
-    expected = [
-        [2.0 * missing, 0.0],
-        [0.0, 0.0],
-        [-0.5 * 0.6**9 * missing, 0.5 * 0.8**9 * missing],
-        [0.0, -3.0 * missing],
-    ]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    expected = [[2.0, 0.0], [0.0, 0.0], [-0.5 * 0.6**9, 0.5 * 0.8**9], [0.0, -3.0]]
+    np.testing.assert_allclose(found, missing * np.array(expected), atol=1e-12)
 
 
 def test_fields_are_asked_for_few_configurations_at_a_time():
@@ -184,7 +179,7 @@ def test_a_direction_has_to_be_there_with_both_steps(share, found):
 
     def field(points, step):
         angle = share * apart * (0.01 - step) / 0.003
-        return np.array([[0.0, 3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0]])
+        return np.array([[-4.0, 3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0]])
 
     direction = _found_twice(basis, field, q)
     if found:
@@ -252,6 +247,14 @@ def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):
     found = grow(reduced, np.zeros(5))
     assert found.vector == expected
     np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(expected[-1]), atol=1e-12)
+
+
+def test_what_hardly_leads_out_is_square_to_the_rest():
+    """Under ``x2' = 50000 x0' + 9 x0 x1'`` the bracket, along x2, is next to a generator."""
+    reduced = contact(lambda q: [[5e4, 9.0 * q[0]]], lambda q, v: [[0.0, 9.0 * v[0]]])
+    found = grow(reduced, np.array([0.2, -0.3, 0.1]))
+    assert found.vector == (2, 3)
+    np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(3), atol=1e-14)
 
 
 def test_what_varies_fast_still_grows():
