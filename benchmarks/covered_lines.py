@@ -18,10 +18,11 @@ TESTS = (
     "equilibrium_exact", "evaluation", "feedback_pinned", "grip", "growth_exact", "integrability_exact", "integration",
     "kinds_of_classes", "lemma_1", "linear_pinned", "linearization", "loops", "mimic", "model_pinned",
     "noise_and_delay", "orientation", "plain_loop", "planning_pinned", "position_tracker", "printing",
-    "reference_data", "references", "regular_everywhere", "report_pinned", "rolling", "rounded_rows", "rows_pinned",
-    "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned", "slithering", "state_feedback",
-    "steering", "strange_joints", "strange_rows", "systems", "tilt_and_spin", "two_phase", "uncertain_classes",
-    "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
+    "reference_data", "references", "regular_everywhere", "regulator_exact", "report_pinned", "rolling",
+    "rounded_rows", "rows_pinned", "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned",
+    "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems", "tilt_and_spin",
+    "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined",
+    "windup",
 )  # fmt: skip
 
 
