@@ -46,7 +46,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     A, B = linear.A, linear.B
     Q = _cost(state_cost, linear.state_names, "state_cost")
     R = _cost(input_cost, linear.input_names, "input_cost")
-    if np.linalg.eigvalsh(Q).min(initial=0.0) < -1e-12 * np.abs(Q).max(initial=0.0):
+    if np.linalg.eigvalsh(Q).min() < -1e-12 * np.abs(Q).max():
         raise ConfigurationError("state_cost: no weight may be negative")
     if not len(R):
         raise ConstraintError("a system without actuators has nothing to feed back to")
@@ -77,7 +77,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     except np.linalg.LinAlgError as error:
         raise ConstraintError(f"no regulator was found: {error}") from None
     K: Array = np.linalg.solve(R, B.T @ P)
-    slowest = float(np.linalg.eigvals(A - B @ K).real.max(initial=-np.inf))
+    slowest = float(np.linalg.eigvals(A - B @ K).real.max())
     if not slowest < 0:
         raise ConstraintError(f"no regulator was found: with the best gain a mode still grows at {slowest:.3g}/s")
     return unit[:, None] * K
