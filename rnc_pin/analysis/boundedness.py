@@ -79,8 +79,7 @@ def _sizes(reduced: ReducedModel, configurations: np.ndarray) -> tuple[np.ndarra
     """Of H, V and G at configurations (count, nq), (count,) each."""
     rest = np.zeros(reduced.r)
     still = reduced.at(configurations, rest)
-    resting = still.V if reduced.affine else 0.0
-    moved = [reduced.at(configurations, unit).V - resting for unit in np.eye(reduced.r)]
+    moved = [reduced.at(configurations, unit).V - still.V for unit in np.eye(reduced.r)]
     largest = np.max([np.linalg.norm(each, 2, axis=(-2, -1)) for each in moved], axis=0)
     return np.linalg.norm(still.H, 2, axis=(-2, -1)), largest, np.linalg.norm(still.G, axis=-1)
 

@@ -61,8 +61,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     E_q = rows.jacobian_dot(along)  # (nv, nv, nv), the first index that of the direction
     B_q, B_error = _actuation_gradient(reduced, along, q)
     mu_q = np.zeros((n, n))
-    if reduced.affine:
-        mu_q[:m] = reduced.constraints.rate_dot(along).T
+    mu_q[:m] = reduced.constraints.rate_dot(along).T
     Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
     E_dot = np.einsum("jab,j->ab", E_q, v)
     w = state.v_dot(v2_dot)
@@ -90,7 +89,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
         v2_dot_q=H_inverse_Rt @ a_q,
         v2_dot_v2=H_inverse_Rt @ (a_v @ R),
         v2_dot_T=H_inverse_Rt @ B,
-        difference_error=max(B_error * float(np.abs(T).max(initial=0.0)), drift_error),
+        difference_error=B_error * float(np.abs(T).sum()) + drift_error,
     )
 
 

@@ -78,7 +78,7 @@ def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v
     v2 = np.zeros(reduced.r) if v2 is None else vector(v2, reduced.r, "v2")
     q = np.asarray(guess, float)
     _ = reduced.at(q)  # refuses what is no configuration
-    if q.ndim != 1:
+    if q.ndim > 1:
         raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
     free = np.ones(reduced.n, dtype=bool)
     for joint in hold:
@@ -87,7 +87,7 @@ def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v
     found = search.back_towards_the_guess(search.any_near())
     state = reduced.at(found.q, v2)
     left = state.inverse_dynamics(np.zeros(reduced.r)) - state.input_matrix @ found.T
-    return Equilibrium(found.q, found.T, float(np.abs(left).max(initial=0.0)))
+    return Equilibrium(found.q, found.T, float(np.abs(left).max()))
 
 
 class _Point(NamedTuple):
@@ -121,28 +121,32 @@ class _Search:
         """An equilibrium, by steps that are as small as can be."""
         here = self._at(self._guess)
         for _ in range(_STEPS):
-            if np.abs(here.v2_dot).max() <= _STILL * self._size and np.abs(here.gap).max(initial=0.0) <= _GOOD:
-                break
-            step = self._limited(self._newton(here)[0])
-            for _ in range(_HALVINGS):
-                ahead = self._at(pin.integrate(self._model, here.q, step))
-                if ahead.left < here.left:
-                    break
-                step = 0.5 * step
-            else:
+            if self._rests(here, _STILL):
+                return here
+            ahead = self._ahead(here)
+            if ahead is None:
                 break
             here = ahead
-        if not self._rests(here):
-            worst = int(np.argmax(np.abs(here.v2_dot)))
-            gap = float(np.abs(here.gap).max(initial=0.0))
-            apart = (
-                f", and {self._reduced.assembly.worst(here.q)[0]} is left {gap:.3g} from zero" if gap > _GOOD else ""
-            )
-            raise ConstraintError(
-                f"no equilibrium found near the guess: at best the rate of '{here.names[worst]}' changes by "
-                f"{here.v2_dot[worst]:.3g} a second{apart}"
-            )
-        return here
+        if self._rests(here):
+            return here
+        worst, apart = int(np.argmax(np.abs(here.v2_dot))), ""
+        if (np.abs(here.gap) > _GOOD).any():
+            row, gap = self._reduced.assembly.worst(here.q)
+            apart = f", and {row} is left {abs(gap):.3g} from zero"
+        raise ConstraintError(
+            f"no equilibrium found near the guess: at best the rate of '{here.names[worst]}' changes by "
+            f"{here.v2_dot[worst]:.3g} a second{apart}"
+        )
+
+    def _ahead(self, here: _Point) -> _Point | None:
+        """Where Newton's step leads, halved until that is nearer to an equilibrium; None if it never is."""
+        step = self._limited(self._newton(here)[0])
+        for _ in range(_HALVINGS):
+            ahead = self._at(pin.integrate(self._model, here.q, step))
+            if ahead.left < here.left:
+                return ahead
+            step = 0.5 * step
+        return None
 
     def back_towards_the_guess(self, found: _Point) -> _Point:
         """Of equilibria in one piece with one, that nearest to the guess; itself where the way there is not clear."""
@@ -151,7 +155,7 @@ class _Search:
             newton, null_space = self._newton(here)
             away = pin.difference(self._model, self._guess, here.q)
             step = self._limited(newton - null_space @ (null_space.T @ away))
-            if np.abs(step).max(initial=0.0) <= _STILL:
+            if np.abs(step).max() <= _STILL:
                 break
             here = self._at(pin.integrate(self._model, here.q, step))
         return here if self._rests(here) and self._distance(here) < self._distance(found) else found
@@ -159,19 +163,19 @@ class _Search:
     def _distance(self, point: _Point) -> float:
         return float(np.linalg.norm(pin.difference(self._model, self._guess, point.q)))
 
-    def _rests(self, point: _Point) -> bool:
-        return bool(np.abs(point.v2_dot).max() <= _GOOD * self._size and np.abs(point.gap).max(initial=0.0) <= _GOOD)
+    def _rests(self, point: _Point, still: float = _GOOD) -> bool:
+        return bool((np.abs(point.v2_dot) <= still * self._size).all() and (np.abs(point.gap) <= _GOOD).all())
 
     def _limited(self, step: Array) -> Array:
-        return step * min(1.0, _LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        return step / max(1.0, float(np.abs(step).max()) / _LONGEST)
 
     def _at(self, q: Array) -> _Point:
         reduced = self._reduced.settled_at(q)
         assembly = reduced.assembly
         state = reduced.at(q, self._v2)
-        scale = 1.0 / np.sqrt(np.diag(state.H))[:, None]
-        influence = scale * state.input_matrix
-        needed = scale[:, 0] * state.inverse_dynamics(np.zeros(reduced.r))
+        scale = 1.0 / np.sqrt(np.diag(state.H))
+        influence = scale[:, None] * state.input_matrix
+        needed = scale * state.inverse_dynamics(np.zeros(reduced.r))
         T = np.linalg.pinv(influence, rcond=_UNACTUATED) @ needed
         gap = assembly.residual(q)[assembly.leading]
         return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, reduced.reducing.names)
@@ -185,7 +189,7 @@ class _Search:
         along = reduced.at(np.tile(here.q, (n, 1)), v=np.eye(n))
         R, R_dot, M = along.R, along.R_dot, along.M
         H_q = R_dot.mT @ M @ R + R.mT @ M @ R_dot + R.mT @ (along.C + along.C.mT) @ R
-        H = along.H[0]
+        H = reduced.inertia(here.q)
         scale = 1.0 / np.sqrt(np.diag(H))[:, None]
         force_q = scale * (H @ derivatives.v2_dot_q + (H_q @ here.v2_dot).T)
         # Inputs take up what they can; the rest, and the holonomic rows, are for q.

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics, over_states
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 
@@ -63,13 +63,14 @@ class Grip:
         self._reduced, self.friction = reduced, friction
         q = reduced.robot.configuration()
         self._kinematics, self._data = Kinematics(reduced.robot), reduced.robot.model.createData()
-        points = reduced.all_constraints.lines_of_action(self._kinematics.position(q))[0]
-        acting = np.isfinite(points).all(axis=-1)
-        self._contacts = [each for place in reduced.all_constraints.places for each in _contacts(place, acting)]
+        points, _ = reduced.all_constraints.lines_of_action(self._kinematics.position(q))
+        acting = np.isfinite(points).all(axis=1)
+        found = [(place, _contact(place, acting)) for place in reduced.all_constraints.places]
+        self._contacts = [contact for _, contact in found if contact is not None]
         self._carrying = [
             place.where.start + row
-            for place in reduced.all_constraints.places
-            if place.block.on_ground and not any(each.along[0] in range(*_span(place)) for each in self._contacts)
+            for place, contact in found
+            if contact is None and place.block.on_ground
             for row in range(len(place.block.names))
         ]
         self.names = tuple(each.name for each in self._contacts)
@@ -108,8 +109,7 @@ class Grip:
 
     def _upwards(self, q: Array, multipliers: Array) -> Array:
         rows = self._reduced.at(q).all_rows
-        flat = q.reshape(-1, q.shape[-1])
-        loads = np.array([self._static(each) for each in flat]).reshape(*q.shape[:-1], len(self.names))
+        loads = over_states(self._static, (len(self.names),), q)
         for place, contact in enumerate(self._contacts):
             if contact.up is not None and np.abs(rows[..., contact.up, :]).max() > _SMALL:
                 loads[..., place] = np.maximum(-multipliers[..., contact.up], 0.0)
@@ -145,7 +145,7 @@ class Grip:
     def _static(self, q: Array) -> Float[Array, " w"]:
         """Loads at rest."""
         robot = self._reduced.robot
-        points = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))[0]
+        points, _ = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
         supports = [*(each.along[0] for each in self._contacts), *self._carrying]
         center = np.asarray(pin.centerOfMass(robot.model, self._data, q))[:2]
         weight = -pin.computeTotalMass(robot.model) * float(robot.model.gravity.linear[2])
@@ -159,17 +159,13 @@ class Grip:
         return loads
 
 
-def _span(place: Place) -> tuple[int, int]:
-    return place.where.start, place.where.stop
-
-
-def _contacts(place: Place, acting: Array) -> list[_Contact]:
+def _contact(place: Place, acting: Array) -> _Contact | None:
     """What grips of a block's rows."""
     block, start = place.block, place.where.start
     holonomic = block.holonomic or (False,) * len(block.names)
     along = [start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row]]
     if not along:
-        return []
+        return None
     up = next((start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground), None)
     name = getattr(block.kind, "frame", None)
-    return [_Contact(name if isinstance(name, str) else block.names[along[0] - start], along, up)]
+    return _Contact(name if isinstance(name, str) else block.names[along[0] - start], along, up)

@@ -165,8 +165,8 @@ def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray,
 
 def _derivative(model: pin.Model, field: Field, points: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
     """Rates (k, nv) of a field at configurations (k, nq) that move along x (k, nv)."""
-    length = np.linalg.norm(x, axis=-1, keepdims=True)
-    along = x * (step / np.where(length > 0, length, 1.0))
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    along = x * (step / np.maximum(length, 1e-300))
     moved = [pin.integrate(model, q, k * dq) for k, _ in _STENCIL for q, dq in zip(points, along, strict=True)]
     around = field(np.stack(moved), step).reshape(len(_STENCIL), *x.shape)
     total = np.tensordot([weight for _, weight in _STENCIL], around, axes=1)
@@ -175,11 +175,11 @@ def _derivative(model: pin.Model, field: Field, points: np.ndarray, x: np.ndarra
 
 def _found_twice(basis: np.ndarray, field: Field, q: np.ndarray) -> np.ndarray | None:
     """The unit vector by which a field leads out of a basis at q (nq,), if differences of two steps say so."""
-    first = _rest(basis, field(q[None], _STEP)[0])
+    first = _rest(basis, *field(q[None], _STEP))
     size = float(np.linalg.norm(first))
     if size < _TOLERANCE:
         return None
-    second = _rest(basis, field(q[None], _OTHER * _STEP)[0])
+    second = _rest(basis, *field(q[None], _OTHER * _STEP))
     return first / size if np.linalg.norm(first - second) < _AGREE * size else None
 
 

@@ -33,8 +33,6 @@ class Combination:
     constant: bool
 
     def __str__(self) -> str:
-        if len(self.coefficients) == 1:
-            return next(iter(self.coefficients))
         if not self.constant:
             return f"a combination of {', '.join(self.coefficients)} whose coefficients vary"
         text = ""
@@ -81,15 +79,16 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
         growth_vector=generic,
         integrable=tuple(name for name, each in zip(names, flat, strict=True) if each),
         nonholonomic=tuple(name for name, each in zip(names, flat, strict=True) if not each),
-        combinations=_combinations(rows, [growth for growth, _ in growths], np.argsort(leftover), names),
+        combinations=_combinations(
+            rows, [growth for growth, _ in growths], np.argsort(leftover), names, reduced.n - generic[-1]
+        ),
     )
 
 
 def _combinations(
-    rows: Sequence[np.ndarray], growths: Sequence[Growth], order: np.ndarray, names: Sequence[str]
+    rows: Sequence[np.ndarray], growths: Sequence[Growth], order: np.ndarray, names: Sequence[str], count: int
 ) -> tuple[Combination, ...]:
-    """A sparse basis of the combinations c with ``c^T A`` zero on the closure; single rows come first."""
-    count = rows[0].shape[1] - growths[0].closure.shape[1]
+    """A sparse basis of the ``count`` combinations c with ``c^T A`` zero on the closure; single rows come first."""
     if not count:
         return ()
     spaces = []
@@ -102,10 +101,11 @@ def _combinations(
     result = []
     for k in range(count):
         taking_part = np.flatnonzero(reduced[:, :, k].any(axis=0))
-        first = reduced[:, taking_part[:1], k]
-        scaled = reduced[:, taking_part, k] / np.where(first == 0, 1.0, first)
-        constant = bool(np.ptp(scaled, axis=0).max() < _TOLERANCE * np.abs(scaled).max())
-        coefficients = {names[int(row)]: float(value) for row, value in zip(taking_part, scaled[0], strict=True)}
+        parts = reduced[:, taking_part, k]
+        here = parts[np.argmax(np.abs(parts[:, 0]))]
+        scaled = here / here[0]
+        constant = bool(np.abs(parts - parts[:, :1] * scaled).max() < _TOLERANCE * np.abs(parts).max())
+        coefficients = {names[int(row)]: float(value) for row, value in zip(taking_part, scaled, strict=True)}
         result.append(Combination(coefficients, constant))
     return tuple(result)
 

@@ -31,7 +31,7 @@ def lemma_1_residuals(
     H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
     V = terms.V
     # Affine in v2, and not linear, where constraints are.
-    resting = reduced.terms(configurations, 0 * v2).V if reduced.affine else 0.0
+    resting = reduced.terms(configurations, 0 * v2).V
     doubled = reduced.terms(configurations, 2 * v2).V
     eigenvalues = np.linalg.eigvalsh(terms.H)
     size = np.abs(terms.H).max(axis=(1, 2)) * speeds[:, 0] + np.abs(V).max(axis=(1, 2))

@@ -102,7 +102,7 @@ def linearize(
         rates: names of the reducing outputs whose rates are states; all of them by default.
 
     Raises:
-        InputError: shapes do not fit.
+        InputError: shapes do not fit, or no coordinate and no rate is left.
         ConstraintError: no equilibrium and no steady motion under these inputs; or the coordinates move, depend on
             each other, or leave out something that matters.
         ModelError: an unknown name.
@@ -127,6 +127,8 @@ def linearize(
     A, B = _whole(reduced, derivatives)
     read = _Coordinates(reduced, coordinates)
     kept = _kept_rates(reduced, rates)
+    if not (read.names or kept):
+        raise InputError("coordinates and rates are both empty: nothing is left to be the state")
     if coordinates is not None or len(kept) < reduced.r:
         A, B = _restricted(reduced, read, kept, derivatives.v, q, A, B)
     outputs = reduced.reducing

@@ -46,16 +46,16 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     A, B = linear.A, linear.B
     Q = _cost(state_cost, linear.state_names, "state_cost")
     R = _cost(input_cost, linear.input_names, "input_cost")
-    if np.linalg.eigvalsh(Q).min(initial=0.0) < -1e-12 * np.abs(Q).max(initial=0.0):
+    if np.linalg.eigvalsh(Q).min() < -1e-12 * np.abs(Q).max():
         raise ConfigurationError("state_cost: no weight may be negative")
-    if len(R) and not np.linalg.eigvalsh(R).min() > 0:
-        raise ConfigurationError("input_cost: every input has to weigh something")
     if not len(R):
         raise ConstraintError("a system without actuators has nothing to feed back to")
+    if not np.linalg.eigvalsh(R).min() > 0:
+        raise ConfigurationError("input_cost: every input has to weigh something")
     # Each input in a unit of its own, of which one weighs 1: what units they come in must not matter.
     unit = 1.0 / np.sqrt(np.diag(R))
     B, R = B * unit, unit[:, None] * R * unit
-    size = max(1.0, float(np.abs(A).max(initial=0.0)))
+    size = float(np.abs(A).max(initial=1.0))
     for value in np.linalg.eigvals(A):
         if value.real < -_SLOW * size:
             continue
@@ -77,7 +77,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     except np.linalg.LinAlgError as error:
         raise ConstraintError(f"no regulator was found: {error}") from None
     K: Array = np.linalg.solve(R, B.T @ P)
-    slowest = float(np.linalg.eigvals(A - B @ K).real.max(initial=-np.inf))
+    slowest = float(np.linalg.eigvals(A - B @ K).real.max())
     if not slowest < 0:
         raise ConstraintError(f"no regulator was found: with the best gain a mode still grows at {slowest:.3g}/s")
     return unit[:, None] * K
@@ -99,7 +99,7 @@ def _cost(given: Cost, names: Sequence[str], what: str) -> Array:
         weights = np.asarray(given, float)
     except (TypeError, ValueError):
         raise ConfigurationError(f"{what}: expected numbers, found {given!r}") from None
-    if weights.ndim < 2 and weights.shape in ((), (size,)):
+    if weights.shape in ((), (size,)):
         weights = np.diag(np.broadcast_to(weights, size))
     if weights.shape != (size, size) or not np.isfinite(weights).all() or not np.allclose(weights, weights.T):
         raise ConfigurationError(

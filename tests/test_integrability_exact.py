@@ -1,0 +1,143 @@
+"""Integrable rows and combinations of them, of systems written down, from both sides of every limit."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis import integrability
+from rnc_pin.analysis.growth import Growth
+from rnc_pin.analysis.integrability import Combination, _pivots
+from test_singular_pinned import sliders
+
+
+def contact_rows(*parts):
+    """Rows ``(b + slope x) beta + w dw`` in (x, y, z, w) with a contact form beta, by (b, slope, w).
+
+    Beta is the differential of nothing, each dw is one.
+    """
+    count = len(parts[0][2])
+
+    def beta(q):
+        return np.array([-q[1], q[0], 1.0, *[0.0] * count])
+
+    def beta_dot(v):
+        return np.array([-v[1], v[0], 0.0, *[0.0] * count])
+
+    def rows(q):
+        return np.stack([(b + slope * q[0]) * beta(q) + np.array([0.0, 0.0, 0.0, *w]) for b, slope, w in parts])
+
+    def rows_dot(q, v):
+        return np.stack([(b + slope * q[0]) * beta_dot(v) + slope * v[0] * beta(q) for b, slope, _ in parts])
+
+    names = [f"a{k}" for k in range(1, len(parts) + 1)]
+    system = rnc.NonholonomicSystem(sliders(3 + count), [rnc.Pfaffian(rows, rows_dot, names)])
+    return system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+
+
+def places(*x, size):
+    found = np.random.default_rng(0).normal(size=(len(x), size))
+    found[:, 0] = x
+    return found
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "words"),
+    [
+        ({"a": 1.0}, "a"),
+        ({"a": 1.0, "b": 0.4, "c": -1.0}, "a + 0.4 b - c"),
+        ({"a": 1.0, "b": -0.12345678, "c": 1.0}, "a - 0.1235 b + c"),
+        ({"a": 1.0, "b": -1 + 0.97e-5, "c": 1 + 1.03e-5}, "a - b + 1 c"),
+    ],
+)
+def test_combinations_are_written_like_sums(coefficients, words):
+    assert str(Combination(coefficients, True)) == words
+
+
+def test_of_many_combinations_each_takes_the_fewest_rows():
+    """The rows that lead out least stand alone as far as they can: ``dw1`` and ``dw2`` need the third row each."""
+    reduced = contact_rows((1.0, 0.0, [1.0, 0.0]), (-3.0, 0.0, [0.0, 2.0]), (2.0, 0.0, [0.0, 0.0]))
+    for configurations in (places(0.3, size=5), places(0.3, -0.8, 1.1, size=5)):
+        found = integrability(reduced, configurations)
+        assert found.growth_vector == (2, 3)
+        assert (found.integrable, found.nonholonomic) == ((), ("a1", "a2", "a3"))
+        assert {str(each) for each in found.combinations} == {"a1 - 0.5 a3", "a2 + 1.5 a3"}
+        assert all(each.constant for each in found.combinations)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_row_is_integrable_to_a_part_in_a_hundred_thousand(share):
+    """``a1 = dw + 1e-5 beta``, of unit length."""
+    weak = share * 1e-5
+    reduced = contact_rows((7 * weak / np.sqrt(1.09), 0.0, [7.0]), (-2.0, 0.0, [0.0]))
+    found = integrability(reduced, np.array([[0.3, 0.0, 0.5, -0.2]]))  # beta has the length of sqrt(1.09) here
+    expected = (("a1",), ("a2",)) if share < 1 else ((), ("a1", "a2"))
+    assert (found.integrable, found.nonholonomic) == expected
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_coefficients_below_a_part_in_a_hundred_thousand_are_none(share):
+    reduced = contact_rows((4 * share * 1e-5, 0.0, [3.0]), (4.0, 0.0, [0.0]))
+    (combination,) = integrability(reduced, places(0.3, -0.4, size=4)).combinations
+    assert set(combination.coefficients) == ({"a1"} if share < 1 else {"a1", "a2"})
+
+
+@pytest.mark.parametrize(("share", "constant"), [(0.95, True), (1.05, False)])
+@pytest.mark.parametrize("size", [0.5, 20.0])
+def test_coefficients_are_constant_to_a_part_in_a_hundred_thousand(size, share, constant):
+    """``a1 - size (1 + small x) a2`` is dw, at x = 0 and x = 1."""
+    reduced = contact_rows((size, size * share * 1e-5 * max(1.0, 1.0 / size), [1.0]), (1.0, 0.0, [0.0]))
+    found = integrability(reduced, places(0.0, 1.0, 0.5, size=4))
+    (combination,) = found.combinations
+    assert combination.constant == constant
+    assert combination.coefficients == pytest.approx({"a1": 1.0, "a2": -size}, rel=1e-4)
+
+
+@pytest.mark.parametrize("x", [(0.0, 0.6, -1.5), (0.6, 0.0, -1.5), (-1.5, 0.6, 0.0)])
+def test_a_coefficient_that_vanishes_somewhere_is_no_unit(x):
+    """``x a1 - a2`` is dw: at x = 0 a2 alone. What is told is of where the first row takes part most."""
+    reduced = contact_rows((1.0, 0.0, [0.0]), (0.0, 1.0, [-1.0]))
+    (combination,) = integrability(reduced, places(*x, size=4)).combinations
+    assert not combination.constant
+    assert combination.coefficients == pytest.approx({"a1": 1.0, "a2": 1 / 1.5})
+    assert str(combination) == "a combination of a1, a2 whose coefficients vary"
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_places_where_brackets_are_fewer_than_elsewhere_do_not_count(count):
+    """``dz = x^2 dy``: on x = 0 the bracket vanishes, so that there nothing seems to lead out."""
+    row = rnc.Pfaffian(
+        lambda q: np.array([[0.0, -(q[0] ** 2), 1.0]]), lambda q, v: np.array([[0.0, -2 * q[0] * v[0], 0.0]]), ["row"]
+    )
+    reduced = rnc.NonholonomicSystem(sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    for where in range(count):
+        x = np.full(count, 0.7)
+        x[where] = 0.0
+        found = integrability(reduced, places(*x, size=3))
+        assert (found.growth_vector, found.nonholonomic, found.combinations) == ((2, 3), ("row",), ())
+    found = integrability(reduced, places(0.0, size=3))
+    assert (found.growth_vector, found.integrable) == ((2,), ("row",))
+    assert [str(each) for each in found.combinations] == ["row"]
+
+
+def test_the_largest_growth_is_that_which_ends_highest(monkeypatch):
+    """Not that which starts faster."""
+    whole, less = Growth((3, 4, 6), np.eye(6)), Growth((3, 5), np.eye(6)[:, :5])
+    monkeypatch.setattr(
+        sys.modules["rnc_pin.analysis.integrability"], "grow", lambda reduced, q: less if q[0] > 0 else whole
+    )
+    row = np.eye(6)[:3]
+    system = rnc.NonholonomicSystem(sliders(6), [rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row)])
+    reduced = system.reduce([rnc.JointPosition(f"s{k}") for k in (3, 4, 5)])
+    for x in ((1.0, -1.0), (-1.0, 1.0)):
+        assert integrability(reduced, places(*x, size=6)).growth_vector == (3, 4, 6)
+
+
+@pytest.mark.parametrize(("share", "chosen"), [(0.97, [0, 2]), (1.03, [0, 1])])
+def test_rows_next_to_each_other_are_no_pair(share, chosen):
+    """Two unit vectors at an angle have the smaller singular value ``sqrt(2) sin(angle / 2)``."""
+    angle = 2 * np.arcsin(share * 1e-3 / np.sqrt(2))
+    space = np.array([[3.0, 0.0], [5 * np.cos(angle), 5 * np.sin(angle)], [0.0, 0.2], [1.0, 1.0]])
+    assert _pivots(space, np.arange(4), 2) == chosen
+    assert _pivots(space, np.array([3, 1, 0, 2]), 2) == [3, 1]
