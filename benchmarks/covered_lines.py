@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 # Files that are about these packages; those of commands, browsers and readers take minutes and see little.
 TESTS = (
     "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
-    "control_loop", "control_pinned", "controller_settings", "core_refusals", "equilibrium", "evaluation", "evaluation_exact",
+    "control_loop", "control_pinned", "controller_settings", "core_refusals", "dependence_exact", "equilibrium", "evaluation", "evaluation_exact",
     "feedback_pinned", "grip", "integration", "kinds_of_classes", "lemma_1", "linear_pinned", "linearization",
     "loops", "mimic", "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_pinned",
     "position_tracker", "printing", "reference_data", "references", "regular_everywhere", "report_pinned",

@@ -99,8 +99,7 @@ class Evaluation:
     @once
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        parts = self._parts
-        return parts.actuation.matrix(self.position) if parts.B is None or self.q.ndim > 1 else parts.B
+        return self._parts.actuation.matrix(self.position)
 
     @once
     def all_rows(self) -> Float[Array, "*batch k nv"]:
