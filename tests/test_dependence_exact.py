@@ -200,6 +200,7 @@ def held(rows, T, lengths, masses=(2.0, 3.0, 5.0), count=None):
     state = Evaluation(parts, np.zeros((*shape, 3)), np.ones((*shape, 1)))
     T = np.broadcast_to(T, (*shape, 3))
     np.testing.assert_allclose(state.v2_dot(T), T[..., 2:] / 5.0, rtol=1e-6)
+    np.testing.assert_allclose(state.flow(T).power, T[..., 2], rtol=1e-6)
     return state.contact_forces(T), state.multipliers(T)
 
 
@@ -245,6 +246,14 @@ def test_inputs_are_the_smallest_that_give_the_forces(count):
         with pytest.raises(rnc.ConstraintError, match=words):
             pushed(columns, count).allocate(F)
     assert np.isfinite(pushed([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0 + 5e-10]], count).allocate(F)).all()
+    for columns in (
+        np.array([[0.3, 0.7], [0.9, 2.1]]) * [1.0, 1.0 + 1e-13],
+        np.array([[0.3, 0.7], [0.9, 2.1 + 3e-13]]),
+    ):
+        for size in (1e-9, 1.0, 1e6):  # however small the forces, none are made up
+            with pytest.raises(rnc.ConstraintError, match="reach rank 1 of the 2 reduced forces"):
+                pushed(columns, count).allocate(size * F)
+    assert not pushed([[2.0, 1.0], [-3.0, 5.0]], count).allocate(0 * F).any()
 
 
 def test_one_of_many_states_whose_forces_have_no_bound():

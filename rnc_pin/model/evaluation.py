@@ -499,7 +499,7 @@ class Evaluation:
             inverted = inverse(matrix)
             if np.isfinite(inverted).all():
                 T = apply(inverted, F)
-                if np.abs(apply(matrix, T) - F).max() <= 1e-8 * (1 + np.abs(F).max()):
+                if np.abs(apply(matrix, T) - F).max() <= 1e-8 * np.abs(F).max():
                     return T
         rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10)) if parts.p else 0
         if rank < parts.r:
