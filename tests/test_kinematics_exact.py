@@ -167,9 +167,10 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
     robot = ROBOTS["tree"]
     q, v = states(robot)
     frame, kinematics = frames(robot)[2], Kinematics(robot, [1, 2])
-    here = kinematics.gradients(q[0, 0], v[0, 0])
-    expected = QUESTIONS[first](Kinematics(robot).gradients(q[0, 0], v[0, 0]), frame).copy()
-    other, faster = kinematics.gradients(q[1, 1], v[1, 1]), kinematics.gradients(q[0, 0], v[1, 2])
+    place = q[0, 0]
+    here = kinematics.gradients(place, v[0, 0])
+    expected = QUESTIONS[first](Kinematics(robot).gradients(place, v[0, 0]), frame).copy()
+    other, faster = kinematics.gradients(q[1, 1], v[1, 1]), kinematics.gradients(place, v[1, 2])
     for (second, ask), between in product(QUESTIONS.items(), (other, faster)):
         near(QUESTIONS[first](here, frame), expected, second)
         ask(between, frame)
@@ -184,7 +185,7 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
         lambda: kinematics.position(q).moving(v).rates().C,
         lambda: kinematics.potential_energy(q),
         lambda: kinematics.position(q[1, 0]),
-        lambda: kinematics.position(q[0, 0]).moving(v[1, 0]),
+        lambda: kinematics.position(place).moving(v[1, 0]),
     ):
         ask()
         near(QUESTIONS[first](here, frame), expected)
