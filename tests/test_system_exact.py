@@ -260,7 +260,7 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
 
 def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_its_longest():
     robot = sliders()
-    sizes = np.array([[3.0, 0.0, 0.0, 1e-13], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 2e-11], [7.0, 4.0, 6.0, 0.0]])
+    sizes = np.array([[3.0, 0.0, 0.0, 6e-12], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 8e-12], [7.0, 4.0, 6.0, 0.0]])
 
     def rows(q):
         size = sizes[int(q[0])]
@@ -271,7 +271,7 @@ def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_i
     q[:, 0] = range(4)
     found = natural_lengths(robot, RowStack([Turning("abcd", rows)]), outputs, q)
     # The longest of all is 7, so that what is below 7e-12 is zero: of row d one is left, so that it is its longest.
-    np.testing.assert_allclose(found, [2.5, 4.0, 2.5, 2e-11, 5.0])
+    np.testing.assert_allclose(found, [2.5, 4.0, 2.5, 8e-12, 5.0])
 
     def seldom(q):
         if q[0] != 2:
