@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.independence import ROUNDING, TOLERANCE, select_independent
+from rnc_pin.model.independence import select_independent
+
+TOLERANCE, ROUNDING = 1e-8, 1e-5  # sines of angles below which rows are dependent, and dependent but for rounding
 
 
 def apart(angle):
@@ -92,13 +94,13 @@ def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
 
 
 def test_zero_is_told_from_what_is_zero_but_for_rounding():
-    rows = beside([1.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 4e-6, 0], [0, 3e-12, 0, 0], [0, 0.8e-12, 0, 0])
+    rows = beside([1.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 4e-6, 0], [0, 1.05e-12, 0, 0], [0, 0.95e-12, 0, 0])
     found = select_independent(rows, "abcde", lengths=np.array([1.0, 1.0, 0.5, 1.0, 1.0]))
     assert found.kept == [0]
     assert [(row.reason, row.rounding) for row in found.dropped] == [
         ("zero at every configuration", 0.0),
         ("zero but for rounding (8e-06)", pytest.approx(8e-6)),
-        ("zero but for rounding (3e-12)", pytest.approx(3e-12)),
+        ("zero but for rounding (1e-12)", pytest.approx(1.05e-12)),
         ("zero at every configuration", 0.0),
     ]
     # Without lengths they are what they are, but for what is rounding beside the longest of all.
