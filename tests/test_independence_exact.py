@@ -106,6 +106,7 @@ def test_zero_is_told_from_what_is_zero_but_for_rounding():
     # Without lengths they are what they are, but for what is rounding beside the longest of all.
     bare = select_independent(rows, "abcde")
     assert (bare.kept, [row.name for row in bare.dropped]) == ([0, 2, 3], ["b", "e"])
+    assert select_independent(1e-13 * rows, "abcde").kept == [0, 2, 3]
     assert (bare.margin, found.margin) == (1.0, 1.0)
     thin = beside([1.0, 0, 0, 0], [0, 0.5 * 0.9e-3, 0, 0])
     for length, margin in ((0.5, 0.9e-3), (0.4, 1.0), (0.0, 1.0)):
