@@ -10,6 +10,7 @@ import scipy.linalg
 
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.admission import Admission
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -253,6 +254,22 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
         rnc.NonholonomicSystem(
             single, [rnc.MomentumConservation("platform"), rnc.JointCoupling("joint_1", "platform", 1.0)]
         )
+
+
+@pytest.mark.parametrize("kinds", ["U", "XU", "UU"])
+def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
+    admission = Admission(sliders(kinds))
+    unit = np.concatenate([[0.6, -0.8] if kind == "U" else [7.0] for kind in kinds])
+    for off, good in ((0.95e-6, True), (-0.95e-6, True), (1.05e-6, False), (-1.05e-6, False)):
+        q = unit * np.where(np.arange(len(unit)) >= len(unit) - 2, 1 + off, 1.0)
+        for given in (q, np.stack([unit, q]), np.stack([[q, unit], [unit, unit]])):
+            if good:
+                np.testing.assert_array_equal(admission.configuration(given), given)
+            else:
+                with pytest.raises(
+                    rnc.InputError, match=r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
+                ):
+                    admission.configuration(given)
 
 
 # ---------------------------------------------------------------------- parts of a reduction

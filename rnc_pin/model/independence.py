@@ -158,8 +158,6 @@ def _check_consistent(
 
 
 def _rank(matrix: np.ndarray, tolerance: float) -> int:
-    if not matrix.size:
-        return 0
     return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
 
 
