@@ -1,10 +1,12 @@
 """Which rows are chosen, to the threshold: singular values of unit rows are known in closed form."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.independence import select_independent
+from rnc_pin.model.independence import natural_lengths, select_independent
 
 TOLERANCE, ROUNDING = 1e-8, 1e-5  # sines of angles below which rows are dependent, and dependent but for rounding
 
@@ -53,15 +55,22 @@ def test_rows_take_part_in_a_combination_with_weights_beyond_the_tolerance():
 
 def test_the_rows_of_a_thin_margin_are_those_that_take_a_tenth_part():
     """``e0 + 0.12 e1 + 0.08 e2`` and hardly more, where that is largest."""
-    rows = np.zeros((2, 5, 6))
-    rows[:, :3, :3], rows[:, 4, 5] = np.eye(3), 4.0
+    rows = np.zeros((2, 7, 8))
+    rows[:, :3, :3], rows[:, 4:, 5:] = np.eye(3), 0.7 + 0.3 * np.eye(3)  # the last three: what the largest one is of
     rows[:, 3, :3] = 1.0, 0.12, 0.08
     rows[:, 3, 3] = 1e-3, 2e-3
-    found = select_independent(rows, "abcde")
+    found = select_independent(rows, "abcdefg")
     unit = rows[1] / np.linalg.norm(rows[1], axis=1)[:, None]
-    assert found.kept == [0, 1, 2, 3, 4]
+    assert found.kept == [0, 1, 2, 3, 4, 5, 6]
     assert found.margin == pytest.approx(np.linalg.svd(unit, compute_uv=False)[-1], rel=1e-9)
     assert found.weak == ["a", "b", "d"]
+
+
+def test_a_row_is_short_beside_rows_of_its_own_unit():
+    block = SimpleNamespace(units=("m/s", "rad/s", "m/s", "rad/s"), holonomic=(True, False, False, False))
+    samples = np.zeros((2, 4, 3))
+    samples[0, :, 0], samples[1, :, 1] = (0.3, 4.0, 0.1, 2.0), (0.2, 1.0, 0.5, 7.0)
+    np.testing.assert_array_equal(natural_lengths(block, samples), [0.5, 7.0, 0.5, 7.0])
 
 
 def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
