@@ -22,7 +22,7 @@ TESTS = (
     "singular_pinned", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems",
     "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles",
     "where_defined", "windup", "dependence_exact", "evaluation_exact", "kinematics_exact",
-    "system_exact", "independence_exact", "assembly_exact",
+    "system_exact", "independence_exact", "assembly_exact", "actuators_exact",
 )  # fmt: skip
 
 
