@@ -99,8 +99,7 @@ class Evaluation:
     @once
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        parts = self._parts
-        return parts.actuation.matrix(self.position) if parts.B is None or self.q.ndim > 1 else parts.B
+        return self._parts.actuation.matrix(self.position)
 
     @once
     def all_rows(self) -> Float[Array, "*batch k nv"]:
@@ -497,9 +496,11 @@ class Evaluation:
         F = vector(F, parts.r, "F")
         matrix = self.input_matrix
         if parts.p == parts.r:
-            T = apply(inverse(matrix), F)
-            if np.isfinite(T).all() and np.abs(apply(matrix, T) - F).max() <= 1e-8 * (1 + np.abs(F).max()):
-                return T
+            inverted = inverse(matrix)
+            if np.isfinite(inverted).all():
+                T = apply(inverted, F)
+                if np.abs(apply(matrix, T) - F).max() <= 1e-8 * np.abs(F).max():
+                    return T
         rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10)) if parts.p else 0
         if rank < parts.r:
             raise ConstraintError(

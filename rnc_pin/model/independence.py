@@ -56,7 +56,7 @@ def select_independent(
     rounded angle toes, count as dependent.
 
     Args:
-        samples: the rows at several configurations, (samples, k, nv).
+        samples: the rows at one or more configurations, (samples, k, nv).
         names: of the rows, (k,).
         rates: what ``A v`` has to be, (samples, k), where that is not zero.
         lengths: beside which a row is zero but for rounding, (k,); 0 for rows that are what they are.
@@ -67,31 +67,31 @@ def select_independent(
     """
     scale = np.abs(samples).max(initial=0.0)
     samples = np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0)
-    left = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0)
-    short = np.zeros(len(names), dtype=bool) if lengths is None else (left > 0) & (left < ROUNDING * lengths)
+    left = np.linalg.norm(samples, axis=-1).max(axis=0)
+    lengths = np.zeros(len(names)) if lengths is None else lengths
+    short = (left > 0) & (left < ROUNDING * lengths)
     matrices = unit_rows(np.where(short[:, None], 0.0, samples))
     exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
     # A sample near a singular configuration has a lower rank by the rougher limit alone.
-    rank = max(rough, default=0)
-    if min(exact, default=0) < rank:
+    rank = max(rough)
+    if min(exact) < rank:
         raise ConstraintError(
             f"rank of the constraints changes with the configuration, from {min(exact)} to {max(exact)} "
             f"of {len(names)} rows ({', '.join(names)}): the reduction needs a constant one"
         )
-    tolerance = ROUNDING if max(exact, default=0) > rank or short.any() else TOLERANCE
+    tolerance = ROUNDING if max(exact) > rank or short.any() else TOLERANCE
     kept = _choose(matrices, rank, tolerance)
     if rates is not None:
         _check_consistent(samples, rates, kept, names, tolerance)
     dropped = []
     for row in (row for row in range(len(names)) if row not in kept):
         if short[row]:
-            size = float(left[row] / (1.0 if lengths is None else lengths[row]))
+            size = float(left[row] / lengths[row])
             dropped.append(DroppedRow(names[row], f"zero but for rounding ({size:.2g})", size))
         else:
             dropped.append(_dropped(row, kept, matrices, names, tolerance))
-    if lengths is not None:  # a row that is nearly zero depends on the others nearly
-        size = left / np.where(lengths > 0, lengths, np.inf)
-        matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]
+    size = left / np.where(lengths > 0, lengths, np.inf)
+    matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]  # nearly zero, nearly dependent
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
@@ -102,14 +102,14 @@ def natural_lengths(block: Rows, samples: np.ndarray) -> np.ndarray:
         block: bound rows.
         samples: all of them at several configurations, (samples, k, nv).
     """
-    lengths = np.linalg.norm(samples, axis=-1).max(axis=0, initial=0.0)
+    lengths = np.linalg.norm(samples, axis=-1).max(axis=0)
     if not any(block.holonomic):
         return np.zeros_like(lengths)
     return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
 
 
 def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> tuple[float, list[str]]:
-    if not len(matrices) or not kept:
+    if not kept:
         return 1.0, []
     best = max((matrix[kept] for matrix in matrices), key=_smallest)
     left, values, _ = np.linalg.svd(best)
@@ -124,7 +124,7 @@ def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
     for kept in _candidates(matrices, rank, tolerance):
         if len(kept) < rank:
             continue  # of a sample near a singular configuration
-        worst = min((_smallest(matrix[kept]) for matrix in matrices), default=1.0)
+        worst = min(_smallest(matrix[kept]) for matrix in matrices)
         if worst > margin:
             best, margin = kept, worst
         if worst > _WELL:
@@ -147,7 +147,7 @@ def _check_consistent(
     samples: np.ndarray, rates: np.ndarray, kept: Sequence[int], names: Sequence[str], tolerance: float
 ) -> None:
     for matrix, mu in zip(samples, rates, strict=True):
-        v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0] if kept else np.zeros(matrix.shape[1])
+        v = np.linalg.lstsq(matrix[kept], mu[kept], rcond=None)[0]
         gap = np.abs(matrix @ v - mu)
         row = int(np.argmax(gap))
         if gap[row] > tolerance * max(np.abs(mu).max(), np.abs(matrix).max() * np.linalg.norm(v)):
@@ -158,8 +158,6 @@ def _check_consistent(
 
 
 def _rank(matrix: np.ndarray, tolerance: float) -> int:
-    if not matrix.size:
-        return 0
     return int((np.linalg.svd(matrix, compute_uv=False) > tolerance).sum())
 
 

@@ -169,6 +169,7 @@ class Kinematics:
         if self.v is not v:
             pin.forwardKinematics(self.model, self.data, q, v, self.zero)
             self.v = v
+            self._rated = self._graded = None  # each of the two overwrites what the other had left at another v
 
     def rate_at(self, q: np.ndarray, v: np.ndarray) -> None:
         """Time variations of joint Jacobians too."""

@@ -34,7 +34,6 @@ class Parts:
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
-        B: the actuation matrix, where it is the same at every configuration.
         basis, multiplied: of E^-1 the columns that are R, and those that carry multipliers.
         template: E with the rows that never change in it.
         lengths_of_rows, lengths_of_outputs: natural lengths of all constraint rows and of the reducing outputs.
@@ -61,7 +60,6 @@ class Parts:
         self.affine = rows.affine
         asked = (*rows.joints, *reducing.joints, *vertical.joints, *actuation.joints)
         self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
-        self.B = actuation.constant
         self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
         self.lengths_of_rows, self.lengths_of_outputs = lengths[: rows.size], lengths[rows.size :]

@@ -91,7 +91,7 @@ class NonholonomicSystem(Printed):
         )
         self.kept, self.dropped_rows = found.kept, found.dropped
         merged = {row.name: row.rounding for row in self.dropped_rows if row.rounding}
-        if not {name for name in self.assembly.names if name in merged} <= set(self.assembly.following):
+        if merged:
             self.assembly = Assembly(robot, blocks, merged)
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
@@ -186,18 +186,16 @@ class NonholonomicSystem(Printed):
 
     def _check_regular(self, reduced: ReducedModel) -> None:
         """Refuse outputs that are dependent everywhere: here that is a mistake, not a singular configuration."""
-        generator = np.random.default_rng(0)
-        failure: SingularityError | None = None
-        for _ in range(_SAMPLES):
+        failures = []
+        for q in self._samples:
             try:
-                _ = reduced.at(self.assembly.random_configuration(generator)).R
+                _ = reduced.at(q).R
                 return
             except SingularityError as error:
-                failure = error
-        assert failure is not None
+                failures.append(error)
         raise ConstraintError(
             "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
-            f"{', '.join(failure.rows)} are dependent"
+            f"{', '.join(failures[0].rows)} are dependent"
         )
 
     def _check_conserved(self, blocks: Sequence[Rows]) -> None:
@@ -208,14 +206,11 @@ class NonholonomicSystem(Printed):
                     f"{row.names[0]} drives {block.names[0]}, which is said to be conserved: leave one of them out "
                     "(mimic=False, where the file couples the joints)"
                 )
-        if not conserved or not self.p:
-            return
         kinematics = Kinematics(self.robot)
-        generator = np.random.default_rng(0)
-        for _ in range(_SAMPLES):
-            matrix = self.actuation.matrix(kinematics.position(self.robot.random_configuration(generator)))
+        for q in self._samples if conserved else ():
+            matrix = self.actuation.matrix(kinematics.position(q))
             for block in conserved:
-                driven = np.abs(matrix[block.conserved]).max(axis=0, initial=0.0) > 1e-12
+                driven = np.abs(matrix[block.conserved]).max(axis=0) > 1e-12
                 if driven.any():
                     name = self.actuation.names[int(np.argmax(driven))]
                     raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")

@@ -1,0 +1,138 @@
+"""Frames beside others, and actuators on frames and joints: beside the same written out, for one state and for many."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.offset_frame import OffsetFrame, triple
+from test_kinematics_exact import ROBOTS, Plain, near, states
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
+    """Beside a frame of the model's own at the same place, for one state and for many."""
+    robot = ROBOTS["tree"]
+    point, turn = np.array([0.25, -0.5, 2.0]) * moved, pin.rpy.rpyToMatrix(0.3 * moved, -0.4 * moved, 0.9 * moved)
+    model = robot.model.copy()
+    base = model.frames[model.getFrameId("on_slide")]
+    there = model.addFrame(
+        pin.Frame("there", base.parentJoint, 0, base.placement * pin.SE3(turn, point), pin.FrameType.OP_FRAME)
+    )
+    frame = OffsetFrame(robot, "on_slide", point, turn)
+    assert frame.name == ("on_slide[0.25 -0.5 2]" if moved else "on_slide")
+    assert (frame.index, frame.joint) == (robot.frame_id("on_slide"), base.parentJoint)
+    q, v = states(robot)
+    for i in ((0, 1), ...):
+        at = Kinematics(robot).position(q[i]).moving(v[i]).rates()
+        expected = Kinematics(rnc.Robot(model)).position(q[i]).moving(v[i]).rates()
+        for found, place in zip(frame.placement(at), expected.placement(there), strict=True):
+            near(found, place)
+        near(frame.jacobian(at), expected.jacobian(there, OWN_AXES))
+        near(frame.jacobian_dot(at), expected.jacobian_dot(there, OWN_AXES))
+        near(frame.acceleration(at), expected.acceleration(there, OWN_AXES))
+    at = Kinematics(robot).gradients(q[1, 1], v[1, 1])
+    expected = Kinematics(rnc.Robot(model)).gradients(q[1, 1], v[1, 1]).own_acceleration_gradient(there)
+    near(frame.acceleration_gradient(at), expected)
+    straight = OffsetFrame(robot, "on_slide", point)
+    near(straight.placement(at).rotation, at.placement(frame.index).rotation)
+    turned = OffsetFrame(robot, "on_slide", np.zeros(3), turn)
+    assert turned.name == "on_slide"
+    near(turned.placement(at).rotation, at.placement(frame.index).rotation @ turn)
+
+
+def test_a_point_is_three_finite_numbers():
+    assert triple([1, 2, 3], "point").tolist() == [1.0, 2.0, 3.0]
+    for wrong in ([1.0, 2.0], [1.0, np.nan, 0.0], np.zeros((1, 3)), 1.0):
+        with pytest.raises(
+            rnc.ConfigurationError, match=r"^point on frame 'on_ball': expected three finite numbers, f"
+        ):
+            OffsetFrame(ROBOTS["tree"], "on_ball", wrong)
+    with pytest.raises(rnc.ModelError, match="on_bal"):
+        OffsetFrame(ROBOTS["tree"], "on_bal", np.zeros(3))
+    assert [axis_index(axis) for axis in "xyz"] == [0, 1, 2]
+    with pytest.raises(rnc.ConfigurationError, match="axis 'w' is not known"):
+        axis_index("w")
+
+
+def test_actuators_pull_where_they_are():
+    """Joints by entries of v, forces and torques by rows of the frame's own Jacobian; and their rates."""
+    robot = ROBOTS["tree"]
+    joints = robot.model.copy()
+    joints.upperEffortLimit = np.linspace(-2.0, 9.0, robot.nv)
+    robot = rnc.Robot(joints)
+    kinds = [
+        "slide",
+        rnc.FrameForce("on_ball", "z", 4.0),
+        rnc.FrameTorque("on_endless", "y"),
+        "endless",
+        "turn",
+        rnc.FrameForce("on_universe", "x", limit=0.5),
+    ]
+    actuation = Actuation(kinds, robot)
+    names = ("slide", "force(on_ball.z)", "torque(on_endless.y)", "endless", "turn", "force(on_universe.x)")
+    assert (actuation.names, actuation.size, actuation.constant) == (names, 6, None)
+    efforts = {
+        name: float(joints.upperEffortLimit[robot.velocity_indices(name).start])
+        for name in ("slide", "endless", "turn")
+    }
+    np.testing.assert_array_equal(
+        actuation.limits, [efforts["slide"], 4.0, np.inf, efforts["endless"], efforts["turn"], 0.5]
+    )
+    assert sorted(actuation.joints) == sorted({0, joints.getJointId("ball"), joints.getJointId("endless")})
+    q, v = states(robot)
+    for i in ((0, 2), (1, 0)):
+
+        def matrix(p):
+            expected = np.zeros((robot.nv, 6))
+            for column, name in ((0, "slide"), (3, "endless"), (4, "turn")):
+                expected[robot.velocity_indices(name).start, column] = 1.0
+            for column, name, row in ((1, "on_ball", 2), (2, "on_endless", 4), (5, "on_universe", 0)):
+                expected[:, column] = Plain(robot, p, None).jacobian(robot.frame_id(name), OWN_AXES)[row]
+            return expected
+
+        rate = Plain(robot, q[i], v[i]).along(matrix)
+        for at, where in ((q[i], ()), (q, i)):
+            speed = v[i] if at.ndim == 1 else v
+            here = Kinematics(robot, actuation.joints).position(at).moving(speed).rates()
+            near(actuation.matrix(here)[where], matrix(q[i]))
+            near(actuation.matrix_rate(here)[where], rate)
+            only = Actuation(["turn", "slide"], robot)
+            near(only.matrix(here)[where], matrix(q[i])[:, [4, 0]])
+            assert only.matrix(here).shape == (*at.shape[:-1], robot.nv, 2)
+            near(only.matrix_rate(here), np.zeros((*at.shape[:-1], robot.nv, 2)))
+            mine = Actuation(lambda p: np.outer(np.arange(robot.nv), [p[0], p[-1], 1.0]), robot)
+            near(mine.matrix(here)[where], np.outer(np.arange(robot.nv), [q[i][0], q[i][-1], 1.0]))
+            assert mine.matrix_rate(here) is None
+    assert (mine.names, mine.constant, mine.joints) == (("T[0]", "T[1]", "T[2]"), None, ())
+    given = Actuation(np.ones((robot.nv, 2)), robot)
+    assert given.constant.shape == (robot.nv, 2)
+    assert given.limits.tolist() == mine.limits[:2].tolist() == [np.inf, np.inf]
+    joints.upperEffortLimit = np.zeros(robot.nv)
+    assert Actuation(["turn"], rnc.Robot(joints)).limits.tolist() == [np.inf]
+
+
+def test_actuators_that_are_none_are_refused():
+    robot = ROBOTS["tree"]
+    for wrong, error, words in (
+        (np.zeros(robot.nv), rnc.ConstraintError, r"actuation matrix has shape \(12,\), expected \(12, p\)$"),
+        (np.zeros((2, 12)), rnc.ConstraintError, r"actuation matrix has shape \(2, 12\), expected \(12, p\)$"),
+        (lambda q: np.zeros((3, 1)), rnc.ConstraintError, r"actuation matrix has shape \(3, 1\), expected \(12, p\)$"),
+        (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
+        (["turn", "slide", "turn"], rnc.ConstraintError, "actuator 'turn' is listed twice$"),
+        (
+            ["turn", 3],
+            rnc.ConstraintError,
+            "actuator 3 is not one: expected a joint's name, FrameForce or FrameTorque$",
+        ),
+    ):
+        with pytest.raises(error, match=words):
+            Actuation(wrong, robot)
+    sizes = iter([2, 3])
+    changing = Actuation(lambda q: np.zeros((12, next(sizes))), robot)
+    words = r"actuation matrix B\(q\) returned shape \(12, 3\), expected \(12, 2\)"
+    with pytest.raises(rnc.InputError, match=words):
+        changing.matrix(Kinematics(robot).position(robot.configuration()))

@@ -1,0 +1,134 @@
+"""Which rows are chosen, to the threshold: singular values of unit rows are known in closed form."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.independence import natural_lengths, select_independent
+
+TOLERANCE, ROUNDING = 1e-8, 1e-5  # sines of angles below which rows are dependent, and dependent but for rounding
+
+
+def apart(angle):
+    """Two rows of unit length at an angle."""
+    return np.array([[1.0, 0, 0, 0], [np.cos(angle), np.sin(angle), 0, 0]])
+
+
+def beside(*rows):
+    """Samples, all of them these rows."""
+    return np.array([rows, rows, rows])
+
+
+def test_the_order_given_is_kept_from_a_thousandth_on():
+    """By ``sqrt(2) sin(a / 2)``; below it whichever rows are best."""
+    for value, given in ((1.05e-3, True), (0.95e-3, False)):
+        angle = 2 * np.arcsin(value / np.sqrt(2))
+        found = select_independent(beside(*apart(angle), [-0.1, 1.0, 0, 0]), "abc")
+        assert (found.kept == [0, 1]) == given
+        assert found.margin == pytest.approx(value, rel=1e-6) or not given
+    for angle, name in ((0.5, "c"), (0.05e-3, "b")):
+        samples = np.array([[*apart(angle), [0.3, 1.0, 0, 0]], [*apart(0.7), [0.1, 1.0, 0, 0]]])
+        assert [row.name for row in select_independent(samples, "abc").dropped] == [name]
+
+
+def test_what_is_left_of_a_row_beside_others_is_rounding_above_a_tolerance():
+    for angle in (1.05 * TOLERANCE, 0.95 * TOLERANCE):
+        (dropped,) = select_independent(beside(*apart(angle)), "ab").dropped
+        words = f"a combination of a but for rounding ({angle:.2g})" if angle > TOLERANCE else "a combination of a"
+        assert (dropped.name, dropped.reason) == ("b", words)
+        assert dropped.rounding == pytest.approx(angle * (angle > TOLERANCE))
+    for value, count in ((1.05 * ROUNDING, 2), (0.95 * ROUNDING, 1)):
+        assert len(select_independent(beside(*apart(2 * np.arcsin(value / np.sqrt(2)))), "ab").kept) == count
+
+
+def test_rows_take_part_in_a_combination_with_weights_beyond_the_tolerance():
+    """Of rows of unit length; names come in the order given, whatever was kept first."""
+    third = np.array([1.0, 2 * TOLERANCE, 0.5 * TOLERANCE, 0.0])
+    (dropped,) = select_independent(beside(*np.eye(4)[:3], third), "dcba").dropped
+    assert (dropped.name, dropped.reason, dropped.rounding) == ("a", "a combination of d, c", 0.0)
+    many = np.array([[*np.eye(4)[:2], [0, 0, 1.0, 0], third], [*np.eye(4)[:2], [0, 0, 1.0, 0], np.eye(4)[2]]])
+    (dropped,) = select_independent(many, "dcba").dropped
+    assert dropped.reason == "a combination of d, c, b"
+
+
+def test_the_rows_of_a_thin_margin_are_those_that_take_a_tenth_part():
+    """``e0 + 0.12 e1 + 0.08 e2`` and hardly more, where that is largest."""
+    rows = np.zeros((2, 7, 8))
+    rows[:, :3, :3], rows[:, 4:, 5:] = np.eye(3), 0.7 + 0.3 * np.eye(3)  # the last three: what the largest one is of
+    rows[:, 3, :3] = 1.0, 0.12, 0.08
+    rows[:, 3, 3] = 1e-3, 2e-3
+    found = select_independent(rows, "abcdefg")
+    unit = rows[1] / np.linalg.norm(rows[1], axis=1)[:, None]
+    assert found.kept == [0, 1, 2, 3, 4, 5, 6]
+    assert found.margin == pytest.approx(np.linalg.svd(unit, compute_uv=False)[-1], rel=1e-9)
+    assert found.weak == ["a", "b", "d"]
+
+
+def test_a_row_is_short_beside_rows_of_its_own_unit():
+    block = SimpleNamespace(units=("m/s", "rad/s", "m/s", "rad/s"), holonomic=(True, False, False, False))
+    samples = np.zeros((2, 4, 3))
+    samples[0, :, 0], samples[1, :, 1] = (0.3, 4.0, 0.1, 2.0), (0.2, 1.0, 0.5, 7.0)
+    np.testing.assert_array_equal(natural_lengths(block, samples), [0.5, 7.0, 0.5, 7.0])
+
+
+def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
+    """Rows that are exactly dependent may not."""
+    for angle, off, good in (
+        (0.5 * ROUNDING, 0.9 * ROUNDING, True),
+        (0.5 * ROUNDING, 1.1 * ROUNDING, False),
+        (0.0, 0.9 * TOLERANCE, True),
+        (0.0, 1.1 * TOLERANCE, False),
+        (0.0, 0.9 * ROUNDING, False),
+    ):
+        for size in (1.0, 1e-3, 40.0):
+            rates = np.full((3, 2), size) * [1.0, 1.0 + off]
+            if good:
+                assert select_independent(beside(*apart(angle)), "ab", rates).kept == [0]
+            else:
+                with pytest.raises(rnc.ConstraintError, match=r"^constraint row 'b' contradicts the others: it has to"):
+                    select_independent(beside(*apart(angle)), "ab", rates)
+    short = beside([1.0, 0, 0, 0], [1.0, 0, 0, 0], [0, 1e-7, 0, 0])
+    rates = np.tile([1.0, 1.0 + 0.5 * ROUNDING, 0.0], (3, 1))
+    assert select_independent(short, "abc", rates, np.ones(3)).kept == [0]
+    with pytest.raises(rnc.ConstraintError, match="constraint row 'b' contradicts the others"):
+        select_independent(short, "abc", rates)
+    only = np.zeros((2, 1, 3))
+    assert select_independent(only, "a", np.zeros((2, 1))).kept == []
+    with pytest.raises(
+        rnc.ConstraintError, match=r"^constraint row 'a' contradicts the others: it has to be 2 where they"
+    ):
+        select_independent(only, "a", np.array([[0.0], [2.0]]))
+
+
+def test_zero_is_told_from_what_is_zero_but_for_rounding():
+    rows = beside([1.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 4e-6, 0], [0, 1.05e-12, 0, 0], [0, 0.95e-12, 0, 0])
+    found = select_independent(rows, "abcde", lengths=np.array([1.0, 1.0, 0.5, 1.0, 1.0]))
+    assert found.kept == [0]
+    assert [(row.reason, row.rounding) for row in found.dropped] == [
+        ("zero at every configuration", 0.0),
+        ("zero but for rounding (8e-06)", pytest.approx(8e-6)),
+        ("zero but for rounding (1e-12)", pytest.approx(1.05e-12)),
+        ("zero at every configuration", 0.0),
+    ]
+    # Without lengths they are what they are, but for what is rounding beside the longest of all.
+    bare = select_independent(rows, "abcde")
+    assert (bare.kept, [row.name for row in bare.dropped]) == ([0, 2, 3], ["b", "e"])
+    assert select_independent(1e-13 * rows, "abcde").kept == [0, 2, 3]
+    assert (bare.margin, found.margin) == (1.0, 1.0)
+    thin = beside([1.0, 0, 0, 0], [0, 0.5 * 0.9e-3, 0, 0])
+    for length, margin in ((0.5, 0.9e-3), (0.4, 1.0), (0.0, 1.0)):
+        assert select_independent(thin, "ab", lengths=np.array([1.0, length])).margin == pytest.approx(margin)
+    assert select_independent(thin[:, :0], "").kept == []
+
+
+def test_a_rank_that_changes_is_told_with_both():
+    """Exactly; a sample near a singular configuration loses rank by the rougher limit alone, and changes nothing."""
+    good, lost, near = (np.array([*apart(angle), [0, 0, 1.0, 0]]) for angle in (0.7, 0.0, 0.5 * ROUNDING))
+    words = r"^rank of the constraints changes with the configuration, from 2 to 3 of 3 rows \(a, b, c\): the reduction"
+    with pytest.raises(rnc.ConstraintError, match=words):
+        select_independent(np.array([good, lost, good]), "abc")
+    found = select_independent(np.array([near, good, near]), "abc")
+    assert (found.kept, found.dropped) == ([0, 1, 2], [])
+    assert found.margin == pytest.approx(np.sqrt(2) * np.sin(0.35))

@@ -1,0 +1,298 @@
+"""What Pinocchio says of states, beside a workspace of its own for each question, and differences along the motion."""
+
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.kinematics import ALL, OWN_AXES, WORLD_AXES, Kinematics, over_states
+
+STEP = 1e-5  # of central differences
+ROWS = (ALL, slice(1, 2), slice(4, 6), slice(2, 5), [0, 4, 2], [5])
+
+
+def tree():
+    """A body that flies, with a turning and an endless joint on one branch, a ball and a slide on the other."""
+    model, generator = pin.Model(), np.random.default_rng(4)
+    flyer = 0
+    for name, kind, parent in (
+        ("flyer", "FreeFlyer", None),
+        ("turn", "RX", "flyer"),
+        ("endless", "RUBZ", "turn"),
+        ("ball", "Spherical", "flyer"),
+        ("slide", "PZ", "ball"),
+    ):
+        place = pin.SE3(pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3)), generator.uniform(-1, 1, 3))
+        parent_id = flyer if parent is None else model.getJointId(parent)
+        joint = model.addJoint(parent_id, getattr(pin, f"JointModel{kind}")(), place, name)
+        body = pin.Inertia(generator.uniform(1, 3), generator.uniform(-0.3, 0.3, 3), np.diag([0.3, 0.4, 0.5]))
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    for name in ("universe", "flyer", "endless", "ball", "slide"):
+        place = pin.SE3(pin.rpy.rpyToMatrix(*generator.uniform(-1, 1, 3)), generator.uniform(-1, 1, 3))
+        joint = 0 if name == "universe" else model.getJointId(name)
+        model.addFrame(pin.Frame(f"on_{name}", joint, 0, place, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def slider():
+    """One degree of freedom, of which Pinocchio gives vectors in place of matrices."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3)), "turn")
+    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.2, 0.3]), np.eye(3)), pin.SE3.Identity())
+    place = pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.3, 0.7), np.array([0.3, -0.4, 0.6]))
+    model.addFrame(pin.Frame("on_turn", joint, 0, place, pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+ROBOTS = {"tree": tree(), "slider": slider()}
+
+
+def frames(robot):
+    return [k for k, frame in enumerate(robot.model.frames) if frame.name.startswith("on_")]
+
+
+def states(robot, seed=0):
+    generator = np.random.default_rng(seed)
+    q = np.stack([robot.random_configuration(generator) for _ in range(6)]).reshape(2, 3, robot.nq)
+    return q, generator.normal(size=(2, 3, robot.nv))
+
+
+class Plain:
+    """One state, each question with a workspace that nobody has used."""
+
+    def __init__(self, robot, q, v):
+        self.model, self.q, self.v = robot.model, q, v
+
+    def placement(self, frame, q=None):
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, self.q if q is None else q)
+        return data.oMf[frame]
+
+    def joint_placement(self, joint):
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.q)
+        return data.oMi[joint]
+
+    def jacobian(self, frame, axes, q=None):
+        q = self.q if q is None else q
+        return pin.computeFrameJacobian(self.model, self.model.createData(), q, frame, axes).reshape(6, self.model.nv)
+
+    def along(self, of, v=None):
+        """The rate of something of q along a velocity, by differences."""
+        v = self.v if v is None else v
+        ahead, behind = (of(pin.integrate(self.model, self.q, sign * STEP * v)) for sign in (1, -1))
+        return (ahead - behind) / (2 * STEP)
+
+    def jacobian_dot(self, frame, axes):
+        return self.along(lambda q: self.jacobian(frame, axes, q))
+
+    def joint_velocity(self, joint):
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.q, self.v)
+        return data.v[joint].vector
+
+    def M(self):
+        upper = np.triu(pin.crba(self.model, self.model.createData(), self.q))
+        return upper + np.triu(upper, 1).T
+
+    def C(self):
+        return pin.computeCoriolisMatrix(self.model, self.model.createData(), self.q, self.v)
+
+    def bias(self):
+        return pin.rnea(self.model, self.model.createData(), self.q, self.v, np.zeros(self.model.nv))
+
+
+def near(there, here, what=""):
+    np.testing.assert_allclose(there, here, rtol=0, atol=1e-7 * (1 + np.abs(here).max(initial=0.0)), err_msg=str(what))
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+@pytest.mark.parametrize("single", [True, False])
+def test_states_are_what_pinocchio_says_of_each_alone(robot, single):
+    q, v = states(robot)
+    kinematics = Kinematics(
+        robot, range(0, robot.model.njoints, 2)
+    )  # of the others nobody has told that they are asked
+    many = kinematics.position(q).moving(v).rates()
+    for i in np.ndindex(2, 3):
+        here, at = (kinematics.position(q[i]).moving(v[i]).rates(), ()) if single else (many, i)
+        plain = Plain(robot, q[i], v[i])
+        for name in ("M", "C", "bias"):
+            near(getattr(here, name)[at], getattr(plain, name)(), name)
+        for joint in range(robot.model.njoints):
+            place, expected = here.joint_placement(joint), plain.joint_placement(joint)
+            near(place.rotation[at], expected.rotation)
+            near(place.translation[at], expected.translation)
+            near(here.joint_velocity(joint)[at], plain.joint_velocity(joint))
+        for frame in frames(robot):
+            place, expected = here.placement(frame), plain.placement(frame)
+            near(place.rotation[at], expected.rotation)
+            near(here.rotation(frame)[at], expected.rotation)
+            near(place.translation[at], expected.translation)
+            near(here.velocity(frame)[at], plain.jacobian(frame, WORLD_AXES) @ v[i])
+            for axes in (WORLD_AXES, OWN_AXES):
+                jacobian, rate = plain.jacobian(frame, axes), plain.jacobian_dot(frame, axes)
+                near(here.jacobian_dot(frame, axes)[at], rate, axes)
+                for rows in ROWS:
+                    near(here.jacobian(frame, axes, rows)[at], jacobian[rows], rows)
+                    near(here.acceleration(frame, axes, rows)[at], (rate @ v[i])[rows], rows)
+            near(here.jacobian(frame)[at], plain.jacobian(frame, WORLD_AXES))
+            near(here.acceleration(frame)[at], plain.jacobian_dot(frame, WORLD_AXES) @ v[i])
+
+
+QUESTIONS = {
+    "placement": lambda at, frame: np.column_stack(at.placement(frame)),
+    "rotation": lambda at, frame: at.rotation(frame),
+    "joint_placement": lambda at, frame: np.column_stack(at.joint_placement(2)),
+    "jacobian": lambda at, frame: at.jacobian(frame),
+    "velocity": lambda at, frame: at.velocity(frame),
+    "joint_velocity": lambda at, frame: at.joint_velocity(2),
+    "acceleration": lambda at, frame: at.acceleration(frame),
+    "jacobian_dot": lambda at, frame: at.jacobian_dot(frame),
+    "own_acceleration_gradient": lambda at, frame: at.own_acceleration_gradient(frame),
+    "frame_gradients": lambda at, frame: np.stack(at.frame_gradients(frame)),
+    "C": lambda at, frame: at._at.coriolis(at.q, at.v),
+    "potential_energy": lambda at, frame: np.array(at._at.potential_energy(at.q)),
+}
+
+
+@pytest.mark.parametrize("first", QUESTIONS)
+def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_between(first):
+    """Of another configuration, of the same with another velocity, and of many."""
+    robot = ROBOTS["tree"]
+    q, v = states(robot)
+    frame, kinematics = frames(robot)[2], Kinematics(robot, [1, 2])
+    place = q[0, 0]
+    here = kinematics.gradients(place, v[0, 0])
+    expected = QUESTIONS[first](Kinematics(robot).gradients(place, v[0, 0]), frame).copy()
+    other, faster = kinematics.gradients(q[1, 1], v[1, 1]), kinematics.gradients(place, v[1, 2])
+    for (second, ask), between in product(QUESTIONS.items(), (other, faster)):
+        near(QUESTIONS[first](here, frame), expected, second)
+        ask(between, frame)
+        near(QUESTIONS[first](here, frame), expected, second)
+        ask(here, frame)
+        near(QUESTIONS[first](here, frame), expected, second)
+    for ask in (
+        lambda: kinematics.position(q),
+        lambda: kinematics.position(q).moving(v),
+        lambda: kinematics.position(q).joint_placement(3),
+        lambda: kinematics.position(q).moving(v).joint_velocity(3),
+        lambda: kinematics.position(q).moving(v).rates().C,
+        lambda: kinematics.potential_energy(q),
+        lambda: kinematics.position(q[1, 0]),
+        lambda: kinematics.position(place).moving(v[1, 0]),
+    ):
+        ask()
+        near(QUESTIONS[first](here, frame), expected)
+
+
+def test_pinocchio_runs_once_for_each_thing(monkeypatch):
+    robot = ROBOTS["tree"]
+    q, v = states(robot)
+    calls = []
+    names = (
+        "crba",
+        "computeJointJacobians",
+        "nonLinearEffects",
+        "forwardKinematics",
+        "computeJointJacobiansTimeVariation",
+        "computeForwardKinematicsDerivatives",
+        "computeCoriolisMatrix",
+    )
+
+    def counted(name, call):
+        return lambda *arguments: (calls.append(name), call(*arguments))[1]
+
+    for name in names:
+        monkeypatch.setattr(pin, name, counted(name, getattr(pin, name)))
+    here = Kinematics(robot).gradients(q[0, 0], v[0, 0])
+    for _, frame in product(range(2), frames(robot)):
+        here.placement(frame), here.rotation(frame), here.jacobian(frame), here.joint_placement(1)
+    assert calls == ["crba", "nonLinearEffects"]
+    for _, frame in product(range(2), frames(robot)):
+        here.velocity(frame), here.acceleration(frame), here.joint_velocity(1)
+    assert calls[2:] == ["forwardKinematics"]
+    for _, frame in product(range(2), frames(robot)):
+        here.jacobian_dot(frame)
+    assert calls[3:] == ["computeJointJacobiansTimeVariation"]
+    for _, frame in product(range(2), frames(robot)):
+        here.own_acceleration_gradient(frame), here.frame_gradients(frame)
+    assert calls[4:] == ["computeForwardKinematicsDerivatives"]
+    for _ in range(2):
+        _ = here.C
+    assert calls[5:] == ["computeCoriolisMatrix"]
+    here.jacobian(frames(robot)[0])
+    assert calls[6:] == ["computeJointJacobians"]
+    many = Kinematics(robot, [1, 2]).position(q)
+    assert many.placement(3) is many.placement(3)
+    assert many.joint_placement(4) is many.joint_placement(4)
+    motion = many.moving(v)
+    assert motion.placement(3) is many.placement(3)
+    assert motion.velocity(3) is motion.velocity(3)
+    assert motion.rates().velocity(3) is motion.velocity(3)
+    assert (motion.M is many.M, motion.rates().bias is motion.bias) == (True, True)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_gradients_are_differences_along_the_tangent_space(robot):
+    q, v = states(robot)
+    for i in ((0, 0), (1, 2)):
+        at, plain = Kinematics(robot).gradients(q[i], v[i]), Plain(robot, q[i], v[i])
+
+        def gradient(of, plain=plain):
+            return np.stack([plain.along(of, axis) for axis in np.eye(robot.nv)], axis=-1)
+
+        for frame in frames(robot):
+
+            def motion(of, axes, frame=frame, i=i):
+                def there(p):
+                    data = robot.model.createData()
+                    pin.forwardKinematics(robot.model, data, p, v[i], np.zeros(robot.nv))
+                    return getattr(pin, f"getFrame{of}")(robot.model, data, frame, axes).vector
+
+                return there
+
+            near(at.own_acceleration_gradient(frame), gradient(motion("Acceleration", OWN_AXES)), "own")
+            found = at.frame_gradients(frame)
+            velocity, acceleration = (gradient(motion(of, WORLD_AXES)) for of in ("Velocity", "ClassicalAcceleration"))
+            near(found.velocity, velocity[:3])
+            near(found.spin, velocity[3:])
+            near(found.acceleration, acceleration[:3])
+            near(found.angular_acceleration, acceleration[3:])
+            for axes, chosen in product((WORLD_AXES, OWN_AXES), ([1], [0, 1, 2], [4, 5], [5, 0], [3, 1, 2])):
+                rows = FrameVelocityRows(robot, robot.model.frames[frame].name, chosen, axes)
+                assert rows.units == tuple("m/s" if row < 3 else "rad/s" for row in chosen)
+                assert rows.joints == (robot.model.frames[frame].parentJoint,)
+                of = "ClassicalAcceleration" if axes is WORLD_AXES else "Acceleration"
+                near(rows.drift_gradient(at), gradient(motion(of, axes))[chosen], chosen)
+                near(rows.jacobian(at), plain.jacobian(frame, axes)[chosen])
+                rate = plain.jacobian_dot(frame, axes)[chosen]
+                near(rows.jacobian_dot(at), rate)
+                near(rows.drift(at), rate @ v[i])
+                near(rows.jacobian_dot(Kinematics(robot).position(q).moving(v).rates())[i], rate)
+
+
+def test_energy_in_gravity_is_that_of_the_centre_of_mass():
+    for robot in ROBOTS.values():
+        q, _ = states(robot)
+        kinematics, data = Kinematics(robot), robot.model.createData()
+        heights = np.array([pin.centerOfMass(robot.model, data, each)[2] for each in q.reshape(-1, robot.nq)])
+        expected = 9.81 * pin.computeTotalMass(robot.model) * heights.reshape(2, 3)
+        np.testing.assert_allclose(kinematics.potential_energy(q), expected)
+        one = kinematics.potential_energy(q[1, 0])
+        assert isinstance(one, float)
+        assert one == pytest.approx(expected[1, 0])
+        assert kinematics.potential_energy(q[:0]).shape == (0, 3)
+
+
+def test_a_function_of_single_states_is_asked_of_each():
+    a, b = np.arange(12.0).reshape(2, 3, 2), np.arange(18.0).reshape(2, 3, 3)
+    found = over_states(lambda x, y: [[x.sum(), y[0], y[2]]], (1, 3), a, b)
+    np.testing.assert_array_equal(found[..., 0, 0], a.sum(axis=-1))
+    np.testing.assert_array_equal(found[..., 0, 1:], b[..., [0, 2]])
+    one = over_states(lambda x: [1, 2], (2,), a[0, 0])
+    assert (one.dtype, one.tolist()) == (np.float64, [1.0, 2.0])
+    assert over_states(lambda x: x, (2,), a[:, :0]).shape == (2, 0, 2)
