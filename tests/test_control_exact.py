@@ -296,11 +296,37 @@ def test_settings_that_nobody_gives_are_those_of_the_documentation():
     assert UnknownMass("wrist").unit == 1.0
     gains = VelocityGains.normalised(3.0)
     assert (gains.k, gains.beta, gains.sigma, gains.dead_zone) == (12.0, 12.0, 0.1, 0.0)
-    gains = VelocityGains.scaled(SimpleNamespace(inertia=lambda q: np.array([[[5.0]]])), np.zeros(2), 0.01)
-    assert (gains.k, gains.beta, gains.sigma, gains.dead_zone) == (pytest.approx([100.0]), gains.k, 0.1, 0.0)
+    five = SimpleNamespace(inertia=lambda q: np.array([[[5.0]]]))
+    for dt, rate in ((0.01, 20.0), (0.05, 4.0)):
+        gains = VelocityGains.scaled(five, np.zeros(2), dt)
+        assert (gains.k, gains.beta, gains.sigma, gains.dead_zone) == (pytest.approx([5.0 * rate]), gains.k, 0.1, 0.0)
+    with pytest.raises(rnc.InfeasibleError, match="at least 4/s need a bandwidth of 4 rad/s"):
+        VelocityGains.scaled(five, np.zeros(2), 0.05 * (1 + 1e-9))
     for made in (PositionGains.normalised(5.0), PositionGains.scaled(np.array([[[5.0]]]), 0.01)):
         assert (made.gamma, made.sigma, made.dead_zone) == (8.0, 0.1, 0.0)
         square = made.k1 * 8.0**4 + made.k2 * 8.0**2
         np.testing.assert_allclose(2 * made.k2 * 8.0**3, 3.0 * square)
         assert made.beta == 5.0
         assert square == pytest.approx(5.0 * (144.0 if made.k1.ndim == 0 else 800.0))
+
+
+def test_gains_are_given_up_to_the_edge_of_their_windows():
+    """Numbers that are exact in binary: at the edge itself they still suit."""
+    one = np.array([[[1.0]]])
+    gains = PositionGains.scaled(one, 0.5, 8.0, 1.0)
+    assert (gains.k1.tolist(), gains.k2.tolist()) == ([15.0 / 8.0**4], [16.0 / 2.0 / 8.0**3])
+    with pytest.raises(
+        rnc.InfeasibleError, match=r"allows oscillations of 4 rad/s, errors that fade at 1/s with gamma 8"
+    ):
+        PositionGains.scaled(one, 0.5 * (1 + 1e-9), 8.0, 1.0)
+    slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
+    assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
+    assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
+    assert VelocityGains.scaled(SimpleNamespace(inertia=lambda q: one), np.zeros(1), 0.1, 2.0, 2.0).k == [2.0]
+    for delay in (-1e-9, float("inf"), float("nan")):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            PositionGains.scaled(one, 0.001, delay=delay)
+        assert str(caught.value) == f"delay of a loop has to be a time [s], not negative, found {delay}"
+    for bound in (0.0, -1.0, float("inf"), [1.0, float("nan")]):
+        with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive, found "):
+            PositionGains.normalised(bound)

@@ -134,7 +134,7 @@ class RedundancyController(Spelled):
 
         ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
         """
-        z, z_dot = np.zeros(A4.shape[:-2] + A4.shape[-1:]), np.zeros(A4.shape[:-2] + A4.shape[-1:])
+        z = z_dot = np.zeros(len(self.task.redundant))
         if self.secondary is not None:
             z, z_dot = self.secondary(t, m)
         back = self._cheap[:, None] * A4.mT  # W^-1 A4^T
@@ -156,7 +156,7 @@ class RedundancyController(Spelled):
             "redundant outputs cannot move the vertical ones (A4 is singular)",
             q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
             condition=float(np.max(condition_number(A4)))
-            if A4.shape[-1] > 1
+            if len(self.task.vertical) > 1
             else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )
