@@ -178,7 +178,7 @@ def test_a_fitted_path_is_left_alone_where_no_chord_ends_on_it():
         ((0.05, -0.8), 0.803, False),
         ((-0.78, 0.0), 0.8, True),  # before it
         ((0.82, 0.0), 0.8, False),
-        ((0.82, 0.0), 0.99, False),
+        ((0.82, 0.0), 0.97, False),
         ((0.82, 0.0), 1.01, True),
         ((0.82, 0.0), 0.61, False),
         ((0.82, 0.0), 0.59, True),
