@@ -323,6 +323,11 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
     assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
     assert VelocityGains.scaled(SimpleNamespace(inertia=lambda q: one), np.zeros(1), 0.1, 2.0, 2.0).k == [2.0]
+    region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
+    flat = PositionGains.scaled(region, 0.002)
+    grid = PositionGains.scaled(region[None], 0.002)
+    np.testing.assert_allclose(flat.beta, np.sqrt([0.7 * 3.0, 1.0 * 5.0]))
+    np.testing.assert_array_equal([flat.k1, flat.k2, flat.beta], [grid.k1, grid.k2, grid.beta])
     for delay in (-1e-9, float("inf"), float("nan")):
         with pytest.raises(rnc.ConfigurationError) as caught:
             PositionGains.scaled(one, 0.001, delay=delay)

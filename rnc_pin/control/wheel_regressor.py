@@ -124,9 +124,9 @@ class WheelRegressor:
         self.predicted_units = ("m/s",) * len(self.predicted)
 
     def _check(self, each: UnknownRadius | UnknownTrack, found: Collection[str], taken: Collection[str]) -> None:
-        what = _kind(each)
-        if isinstance(each.wheels, str) or not each.wheels or (what == "track" and len(each.wheels) != 2):
-            expected = "two wheels" if what == "track" else "a list of wheels"
+        what, pair = _kind(each), isinstance(each, UnknownTrack)
+        if isinstance(each.wheels, str) or not each.wheels or (pair and len(each.wheels) != 2):
+            expected = "two wheels" if pair else "a list of wheels"
             raise ConfigurationError(f"unknown {what}: expected {expected}, found {each.wheels!r}")
         for wheel in each.wheels:
             if wheel not in found:
