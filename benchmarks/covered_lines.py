@@ -15,13 +15,14 @@ ROOT = Path(__file__).parents[1]
 TESTS = (
     "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
     "control_exact", "control_loop", "control_pinned", "controller_settings", "core_refusals", "equilibrium",
-    "evaluation", "feedback_pinned", "grip", "integration", "kinds_of_classes", "laws_exact", "lemma_1", "linear_pinned",
-    "linearization", "loops", "mimic", "model_pinned", "noise_and_delay", "orientation", "plain_loop",
-    "planning_pinned", "position_tracker", "printing", "redundancy_exact", "reference_data", "references", "regressors_exact",
-    "regular_everywhere", "report_pinned", "rolling", "rounded_rows", "rows_pinned", "secondary",
-    "seldom_computed", "seldom_taken", "simulation", "singular_pinned", "slithering", "state_feedback",
-    "steering", "steering_exact", "strange_joints", "strange_rows", "systems", "tilt_and_spin", "two_phase", "uncertain_classes",
-    "uncertain_kinematics", "uncertain_wheels", "vehicles", "where_defined", "windup",
+    "evaluation", "feedback_pinned", "grip", "integration", "kinds_of_classes", "laws_exact", "lemma_1",
+    "linear_pinned", "linearization", "loops", "mimic", "model_pinned", "noise_and_delay", "orientation",
+    "plain_loop", "planning_pinned", "position_tracker", "printing", "redundancy_exact", "reference_data",
+    "references", "regressors_exact", "regular_everywhere", "report_pinned", "rolling", "rounded_rows",
+    "rows_pinned", "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned",
+    "slithering", "state_feedback", "steering", "steering_exact", "strange_joints", "strange_rows", "systems",
+    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles",
+    "where_defined", "windup",
 )  # fmt: skip
 
 
