@@ -20,9 +20,9 @@ TESTS = (
     "plain_loop", "planning_pinned", "position_tracker", "printing", "redundancy_exact", "reference_data",
     "references", "regressors_exact", "regular_everywhere", "report_pinned", "rolling", "rounded_rows",
     "rows_pinned", "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned",
-    "slithering", "state_feedback", "steering", "steering_exact", "strange_joints", "strange_rows", "systems",
-    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles",
-    "where_defined", "windup",
+    "slithering", "slithering_exact", "state_feedback", "steering", "steering_exact", "strange_joints",
+    "strange_rows", "systems", "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics",
+    "uncertain_wheels", "vehicles", "where_defined", "windup",
 )  # fmt: skip
 
 
