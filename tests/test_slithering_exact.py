@@ -8,8 +8,8 @@ import rnc_pin as rnc
 from rnc_pin.control import DrivenPath, SlitheringReference
 from rnc_pin.model.measurement import Measurement
 from systems import fire_truck
-from test_slithering import TASK
 
+TASK = (["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
 NAMES = ("tractor_x", "tractor_y", "trailer_yaw", "tractor_yaw")
 """The truck's vertical outputs."""
 
