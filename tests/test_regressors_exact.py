@@ -1,12 +1,27 @@
 """Regressors of unknown wheels and masses, and estimators over them: refusals in full, thresholds from both sides."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import MomentumRegressor, UnknownMass, UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.control import (
+    Command,
+    Estimator,
+    MomentumRegressor,
+    UncertainController,
+    UncertainRedundancyController,
+    UnknownMass,
+    UnknownRadius,
+    UnknownTrack,
+    VelocityTarget,
+    WheelRegressor,
+)
+from rnc_pin.control.estimator import EstimatorState
 from rnc_pin.control.wheel_regressor import _axles
+from rnc_pin.model.measurement import Measurement
 from tolerances import ROUNDING
 
 # ---------------------------------------------------------------------- wheels
@@ -185,3 +200,116 @@ def test_masses_that_cannot_be_estimated_are_refused():
     with pytest.raises(rnc.ConfigurationError) as caught:
         MomentumRegressor(alone, "platform", every)
     assert str(caught.value) == "no body of known mass turns with joint 'platform'"
+
+
+# ---------------------------------------------------------------------- over an estimator
+
+
+class Believer:
+    """An estimator that is written down: its model has kinematics of its own, and allocates three times the force."""
+
+    def __init__(self):
+        self.model = SimpleNamespace(at=self._at)
+
+    def _at(self, q, v2):
+        return SimpleNamespace(
+            A_star=np.array([[v2[0], 2.0]]),
+            A_star_dot=np.array([[q[0], 4.0]]),
+            input_matrix=np.diag([5.0, 6.0]),
+            allocate=lambda F: 3.0 * F,
+        )
+
+    def describe(self):
+        return {"alpha": 0.5}
+
+    def initial_state(self):
+        return EstimatorState(None, np.array([1.0]))
+
+    def step(self, t, measurement, state):
+        return EstimatorState(t, state.p + 1.0), np.array([0.25])
+
+
+class Watcher:
+    """A controller that remembers what it is shown, and commands what it was made with."""
+
+    def __init__(self, **command):
+        self.command, self.shown = command, []
+
+    def initial_state(self, measurement):
+        self.shown.append(measurement)
+        return 4
+
+    def step(self, t, measurement, state):
+        self.shown.append(measurement)
+        return Command(**self.command), state + 1
+
+
+@pytest.mark.parametrize("by_force", [True, False])
+def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_them(by_force):
+    force = np.array([1.0, -2.0])
+    inner = Watcher(F=force, v2_desired=force) if by_force else Watcher(T=force)
+    law = UncertainController(Believer(), inner)
+    m = Measurement(
+        q=np.array([7.0]), v2=np.array([8.0, 9.0]), A_star=np.zeros((1, 2)), residual=np.ones(1), missing=force
+    )
+    command, state = law.step(0.5, m, law.initial_state(m))
+    assert command.F is None
+    assert command.T.tolist() == ([3.0, -6.0] if by_force else [1.0, -2.0])
+    assert command.v2_desired is (force if by_force else None)
+    assert (command.estimates.tolist(), command.prediction_error.tolist()) == ([2.0], [0.25])
+    assert (state.estimator.time, state.estimator.p.tolist(), state.controller) == (0.5, [2.0], 5)
+    assert len(inner.shown) == 2
+    for seen in inner.shown:
+        assert (seen.A_star.tolist(), seen.A_star_dot.tolist()) == ([[8.0, 2.0]], [[7.0, 4.0]])
+        assert seen.excess.tolist() == [5.0, -12.0]
+        assert seen.residual is None
+        assert seen.missing is force
+    assert law.describe() == {"type": "UncertainController", "alpha": 0.5, "controller": {"type": "Watcher"}}
+
+
+def test_an_estimator_has_the_settings_of_the_documentation():
+    reduced = rolling(cart())
+    regressor = WheelRegressor(reduced, [UnknownRadius(["left"]), UnknownRadius(["right"])])
+    estimator = Estimator(reduced, regressor, [0.3, 20.0])
+    names = ("radius of left", "radius of right")
+    said = {"alpha": 1.0, "dead_zone": 0.0, "initial": dict(zip(names, (0.3, 20.0), strict=True))}
+    assert estimator.describe() == {**said, "bounds": [[0.05, 0.05], [20.0, 20.0]]}
+    inner = SimpleNamespace(
+        describe=lambda: {"type": "Inner", "k3": 4.0}, step=lambda t, m, s: (VelocityTarget(t, m), s)
+    )
+    law = UncertainRedundancyController(reduced, inner, regressor, [0.3, 20.0])
+    assert law.describe() == {"type": "UncertainRedundancyController", "k3": 4.0, **estimator.describe()}
+    m = reduced.measured(np.array([0.4, 1.0, 2.0]), np.array([0.5, 7.0, 11.0]))
+    state = law.initial_state(m)
+    assert (state.time, state.p.tolist()) == (None, [0.3, 20.0])
+    target, after = law.step(0.5, m, state)
+    assert (target.v2, after.time, target.estimates is after.p) == (0.5, 0.5, True)
+    y, Y = regressor.regress(m.q, m.v)
+    np.testing.assert_allclose(target.prediction_error, y - Y @ [0.3, 20.0])
+    guess = law.estimator.model.at(m.q, m.v2)
+    np.testing.assert_array_equal(target.v2_dot.A_star, guess.A_star)
+    np.testing.assert_array_equal(after.p, [0.3, 20.0])  # no time has passed before the first sample
+    later, last = law.step(0.75, m, after)
+    assert later.prediction_error.tolist() == target.prediction_error.tolist()
+    assert (np.abs(last.p - [0.3, 20.0]) > 1e-3).all()
+    # Each radius has a row of its own: ``p + s Y E / (1 + s Y^2)``, within the bounds.
+    s, slope = 0.25, np.abs(Y).max(axis=0)
+    wanted = np.array([0.3, 20.0]) + s * (Y.T @ target.prediction_error) / (1 + s * slope**2)
+    np.testing.assert_allclose(last.p, np.clip(wanted, 0.05, 20.0), rtol=1e-12)
+
+
+def test_an_estimated_model_believes_what_it_is_told_and_leaves_the_given_one_alone():
+    """Radii and tracks of the copies alone; each call changes one and the same object."""
+    reduced = rolling(cart(pin.JointModelPlanar()))
+    regressor = WheelRegressor(reduced, [UnknownTrack(["right", "left"]), UnknownRadius(["right"])])
+    estimated = regressor.estimated(reduced)
+    q, v2 = np.array([0.2, -0.1, 0.6, 0.8, 0.3, 0.4])[: reduced.robot.nq], np.array([0.7, -0.4])
+    before = reduced.measure(q, v2)
+    model = estimated.at(np.array([0.9, 0.33]))
+    other = rolling(cart(pin.JointModelPlanar(), (0.1, 0.45, 0.2), (0.1, -0.45, 0.2)), (0.2, 0.33))
+    v = other.velocity(q, v2)
+    np.testing.assert_allclose(model.constraint_residual(q, v), 0.0, atol=1e-12)
+    assert np.abs(reduced.constraint_residual(q, v)).max() > 1e-3
+    assert estimated.at(np.array([0.6, 0.25])) is model
+    np.testing.assert_allclose(model.constraint_residual(q, before.v), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(reduced.measure(q, v2).v, before.v)
