@@ -140,3 +140,14 @@ def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_
         np.testing.assert_array_equal(after, expected)
         kept.add(len(after) < len(path))
     assert kept == {False, True}
+
+
+def test_a_tractor_has_come_straight_along_its_heading_and_its_trailer_behind_it():
+    """Twice the trailer's length; the heading goes on from the trailer's own, whatever full turns that has."""
+    law, q = reference(), np.array([0.4, -0.7, 2.3])
+    for trailer, turns in ((2.3 + 0.4, 0), (2.3 - 4 * np.pi + 0.3, -2), (2.3 + 2 * np.pi - 3.0, 1)):
+        m, _ = measured(q[:2], q[2], trailer=trailer)
+        state = law.initial_state(m)
+        behind = q[:2] - 2.0 * np.array([np.cos(2.3), np.sin(2.3)])
+        np.testing.assert_allclose(state.path, [[*behind, 2.3, -2.0], [*q, 0.0]], rtol=1e-12)
+        assert state.heading == pytest.approx(2.3 + 2 * np.pi * turns)
