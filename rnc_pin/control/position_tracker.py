@@ -132,7 +132,7 @@ class PositionTracker(Spelled):
         w = z + g.gamma**2 * e
         q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
         decay = np.exp(-g.sigma * elapsed)
-        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma > 0 else elapsed
+        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
         step = g.beta * e
         drive = g.beta * q
 
