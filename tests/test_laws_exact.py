@@ -86,7 +86,7 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
     assert fed_back(0.0, error).shape == (2, 3)
     np.testing.assert_array_equal(fed_back(2.0, error[1]), [3.0, 8.0, -2.0])
     np.testing.assert_array_equal(fed_back(gains, np.array([np.inf, np.nan, 1.0])), [np.inf, 0.0, -3.0])
-    for gain in (2.0, np.array([0.0, 1e-9, 0.0])):
+    for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
         with pytest.raises(
             rnc.InputError, match=r"has no value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
         ):
@@ -191,6 +191,8 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
     for i in range(4):
         assert np.flatnonzero(command.T[i]).tolist() == sorted(places)
         drive = reduced.drive_jacobian(q[i])
+        one = reduced.measure(q[i], v2[i])
+        np.testing.assert_allclose(law.step(0.0, one, law.initial_state(one))[0].T, command.T[i], rtol=1e-9)
         for place in places:
             assert command.T[i, place] == pytest.approx(drive[TIP, place] @ asked.F[i])
         T = np.zeros(reduced.p)
