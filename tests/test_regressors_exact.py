@@ -153,12 +153,12 @@ def arm(base=None, light=False):
 def test_momentum_is_linear_in_masses_and_the_base_moves_as_it_is_conserved(base):
     """By the kinetic energy of a robot of other masses: ``dE/dv`` of the base is zero at the base's predicted rate."""
     robot = arm(base)
-    unknown = [UnknownMass("foot", 0.5), UnknownMass("hip"), UnknownMass("knee", 3.0)]
+    unknown = [UnknownMass("foot", 0.5), UnknownMass("knee", 3.0)]
     regressor = MomentumRegressor(robot, "body", unknown)
-    assert regressor.units == ("0.5 kg", "kg", "3 kg")
-    p = np.array([1.9, 0.8, 0.3])
+    assert regressor.units == ("0.5 kg", "3 kg")
+    p = np.array([1.9, 0.3])
     model = robot.model.copy()
-    for joint, mass in (("foot", 0.95), ("hip", 0.8), ("knee", 0.9)):
+    for joint, mass in (("foot", 0.95), ("knee", 0.9)):
         index = robot.joint_id(joint)
         old = model.inertias[index]
         model.inertias[index] = pin.Inertia(mass, old.lever, old.inertia * mass / old.mass)
@@ -172,7 +172,7 @@ def test_momentum_is_linear_in_masses_and_the_base_moves_as_it_is_conserved(base
         np.testing.assert_array_equal(Y, W)
         np.testing.assert_array_equal(y, v[rows] - W0)
         known = robot.model.copy()  # rates are those of the momentum under the inertia of the known bodies alone
-        for joint in ("foot", "hip", "knee"):
+        for joint in ("foot", "knee"):
             known.inertias[robot.joint_id(joint)] = pin.Inertia.Zero()
         A = pin.crba(known, known.createData(), q)[rows, rows]
         momentum = np.array(
