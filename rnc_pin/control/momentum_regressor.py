@@ -99,7 +99,7 @@ class MomentumRegressor:
             velocity = self._jacobians.v[joint]
             # A body's momentum is its regressor at velocity 0 and "acceleration" v, times its parameters.
             momentum = pin.bodyRegressor(pin.Motion.Zero(), velocity) @ unit
-            jacobian = pin.getJointJacobian(model, self._jacobians, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
+            jacobian = pin.getJointJacobian(model, self._jacobians, joint, pin.ReferenceFrame.LOCAL)
             Y[:, column] = jacobian[:, rows].T @ momentum
         others = v.copy()
         others[rows] = 0.0

@@ -132,7 +132,7 @@ class PositionTracker(Spelled):
         w = z + g.gamma**2 * e
         q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
         decay = np.exp(-g.sigma * elapsed)
-        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma > 0 else elapsed
+        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
         step = g.beta * e
         drive = g.beta * q
 
@@ -179,7 +179,7 @@ class PositionTracker(Spelled):
         same = _stacked(state.f, state.A, state.B)
         same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
-        stays = quiet | asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], w.shape[-1]))))
+        stays = quiet | asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
         kept = np.where(stays[..., None], same, new)
         k = step.shape[-1]
         return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]
@@ -191,4 +191,4 @@ def _stacked(f: np.ndarray, A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 def _regressor(desired: ReferencePoint) -> np.ndarray:
-    return np.concatenate([np.ones((*desired.velocity.shape[:-1], 1)), desired.acceleration, desired.velocity], axis=-1)
+    return np.concatenate([[1.0], desired.acceleration, desired.velocity])

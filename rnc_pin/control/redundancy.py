@@ -63,7 +63,7 @@ class RedundancyController(Spelled):
         weights: np.ndarray | None = None,
         secondary: Secondary | None = None,
     ) -> None:
-        if len(task.redundant) < len(task.vertical) or not len(task.vertical):
+        if not 0 < len(task.vertical) <= len(task.redundant):
             raise ConfigurationError(
                 f"the class-1 controller needs as many redundant as vertical outputs, found {len(task.redundant)} "
                 f"({', '.join(task.redundant_names) or 'none'}) and {len(task.vertical)} "
@@ -73,9 +73,10 @@ class RedundancyController(Spelled):
         check_size(vertical, len(task.vertical), "vertical")
         self.task, self.primary, self.vertical = task, primary, vertical
         self.k3, self.k21 = k3, k21
-        self._cheap = 1.0 / np.asarray(np.ones(len(task.redundant)) if weights is None else weights, dtype=float)
-        if self._cheap.shape != (len(task.redundant),) or not (self._cheap > 0).all():
+        self._weights = np.ones(len(task.redundant)) if weights is None else np.asarray(weights, dtype=float)
+        if self._weights.shape != (len(task.redundant),) or not ((self._weights > 0) & (self._weights < np.inf)).all():
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
+        self._cheap = 1.0 / self._weights
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
@@ -84,7 +85,7 @@ class RedundancyController(Spelled):
         """Its gains, and where A4 is wide what moving each redundant output costs and what else they are for."""
         gains: dict[str, Json] = {"k3": listed(self.k3), "k21": listed(self.k21)}
         if len(self.task.redundant) > len(self.task.vertical):
-            gains["weights"] = listed(1.0 / self._cheap)
+            gains["weights"] = listed(self._weights)
         if self.secondary is not None:
             gains["secondary"] = describe(self.secondary)
         return {"type": type(self).__name__, **gains}
@@ -104,10 +105,11 @@ class RedundancyController(Spelled):
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
         wanted = base.velocity + self.k3 * base.error - apply(A3, v21)
         wanted_dot = base.acceleration + self.k3 * base.error_rate - apply(A3_dot, v21) - apply(A3, v21_dot)
-        if m.v1_offset is not None and m.v1_offset_dot is not None:  # what the vertical outputs do by themselves
+        if m.v1_offset is not None:  # what the vertical outputs do by themselves
             wanted = wanted - m.v1_offset[..., task.vertical]
+        if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
-        if A4.shape[-1] == A4.shape[-2]:
+        if len(task.redundant) == len(task.vertical):
             v22 = self._solve(A4, wanted, m)
             v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
         else:
@@ -132,7 +134,7 @@ class RedundancyController(Spelled):
 
         ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
         """
-        z, z_dot = np.zeros(A4.shape[:-2] + A4.shape[-1:]), np.zeros(A4.shape[:-2] + A4.shape[-1:])
+        z = z_dot = np.zeros(len(self.task.redundant))
         if self.secondary is not None:
             z, z_dot = self.secondary(t, m)
         back = self._cheap[:, None] * A4.mT  # W^-1 A4^T
@@ -154,7 +156,7 @@ class RedundancyController(Spelled):
             "redundant outputs cannot move the vertical ones (A4 is singular)",
             q=np.zeros(0) if measurement.q is None else np.array(measurement.q),
             condition=float(np.max(condition_number(A4)))
-            if A4.shape[-1] > 1
+            if len(self.task.vertical) > 1
             else float(1 / max(np.abs(A4).min(), 1e-300)),
             rows=(*self.task.vertical_names, *self.task.redundant_names),
         )

@@ -185,7 +185,7 @@ class SingularityDistance(Spelled):
         except np.linalg.LinAlgError:
             raise SingularityError(
                 "redundant outputs cannot move the vertical ones (A4 is singular)",
-                q=q.reshape(-1, q.shape[-1])[0],
+                q=q[(0,) * (q.ndim - 1)],
                 condition=np.inf,
                 rows=(*task.vertical_names, *task.redundant_names),
             ) from None
@@ -198,11 +198,10 @@ class SingularityDistance(Spelled):
         return self.k * self.gradient(q), self.k * (ahead - behind) / (2 * h)
 
     def _moved(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-        model = self._reduced.robot.model
-        if q.ndim == 1:
-            return pin.integrate(model, q, step)
-        pairs = zip(q.reshape(-1, q.shape[-1]), step.reshape(-1, step.shape[-1]), strict=True)
-        return np.stack([pin.integrate(model, q_i, step_i) for q_i, step_i in pairs]).reshape(q.shape)
+        moved = np.empty(q.shape)
+        for at in np.ndindex(q.shape[:-1]):
+            moved[at] = pin.integrate(self._reduced.robot.model, q[at], step[at])
+        return moved
 
 
 def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:

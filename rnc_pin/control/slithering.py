@@ -157,8 +157,8 @@ class SlitheringReference(Spelled):
         # What is far behind the axle's place is of no use, not even for backing up.
         oldest = path[-1, 3] - _KEPT * L
         if older > 1 and path[1, 3] < oldest:
-            fitted = int(np.searchsorted(path[:, 3], path[older, 3] - self.window))
-            path = path[max(min(fitted, int(np.searchsorted(path[:, 3], oldest))) - 1, 0) :]
+            first = int(np.searchsorted(path[:, 3], min(path[older, 3] - self.window, oldest)))
+            path = path[max(first - 1, 0) :]
         return point, DrivenPath(path, desired)
 
     def _recorded(self, path: Array, x: float, y: float, heading: float) -> Array:

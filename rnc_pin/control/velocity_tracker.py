@@ -100,7 +100,7 @@ class VelocityTracker(Spelled):
         square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
         k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
         decay = np.asarray(np.exp(-sigma * elapsed))
-        held = -np.expm1(-sigma * elapsed) / sigma if sigma > 0 else elapsed  # integral of the leak over the sample
+        held = -np.expm1(-sigma * elapsed) / sigma if sigma else elapsed  # integral of the leak over the sample
         gain = held * beta / (1.0 + held * beta * square[..., None] / k)
         step = gain * error
         if self._zoned:

@@ -52,12 +52,13 @@ class _Wheel(NamedTuple):
     """Which of its rows count: rolling, lateral and vertical, or what the wheel has instead."""
     radius: int | None
     """Column of the radius, if it is unknown."""
-    track: int | None
-    """Column of the track, if it is unknown."""
     axle: _Axle | None
+    """What is known of the axle, if its track is unknown."""
 
 
 class _Axle(NamedTuple):
+    column: int
+    """Of the track."""
     joint: int
     """That the wheel turns on."""
     carrier: int
@@ -102,16 +103,16 @@ class WheelRegressor:
             if isinstance(place.block, RollingRows)
         }
         radii: dict[str, int] = {}
-        tracks: dict[str, tuple[int, _Axle]] = {}
+        tracks: dict[str, _Axle] = {}
         for column, each in enumerate(unknown):
             self._check(each, found, radii if isinstance(each, UnknownRadius) else tracks)
             if isinstance(each, UnknownRadius):
                 radii |= dict.fromkeys(each.wheels, column)
             else:
-                tracks |= {wheel: (column, axle) for wheel, axle in _axles(robot, *each.wheels).items()}
+                tracks |= _axles(robot, column, *each.wheels)
         self._kinematics = Kinematics(robot)
         self._unknown = [
-            _Wheel(copy(rows), kept, radii.get(wheel), *tracks.get(wheel, (None, None)))
+            _Wheel(copy(rows), kept, radii.get(wheel), tracks.get(wheel))
             for wheel, (rows, kept) in found.items()
             if wheel in radii or wheel in tracks
         ]
@@ -124,9 +125,9 @@ class WheelRegressor:
         self.predicted_units = ("m/s",) * len(self.predicted)
 
     def _check(self, each: UnknownRadius | UnknownTrack, found: Collection[str], taken: Collection[str]) -> None:
-        what = _kind(each)
-        if isinstance(each.wheels, str) or not each.wheels or (what == "track" and len(each.wheels) != 2):
-            expected = "two wheels" if what == "track" else "a list of wheels"
+        what, pair = _kind(each), isinstance(each, UnknownTrack)
+        if isinstance(each.wheels, str) or not each.wheels or (pair and len(each.wheels) != 2):
+            expected = "two wheels" if pair else "a list of wheels"
             raise ConfigurationError(f"unknown {what}: expected {expected}, found {each.wheels!r}")
         for wheel in each.wheels:
             if wheel not in found:
@@ -158,7 +159,7 @@ class WheelRegressor:
         motion = self._kinematics.position(q).moving(v)
         size = sum(len(wheel.kept) for wheel in self._wheels)
         y, Y, start = np.empty(size), np.zeros((size, len(self.names))), 0
-        for rows, kept, radius, track, axle in self._wheels:
+        for rows, kept, radius, axle in self._wheels:
             place = slice(start, start + len(kept))
             start = place.stop
             contact, wheel = rows.contact_matrix(motion)[kept], motion.velocity(rows.frame)
@@ -171,7 +172,7 @@ class WheelRegressor:
                 turning = pin.skew(body[3:])
                 into_rows = directions @ rotation
                 known = into_rows @ (body[:3] + turning @ axle.middle)
-                Y[place, track] = into_rows @ (turning @ axle.side)
+                Y[place, axle.column] = into_rows @ (turning @ axle.side)
             if radius is None:
                 known = known + rolling
             else:
@@ -186,15 +187,15 @@ class WheelRegressor:
             copy(block) if isinstance(block, RollingRows) else block for block, *_ in reduced.all_constraints.places
         ]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
-        wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.track, wheel.axle) for wheel in self._unknown]
+        wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.axle) for wheel in self._unknown]
 
         def believe(p: np.ndarray) -> None:
-            for rows, radius, track, axle in wheels:
+            for rows, radius, axle in wheels:
                 if radius is not None:
                     rows.radius = float(p[radius])
-                if track is not None and axle is not None:
+                if axle is not None:
                     place = model.jointPlacements[axle.joint]
-                    origin = axle.middle + p[track] * axle.side - axle.centre
+                    origin = axle.middle + p[axle.column] * axle.side - axle.centre
                     model.jointPlacements[axle.joint] = pin.SE3(place.rotation, origin)
 
         believe(np.ones(len(self.names)))
@@ -205,7 +206,7 @@ def _kind(each: UnknownRadius | UnknownTrack) -> str:
     return "radius" if isinstance(each, UnknownRadius) else "track"
 
 
-def _axles(robot: Robot, first: str, second: str) -> dict[str, _Axle]:
+def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axle]:
     """Where two wheels stand on the body that carries them: the middle and the direction, not the distance."""
     model = robot.model
     frames = [model.frames[robot.frame_id(wheel)] for wheel in (first, second)]
@@ -227,7 +228,7 @@ def _axles(robot: Robot, first: str, second: str) -> dict[str, _Axle]:
         raise ConfigurationError(f"{pair} are in one place: the direction of their axle is not known")
     middle, half = (centres[0] + centres[1]) / 2, apart / length / 2
     return {
-        wheel: _Axle(joint, carriers[0], middle, sign * half, offset)
+        wheel: _Axle(column, joint, carriers[0], middle, sign * half, offset)
         for wheel, joint, sign, offset in zip((first, second), joints, (1.0, -1.0), offsets, strict=True)
     }
 
@@ -239,7 +240,5 @@ def _turns_about(robot: Robot, joint: int, point: np.ndarray) -> bool:
         return False
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[
-        :, model.joints[joint].idx_v
-    ]
+    column = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)[:, model.joints[joint].idx_v]
     return bool(np.linalg.norm(column[:3] + np.cross(column[3:], point)) < 1e-9)

@@ -1,0 +1,154 @@
+"""The class-1 law (12) beside a plain rewriting, at numbers that no robot gives: partitions, offsets, batches."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import RedundancyController
+from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.planning import Hold
+from test_control_exact import Cubic
+
+K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
+PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
+
+
+def task(primary, redundant, vertical):
+    """Places of outputs; first names of all three are those of a list, and there are four outputs of either kind."""
+    names = [
+        tuple(f"{kind}_{place}" for place in places)
+        for kind, places in zip("abc", (primary, redundant, vertical), strict=True)
+    ]
+    on_lines = (Coordinates(np.zeros(len(places), dtype=bool)) for places in (primary, redundant, vertical))
+    places = (np.array(each, dtype=int) for each in (primary, redundant, vertical))
+    return rnc.Task(*places, *names, *on_lines, r=len(primary) + len(redundant))
+
+
+def seen(fields, t):
+    """What moves linearly in time, t away from a moment."""
+    x1, x2, v1, v2, A, A_dot, b, b_dot, affine = fields
+    offsets = (b + t * b_dot, b_dot) if affine else (None, None)
+    return Measurement(None, None, v2, x1 + t * v1, x2 + t * v2, v1, A + t * A_dot, A_dot, *offsets)
+
+
+def drawn(batch, r, affine, seed):
+    generator = np.random.default_rng(seed)
+    shapes = ((3,), (r,), (3,), (r,), (3, r), (3, r), (3,), (3,))
+    return (*(generator.uniform(-1, 1, (*batch, *shape)) for shape in shapes), affine)
+
+
+def whole(chosen, m, t, secondary):
+    """(v21, v22) of one state by the first-order conditions of the cheapest v22."""
+    first, base = (Cubic(*orders).at(t) for orders in ORDERS)
+    v21 = first.velocity + K21 * (first.position - m.x2[PRIMARY])
+    right = base.velocity + K3 * (base.position - m.x1[VERTICAL]) - m.A_star[VERTICAL][:, PRIMARY] @ v21
+    if m.v1_offset is not None:
+        right = right - m.v1_offset[VERTICAL]
+    A4, n = m.A_star[VERTICAL][:, chosen.redundant], len(chosen.redundant)
+    if n == 2:
+        return v21, np.linalg.solve(A4, right)
+    W, z = np.diag(WEIGHTS), secondary(t, m)[0] if secondary else np.zeros(n)
+    system = np.block([[W, A4.T], [A4, np.zeros((2, 2))]])
+    return v21, np.linalg.solve(system, np.concatenate([W @ z, right]))[:n]
+
+
+def objective(t, m):
+    """Of time and outputs."""
+    return np.array([0.3, -0.4, 1.1]) * t + m.x2[..., [1, 2, 4]], np.array([0.3, -0.4, 1.1]) + m.v2[..., [1, 2, 4]]
+
+
+@pytest.mark.parametrize("affine", [False, True])
+@pytest.mark.parametrize(
+    ("redundant", "secondary"), [([2, 1], None), ([4, 1, 2], None), ([4, 1, 2], objective)], ids=["square", "wide", "z"]
+)
+def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, secondary, affine):
+    chosen, r = task(PRIMARY, redundant, VERTICAL), 2 + len(redundant)
+    weights = WEIGHTS if len(redundant) == 3 else None
+    law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21, weights, secondary)
+    fields, t, h = drawn((2, 3), r, affine, 4), 0.4, 1e-4
+    target, state = law.step(t, seen(fields, 0.0))
+    assert state is None
+    for at in np.ndindex(2, 3):
+        one = (*(each[at] for each in fields[:-1]), affine)
+        parts = [whole(chosen, seen(one, s), t + s, secondary) for s in (-2 * h, -h, 0.0, h, 2 * h)]
+        for place, k in ((chosen.primary, 0), (chosen.redundant, 1)):
+            far, near, here, after, beyond = (part[k] for part in parts)
+            np.testing.assert_allclose(target.v2[at][place], here, rtol=1e-9, atol=1e-10)
+            slope = (far - 8 * near + 8 * after - beyond) / (12 * h)
+            np.testing.assert_allclose(target.v2_dot[at][place], slope, atol=1e-7 * (1 + np.abs(slope).max()))
+        alone, _ = law.step(t, seen(one, 0.0))
+        steady, _ = law.step(t, seen(one, 0.0)._replace(v1_offset_dot=None))
+        np.testing.assert_array_equal(steady.v2, alone.v2)  # an offset counts where nobody gave its rate
+        np.testing.assert_allclose(alone.v2, target.v2[at], rtol=1e-9, atol=1e-10)
+        first, base = (Cubic(*orders).at(t).position for orders in ORDERS)
+        np.testing.assert_array_equal(alone.x2[PRIMARY], first)
+        np.testing.assert_array_equal(target.x1[at][VERTICAL], base)
+        assert np.isnan(np.delete(target.x2[at], PRIMARY)).all()
+        assert np.isnan(np.delete(alone.x1, VERTICAL)).all()
+        assert (alone.x1.shape, alone.x2.shape) == ((3,), (r,))
+
+
+def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hundred_million_times():
+    """Rates of up to ``1e8 (1 + what was asked for)``; the condition is that of the worst A4, its rows scaled."""
+    law = RedundancyController(task([], [0], [0]), Cubic(*np.zeros((4, 0))), Hold([3.0]), 1.0)
+    x1, q = np.array([[1.0], [3.0]]), np.array([0.4, 5.0])
+
+    def asked(small):
+        A = np.array([[[small]], [[2.0]]])
+        return Measurement(q=q, v2=np.zeros((2, 1)), x1=x1, x2=x1, v1=0 * x1, A_star=A, A_star_dot=0 * A)
+
+    limit = 2.0 / (1e8 * 3.0)
+    np.testing.assert_allclose(law.step(0.0, asked(limit * (1 + 1e-9)))[0].v2, [[3e8], [0.0]], rtol=1e-8)
+    with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
+        law.step(0.0, asked(limit * (1 - 1e-9)))
+    assert caught.value.condition == pytest.approx(1 / limit)
+    assert caught.value.rows == ("c_0", "b_0")
+    np.testing.assert_array_equal(caught.value.q, q)
+    assert caught.value.q is not q
+    flat = RedundancyController(task([], [0, 1], [0, 1]), Cubic(*np.zeros((4, 0))), Hold([3.0, 1.0]))
+    even, still = np.array([[1.0, 2.0], [2.0, 4.0 + 1e-14]]), np.zeros((3, 2))
+    A = np.stack([np.eye(2), even, np.array([[3.0, 4.0], [0.0, 1.0]])])
+    with pytest.raises(rnc.SingularityError) as caught:
+        flat.step(0.0, Measurement(v2=still, x1=still, x2=still, v1=still, A_star=A, A_star_dot=0 * A))
+    unit = even / np.linalg.norm(even, axis=1, keepdims=True)
+    assert caught.value.condition == pytest.approx(np.linalg.cond(unit), rel=0.5)
+    assert caught.value.q.shape == (0,)
+    assert caught.value.rows == ("c_0", "c_1", "b_0", "b_1")
+
+
+def test_the_class_1_law_says_which_outputs_are_too_few():
+    nothing, one, two = Cubic(*np.zeros((4, 0))), Hold([0.0]), Hold([0.0, 0.0])
+    words = "the class-1 controller needs as many redundant as vertical outputs, found "
+    for places, counts in (
+        (([0], [1], [0, 2]), "1 (b_1) and 2 (c_0, c_2)"),
+        (([0, 1], [], [0]), "0 (none) and 1 (c_0)"),
+        (([0], [2, 1], []), "2 (b_2, b_1) and 0 (none)"),
+        (([0], [], []), "0 (none) and 0 (none)"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            RedundancyController(task(*places), two, two)
+        assert str(caught.value) == words + counts
+    words = "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
+    for places, counts in (
+        (([0], [1], [3]), "1 (b_1) and 1 (c_3)"),
+        (([0], [1], [0, 2]), "1 (b_1) and 2 (c_0, c_2)"),
+        (([0], [], []), "0 (none) and 0 (none)"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            check_freedom(task(*places))
+        assert str(caught.value) == words + counts
+    for redundant in ([1], [2, 1]):
+        check_freedom(task([0], redundant, []))
+    wide = task([], [2, 0, 1], [0])
+    for weights in ([1.0, 2.0], np.ones((1, 3)), 1.0, [1, 0, 1], [1, -2, 1], [1, 1, np.inf], [1, np.nan, 1]):
+        with pytest.raises(rnc.ConfigurationError, match="weights have to be 3 positive numbers"):
+            RedundancyController(wide, nothing, one, weights=weights)
+    plain = {"type": "RedundancyController", "k3": 2.0, "k21": 0.0}
+    assert RedundancyController(wide, nothing, one).describe() == {**plain, "weights": [1.0, 1.0, 1.0]}
+    assert RedundancyController(wide, nothing, one, weights=[3, 49, 0.1]).describe()["weights"] == [3.0, 49.0, 0.1]
+    assert RedundancyController(task([1], [0], [0]), one, one).describe() == plain
+    for first, second, words in ((two, one, "primary reference has 2 values for 1"), (one, two, "vertical .* 2 .* 1 ")):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            RedundancyController(task([1], [0], [0]), first, second)

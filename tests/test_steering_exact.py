@@ -1,0 +1,274 @@
+"""Steering and the driven path beside plain rewritings: roots by bisection, curves by SciPy, sums written out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+
+import rnc_pin as rnc
+from rnc_pin.control import SteeringController
+from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.planning import Hold
+from test_control_exact import Cubic
+from test_redundancy_exact import task
+
+# ---------------------------------------------------------------------- the driven path
+
+
+def bend(d, dd):
+    """Curvature of a plane curve by its derivatives."""
+    return (d[0] * dd[1] - d[1] * dd[0]) / np.hypot(*d) ** 3
+
+
+def hermite(begin, end):
+    """The cubic between two places whose speeds are as long as the straight way."""
+    h = np.hypot(end[0] - begin[0], end[1] - begin[1])
+    slopes = [h * np.array([np.cos(heading), np.sin(heading)]) for heading in (begin[2], end[2])]
+    return CubicHermiteSpline([0.0, 1.0], [begin[:2], end[:2]], slopes)
+
+
+def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
+    for x, y, h0, turn, far, side in np.random.default_rng(4).uniform(-1, 1, (30, 6)):
+        step, across = 0.4 + 0.2 * far, 0.1 * side
+        begin = [x, y, 3 * h0]
+        direction = 3 * h0 + 0.2 * turn + 0.1
+        end = (x + step * np.cos(direction), y + step * np.sin(direction), 3 * h0 + 0.4 * turn)
+        curve = hermite(begin, end)
+        px, py = end[0] + 0.9 * np.cos(end[2]) - across * np.sin(end[2]), end[1] + 0.9 * np.sin(end[2])
+        nearest, farthest = (np.hypot(px - place[0], py - place[1]) for place in (end, begin))
+        L = 0.7 * nearest + 0.3 * farthest
+        s = brentq(lambda s: np.hypot(*(np.array([px, py]) - curve(s))) - L, 0, 1, xtol=1e-15, rtol=1e-15)  # noqa: B023
+        point = chord_end_between(begin, end, px, py, L)
+        d, dd = curve(s, 1), curve(s, 2)
+        expected = [*curve(s), np.arctan2(d[1], d[0]), bend(d, dd)]
+        np.testing.assert_allclose(point, expected, rtol=1e-10, atol=1e-11)
+        for length, place in ((0.5 * nearest, 1.0), (1.5 * farthest, 0.0)):  # beyond the places: the nearer one
+            point, d, dd = chord_end_between(begin, end, px, py, length), curve(place, 1), curve(place, 2)
+            np.testing.assert_allclose(
+                point, [*curve(place), np.arctan2(d[1], d[0]), bend(d, dd)], rtol=1e-11, atol=1e-12
+            )
+
+
+@pytest.mark.parametrize("side", [-1e-9, 0.0, 1e-3])
+def test_a_chord_across_the_path_ends_where_the_path_begins(side):
+    """From a place beside the path there is no way along it that makes the chord shorter."""
+    begin, end = [0.5, -0.25, 0.3], (0.9, -0.05, 0.6)
+    normal, along = np.array([-np.sin(0.3), np.cos(0.3)]), np.array([np.cos(0.3), np.sin(0.3)])
+    px, py = np.array(begin[:2]) + 0.7 * normal - side * along
+    point = chord_end_between(begin, end, px, py, 1.0)
+    curve = hermite(begin, end)
+    np.testing.assert_allclose(point, [0.5, -0.25, 0.3, bend(curve(0.0, 1), curve(0.0, 2))], atol=1e-12)
+
+
+def driven(count, spacing, noise, seed, turn=0.8):
+    """Places along a winding way, with noise; x, y, heading and distance."""
+    generator = np.random.default_rng(seed)
+    s = spacing * np.arange(count)
+    heading = 1.1 + turn * np.sin(1.5 * s)
+    x, y = (np.concatenate([[0.3], 0.3 + np.cumsum(spacing * f(heading[:-1]))]) for f in (np.cos, np.sin))
+    path = np.column_stack([x, y, heading, s + 5.0])
+    path[:, :3] += noise * generator.normal(size=(count, 3))
+    return path
+
+
+def near_to(path, older, share):
+    """A place between two of a path, not quite on it."""
+    begin, end = path[older], path[older + 1]
+    x, y, heading, _ = (1 - share) * begin + share * end
+    return PathPoint(x + 1e-3, y - 2e-3, heading + 0.01, 0.5)
+
+
+def fitted(path, older, near, kingpin, L, window):
+    """Of all quintics that with the least weighed errors of place and heading, and where on it the chord ends."""
+    reached = path[older, 3] + np.hypot(near.x - path[older, 0], near.y - path[older, 1])
+    c, s = np.cos(near.heading), np.sin(near.heading)
+    axes = np.array([[c, s], [-s, c]])
+    rows = []
+    for x, y, heading, distance in path:
+        turned = np.angle(np.exp(1j * (heading - near.heading)))
+        if abs(distance - reached) <= window and abs(turned) < 1.0:
+            along, left = axes @ [x - near.x, y - near.y]
+            rows.append((along, left, turned, 1 - ((distance - reached) / window) ** 2))
+    along, left, turned, weight = np.array(rows).T
+
+    def errors(a):
+        """Of heading the slope's, linear as in the small: by cos^2 of it, at a lever of L."""
+        y = np.polynomial.Polynomial(a)
+        slope = (y.deriv()(along) - np.tan(turned)) * np.cos(turned) ** 2
+        return np.concatenate([weight * (y(along) - left), weight * L * slope])
+
+    design = np.stack([errors(each) - errors(np.zeros(6)) for each in np.eye(6)], axis=1)
+    curve = np.polynomial.Polynomial(np.linalg.lstsq(design, -errors(np.zeros(6)), rcond=None)[0])
+    p = axes @ (np.array(kingpin) - [near.x, near.y])
+    u = brentq(lambda u: np.hypot(p[0] - u, p[1] - curve(u)) - L, -window, 0.3 * window, xtol=1e-15, rtol=1e-15)
+    slope, second = curve.deriv()(u), curve.deriv(2)(u)
+    place = np.array([near.x, near.y]) + axes.T @ [u, curve(u)]
+    return PathPoint(*place, near.heading + np.arctan(slope), second / (1 + slope**2) ** 1.5), len(rows)
+
+
+@pytest.mark.parametrize(("noise", "window"), [(0.0, 0.35), (3e-3, 0.35), (3e-3, 0.21)])
+def test_the_end_of_a_chord_on_a_fitted_path_is_that_of_the_best_quintic(noise, window):
+    for seed, (share, off) in enumerate(np.random.default_rng(2).uniform(0.1, 0.9, (8, 2))):
+        path = driven(24, 0.07, noise, seed)
+        near = near_to(path, 9, share)
+        direction = near.heading + 0.4 * off
+        L = 0.8
+        kingpin = (near.x + 0.82 * np.cos(direction), near.y + 0.82 * np.sin(direction))
+        expected, count = fitted(path, 9, near, kingpin, L, window)
+        assert count >= 6
+        point = chord_end_fitted(path, 9, near, *kingpin, L, window)
+        np.testing.assert_allclose(point[:3], expected[:3], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(point.curvature, expected.curvature, rtol=1e-7, atol=1e-7)
+        assert np.hypot(kingpin[0] - point.x, kingpin[1] - point.y) == pytest.approx(L, rel=1e-12)
+
+
+def straight(*distances):
+    """Places on a gentle bend at these distances."""
+    s = np.array(distances)
+    return np.column_stack([s, 0.05 * s**2, np.arctan(0.1 * s), s + 2.0])
+
+
+def test_a_path_is_fitted_only_where_places_on_both_sides_of_the_axle_are_within_the_window():
+    dense = 0.02 * np.arange(10)
+    ahead, behind = straight(-1.0, -0.3, *dense), straight(*(-dense[::-1]), 0.3, 1.0)
+    for path, older, share in ((ahead, 1, 0.9), (behind, 9, 0.1)):
+        near = PathPoint(*((1 - share) * path[older] + share * path[older + 1])[:3], 0.3)
+        kingpin = (near.x + 0.8 * np.cos(0.1), near.y + 0.8 * np.sin(0.1))
+        edge = max(np.hypot(*(path[place, :2] - near[:2])) for place in (older, older + 1))
+        reached = path[older, 3] + np.hypot(*(path[older, :2] - near[:2]))
+        edge = max(reached - path[older, 3], path[older + 1, 3] - reached)
+        assert chord_end_fitted(path, older, near, *kingpin, 0.8, edge * (1 - 1e-9)) is near
+        point = chord_end_fitted(path, older, near, *kingpin, 0.8, edge * (1 + 1e-9))
+        expected, count = fitted(path, older, near, kingpin, 0.8, edge * (1 + 1e-9))
+        assert count == 11
+        np.testing.assert_allclose(point, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_path_is_fitted_to_four_places_and_not_to_three():
+    """Of those within the window that head within a radian of its middle."""
+    path = straight(-0.3, -0.1, 0.02, 0.1, 0.2, 0.5)
+    near, window = PathPoint(0.05, 0.0, 0.0, 0.3), 0.251
+    kingpin = (0.85, 0.1)
+    expected, count = fitted(path, 2, near, kingpin, 0.8, window)
+    assert count == 4
+    np.testing.assert_allclose(chord_end_fitted(path, 2, near, *kingpin, 0.8, window), expected, rtol=1e-8, atol=1e-9)
+    assert chord_end_fitted(path, 2, near, *kingpin, 0.8, 0.14) is near
+    for turned, steep in ((0.999999, False), (1.000001, True), (-0.999999, False), (-1.000001, True)):
+        bent = path.copy()
+        bent[4, 2] = turned + 2 * np.pi
+        found = chord_end_fitted(bent, 2, near, *kingpin, 0.8, window)
+        assert (found is near) == steep
+        if not steep:
+            expected, count = fitted(bent, 2, near, kingpin, 0.8, window)
+            assert count == 4
+            np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8)
+
+
+def test_a_fitted_path_is_left_alone_where_no_chord_ends_on_it():
+    """Across the path, or farther from the axle's place than the window."""
+    path = straight(*np.arange(-0.3, 0.31, 0.05)) * [1.0, 0.0, 0.0, 1.0]
+    near, window = PathPoint(0.02, 0.0, 0.0, 0.3), 0.2
+    for kingpin, L, left in (
+        ((0.02 - 1e-9, 0.8), 0.8, True),  # across
+        ((0.02 - 1e-9, -0.8), 0.8, True),
+        ((0.05, 0.8), 0.803, False),
+        ((0.05, -0.8), 0.803, False),
+        ((-0.78, 0.0), 0.8, True),  # before it
+        ((0.82, 0.0), 0.8, False),
+        ((0.82, 0.0), 0.97, False),
+        ((0.82, 0.0), 1.01, True),
+        ((0.82, 0.0), 0.61, False),
+        ((0.82, 0.0), 0.59, True),
+    ):
+        found = chord_end_fitted(path, 6, near, *kingpin, L, window)
+        assert (found is near) == left
+        if not left:
+            assert np.hypot(kingpin[0] - found.x, kingpin[1] - found.y) == pytest.approx(L, rel=1e-12)
+
+
+# ---------------------------------------------------------------------- steering
+
+PLACES = ([3, 0, 5], [4, 1], [2, 0])
+ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
+
+
+def steering(gradient, **changes):
+    """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
+    reduced = SimpleNamespace(affine=False, kinematic_gradient=lambda q, of: gradient[..., of])
+    chosen = task(*PLACES)
+    first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
+    return SteeringController(reduced, chosen, first, base, **changes), first, base
+
+
+@pytest.mark.parametrize("fastest", [1e9, 0.7])
+@pytest.mark.parametrize("watched", [False, True])
+def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(fastest, watched):
+    """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``damping v22 = 0``."""
+    generator = np.random.default_rng(3)
+    k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
+    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "fastest": fastest}
+    aside = Hold([0.77])
+    for _ in range(5):
+        gradient = generator.uniform(-1, 1, (3, 6, 6))
+        law, first, base = steering(gradient, **gains, watched=(np.array([1]), aside) if watched else None)
+        x1, x2, v2 = generator.uniform(-1, 1, 3), generator.uniform(-1, 1, 6), generator.uniform(-1, 1, 6)
+        A, A_dot = generator.uniform(-1, 1, (2, 3, 6))
+        m = Measurement(q=np.zeros(2), v2=v2, x1=x1, x2=x2, v1=np.full(3, np.nan), A_star=A, A_star_dot=A_dot)
+        target, state = law.step(t, m)
+        assert state is None
+        primary, redundant, vertical = PLACES
+        x21d, x11d, v21 = first.at(t), base.at(t), v2[primary]
+        v21d_dot = x21d.acceleration + k21 * (x21d.velocity - v21)
+        N = np.array([[gradient[k][primary][:, s] @ v21 for s in redundant] for k in vertical])
+        A3, A3_dot = A[vertical][:, primary], A_dot[vertical][:, primary]
+        missing = x11d.velocity + k3 * (x11d.position - x1[vertical]) - A3 @ v21
+        wanted_dot = x11d.acceleration + k3 * (x11d.velocity - A3 @ v21)
+        at_rest = A3_dot @ v21 - N @ v2[redundant] + A3 @ v21d_dot
+        rows = np.vstack([N, damping * np.eye(2)])
+        v22 = np.linalg.lstsq(rows, np.concatenate([wanted_dot + k4 * missing - at_rest, np.zeros(2)]), rcond=None)[0]
+        np.testing.assert_allclose(target.v2[primary], x21d.velocity + k21 * (x21d.position - x2[primary]), rtol=1e-12)
+        np.testing.assert_allclose(target.v2[redundant], np.clip(v22, -fastest, fastest), rtol=1e-9)
+        np.testing.assert_allclose(target.v2_dot[primary], v21d_dot, rtol=1e-12)
+        assert target.v2_dot[[*redundant, 2]].tolist() == [0.0, 0.0, 0.0]
+        np.testing.assert_array_equal(target.x1[vertical], x11d.position)
+        np.testing.assert_array_equal(target.x1[1], 0.77 if watched else np.nan)
+        np.testing.assert_array_equal(target.x2[primary], x21d.position)
+        assert np.isnan(target.x2[[1, 2, 4]]).all()
+
+
+def test_steering_takes_over_where_redundant_rates_move_nothing():
+    """A4 up to a billionth; what it is made of is said."""
+    law, first, base = steering(np.zeros((3, 6, 6)))
+    A = np.zeros((3, 6))
+    A[:, PLACES[0]] = 5.0
+    A[1] = 7.0  # a vertical output that the task does not name
+    for size, refused in ((1e-9, False), (1.0001e-9, True), (-1.0001e-9, True)):
+        A[0, 4] = size
+        if refused:
+            with pytest.raises(rnc.ConfigurationError) as caught:
+                law.initial_state(Measurement(A_star=A))
+            words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
+            assert str(caught.value) == words
+        else:
+            assert law.initial_state(Measurement(A_star=A)) is None
+    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0, "damping": 0.1, "fastest": 4.0}
+    assert law.describe() == {"type": "SteeringController", **gains}
+    reduced = SimpleNamespace(affine=False)
+    for places, counts in (
+        (([0], [1], [0, 1]), "1 and 2"),
+        (([0], [1, 2], [0]), "2 and 1"),
+        (([0], [], []), "0 and 0"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            SteeringController(reduced, task(*places), first, base)
+        words = f"steering needs as many redundant as vertical outputs, found {counts}"
+        assert str(caught.value) == words
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        SteeringController(SimpleNamespace(affine=True), task(*PLACES), first, base)
+    assert str(caught.value) == "steering assumes A v = 0, and these constraints are affine (A v = mu)"
+    for one, other, words in ((base, base, "the primary .* 2 values for 3"), (first, first, "the vertical .* 3 .* 2 ")):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            SteeringController(reduced, task(*PLACES), one, other)
