@@ -17,12 +17,12 @@ TESTS = (
     "affine", "analysis", "analysis_pinned", "car_path", "chained_form", "closed_forms", "control",
     "control_loop", "control_pinned", "controller_settings", "core_refusals", "equilibrium", "evaluation",
     "feedback_pinned", "grip", "integration", "kinds_of_classes", "lemma_1", "linear_pinned", "linearization",
-    "loops", "mimic", "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_pinned",
-    "position_tracker", "printing", "reference_data", "references", "regular_everywhere", "report_pinned",
-    "rolling", "rounded_rows", "rows_pinned", "secondary", "seldom_computed", "seldom_taken", "simulation",
-    "singular_pinned", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows", "systems",
-    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles",
-    "where_defined", "windup",
+    "loops", "mimic", "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_exact",
+    "planning_pinned", "position_tracker", "printing", "reference_data", "references", "regular_everywhere",
+    "report_pinned", "rolling", "rounded_rows", "rows_pinned", "secondary", "seldom_computed", "seldom_taken",
+    "simulation", "singular_pinned", "slithering", "state_feedback", "steering", "strange_joints", "strange_rows",
+    "systems", "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels",
+    "vehicles", "where_defined", "windup",
 )  # fmt: skip
 
 
