@@ -51,11 +51,11 @@ def cheapest_leg(start, goal, radius, forward_only, samples):
     return best
 
 
-@pytest.mark.parametrize(("forward_only", "samples"), [(False, 201), (True, 25)])
-def test_the_best_leg_is_the_cheapest_of_seven_charts(forward_only, samples):
-    generator, radius = np.random.default_rng(4), 0.7
+@pytest.mark.parametrize(("forward_only", "samples", "radius"), [(False, 201, 0.7), (True, 25, 0.7), (False, 25, 0.02)])
+def test_the_best_leg_is_the_cheapest_of_seven_charts(forward_only, samples, radius):
+    generator = np.random.default_rng(4)
     starts = generator.uniform([-2, -2, -9], [2, 2, 9], (150, 3))
-    x, y, turn = (generator.uniform([0.5, -2, -1.8], [6, 2, 1.8], (150, 3)) * generator.choice([-1, 1], (150, 1))).T
+    x, y, turn = (generator.uniform([0.5, -3, -1.8], [6, 3, 1.8], (150, 3)) * generator.choice([-1, 1], (150, 1))).T
     c, n = np.cos(starts[:, 2]), np.sin(starts[:, 2])
     goals = starts + np.column_stack([c * x - n * y, n * x + c * y, turn])
     options = {} if samples == 201 else {"samples": samples}
@@ -63,7 +63,7 @@ def test_the_best_leg_is_the_cheapest_of_seven_charts(forward_only, samples):
     pairs = zip(starts, goals, strict=True)
     expected = np.array([cheapest_leg(a, b, radius, forward_only, samples) for a, b in pairs])
     found = np.isfinite(costs)
-    assert 20 < found.sum() < 130
+    assert 20 < found.sum() < 149
     parts = np.abs(charts - starts[:, 2] - (goals - starts)[:, 2] / 2)[found]
     assert (parts > 0.1).sum() > 10  # more than the first of the charts is used
     np.testing.assert_allclose(costs, expected[:, 0], rtol=1e-10)
@@ -135,15 +135,44 @@ def test_a_plan_looks_at_all_pairs_coarsely_and_at_forty_closely(monkeypatch):
     assert looked == [(*size, 0.5, True) for size in [*sizes, (40, 201), (40, 201), (40, 201)]]
 
 
-def test_a_plan_by_way_of_two_stops_is_the_cheapest_of_all_pairs():
-    """Where the cheapest stops are known: costs of all pairs one by one, the first, middle and last leg of each."""
-    start, goal, radius = np.array([0.3, -0.2, 0.4]), np.array([0.5, 0.6, 2.9]), 0.5
-    legs = plan_legs(start, goal, radius)
-    whole = sum(best_legs(leg.start[None], leg.goal[None], radius)[0][0] for leg in legs)
-    once = car_planner._ahead(start, _moves(False) * [radius, radius, 1.0])
-    after, _ = best_legs(np.broadcast_to(start, once.shape), once, radius)
-    rest, _ = best_legs(once, np.broadcast_to(goal, once.shape), radius)
-    assert whole + 3 * radius * len(legs) <= np.min(after + rest) + 3 * radius * 2 + 1e-12
+def placed(pose):
+    """The matrix of a pose."""
+    c, n = np.cos(pose[2]), np.sin(pose[2])
+    return np.array([[c, -n, pose[0]], [n, c, pose[1]], [0.0, 0.0, 1.0]])
+
+
+def planned(start, goal, radius, forward_only):
+    """Stops of the cheapest plan, by loops: each pair of a first and a last move, and what joins them."""
+
+    def costs(first, last, samples=201):
+        ends = np.broadcast_arrays(np.asarray(first), np.asarray(last))
+        return best_legs(*(each.reshape(-1, 3) for each in ends), radius, forward_only, samples)[0]
+
+    moves = _moves(forward_only) * [radius, radius, 1.0]
+    after = [[*(placed(start) @ [x, y, 1.0])[:2], start[2] + turn] for x, y, turn in moves]
+    before = []
+    for move in moves:
+        there = placed(goal) @ np.linalg.inv(placed(move))
+        before.append([*there[:2, 2], goal[2] - move[2]])
+    once = sorted([*after, *before], key=lambda stop: (costs(start, stop, 25) + costs(stop, goal, 25))[0])[:40]
+    two = [(costs(start, stop) + costs(stop, goal))[0] for stop in once]
+    few = [k for turn in range(-120, 121, 30) for k in np.flatnonzero(np.rad2deg(moves[:, 2]).round() == turn)[:13]]
+    first, last = np.array(after)[few], np.array(before)[few]
+    out, home = costs(start, first, 25), costs(last, goal, 25)
+    pairs = np.array([out[k] + costs(stop, last, 25) + home for k, stop in enumerate(first)])
+    ways = [(first[k // len(few)], last[k % len(few)]) for k in np.argsort(pairs, axis=None)[:40]]
+    three = [(costs(start, a) + costs(a, b) + costs(b, goal))[0] for a, b in ways]
+    plans = [(np.min(two) + 6 * radius, [once[np.argmin(two)]]), (np.min(three) + 9 * radius, ways[np.argmin(three)])]
+    return min(plans, key=lambda plan: plan[0])[1]
+
+
+@pytest.mark.parametrize(("goal", "legs"), [((1.9, 0.3, 2.4), 2), ((-0.7, 0.4, 0.3), 3), ((0.2, 1.3, -2.0), 3)])
+def test_a_plan_goes_by_the_cheapest_stops_of_the_lattice(goal, legs):
+    start, goal = np.array([0.3, -0.2, 0.4]), np.array(goal)
+    found = plan_legs(start, goal, 0.45, True)
+    np.testing.assert_allclose([leg.goal for leg in found[:-1]], planned(start, goal, 0.45, True), atol=1e-9)
+    np.testing.assert_array_equal(found[-1].goal, goal)
+    assert len(found) == legs
 
 
 @pytest.mark.parametrize("saved", [2.9, 3.1])
