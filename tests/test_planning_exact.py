@@ -354,6 +354,7 @@ def test_a_harmonic_has_no_phase_and_a_ramp_of_a_second_unless_told():
     np.testing.assert_allclose(
         plain.at(1.01).position, [0.2, 0.1] + 0.7 * np.sin(2 * np.pi * 1.01 * np.array([0.3, 0.9]))
     )
+    np.testing.assert_allclose(Harmonic([0.0], 2.0, 0.25, 0.4, ramp=0.5).at(0.25).position, [np.sin(0.4 + np.pi / 8)])
     tiny = Harmonic([0.0], 2.0, 0.25, 0.4, ramp=1e-12)  # grown at once, over a nanosecond at least
     np.testing.assert_allclose(tiny.at(1e-11).position, [2.0 * np.sin(0.4)], rtol=1e-9)
 
