@@ -166,7 +166,7 @@ def planned(start, goal, radius, forward_only):
     return min(plans, key=lambda plan: plan[0])[1]
 
 
-@pytest.mark.parametrize(("goal", "legs"), [((1.9, 0.3, 2.4), 2), ((-0.7, 0.4, 0.3), 3), ((0.2, 1.3, -2.0), 3)])
+@pytest.mark.parametrize(("goal", "legs"), [((2.6, 1.9, -2.98), 2), ((-0.7, 0.4, 0.3), 3), ((0.2, 1.3, -2.0), 3)])
 def test_a_plan_goes_by_the_cheapest_stops_of_the_lattice(goal, legs):
     start, goal = np.array([0.3, -0.2, 0.4]), np.array(goal)
     found = plan_legs(start, goal, 0.45, True)
