@@ -20,13 +20,13 @@ TESTS = (
     "equilibrium_exact", "evaluation", "evaluation_exact", "feedback_pinned", "grip", "growth_exact",
     "independence_exact", "integrability_exact", "integration", "kinds_of_classes", "kinematics_exact",
     "laws_exact", "lemma_1", "limits_of_analysis", "linear_pinned", "linearization", "loops", "mimic",
-    "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_pinned", "position_tracker",
-    "printing", "redundancy_exact", "reference_data", "references", "regressors_exact", "regular_everywhere",
-    "regulator_exact", "report_pinned", "rolling", "rounded_rows", "rows_pinned", "secondary",
-    "seldom_computed", "seldom_taken", "simulation", "singular_pinned", "slithering", "slithering_exact",
-    "state_feedback", "steering", "steering_exact", "strange_joints", "strange_rows", "system_exact", "systems",
-    "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics", "uncertain_wheels", "vehicles",
-    "where_defined", "windup",
+    "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_exact", "planning_pinned",
+    "position_tracker", "printing", "redundancy_exact", "reference_data", "references", "regressors_exact",
+    "regular_everywhere", "regulator_exact", "report_pinned", "rolling", "rounded_rows", "rows_pinned",
+    "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned", "slithering",
+    "slithering_exact", "state_feedback", "steering", "steering_exact", "strange_joints", "strange_rows",
+    "system_exact", "systems", "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics",
+    "uncertain_wheels", "vehicles", "where_defined", "windup",
 )  # fmt: skip
 
 

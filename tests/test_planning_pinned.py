@@ -316,3 +316,17 @@ def test_a_pose_is_the_same_to_a_millionth_of_the_turning_radius(radius, apart, 
             plan_legs(start, goal, radius)
     else:
         assert plan_legs(start, goal, radius)
+
+
+def test_a_heading_is_the_same_to_two_billionths_of_a_radian():
+    start = np.array([1.0, 2.0, 0.3])
+    with pytest.raises(rnc.ConfigurationError, match="are the same pose"):
+        plan_legs(start, start + np.array([0.0, 0.0, 1.5e-9]), 1.0)
+    assert len(plan_legs(start, start + np.array([0.0, 0.0, 3e-9]), 1.0)) > 1
+
+
+def test_a_car_backs_up_unless_told_not_to():
+    (leg,) = plan_legs(np.zeros(3), np.array([-3.0, 0.0, 0.0]), 0.5)
+    assert leg.length == pytest.approx(3.0)
+    assert len(CarPath(np.zeros(3), (-3.0, 0.0, 0.0), 2.0, 1.0).legs) == 1
+    assert len(CarPath(np.zeros(3), (4.0, 0.0, 0.0), 2.0, 1.0, max_steering=0.02).legs) == 1
