@@ -75,6 +75,7 @@ def _start(trial: Trial) -> int:
         for stream in (1, 2):
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
         sys.dont_write_bytecode = True
+        os.environ.pop("PYTEST_ADDOPTS", None)  # workers of its own would load what is in the files
         sys.meta_path.insert(0, _Mutant(trial))
         options = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:cov"]
         code = 0

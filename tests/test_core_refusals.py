@@ -232,7 +232,7 @@ def test_wheels_without_a_track(kind, place, message):
     left = robot.model.jointPlacements[robot.joint_id("left_wheel_joint")].translation
     np.testing.assert_allclose(left, [0.0, 0.2, 0.0])  # where one of them is
     with pytest.raises(rnc.ConfigurationError, match=message):
-        _axles(robot, "left_wheel", "third")
+        _axles(robot, 0, "left_wheel", "third")
 
 
 def test_no_configuration_has_no_singular_ones():
