@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.scenario.run import plan
 
-DT, SUBSTEPS, SAMPLES = 0.002, 4, 150
+DT, SUBSTEPS, SAMPLES = 0.002, 4, 60
 CASES = {
     "(12) over (10)": ("space-robot", {}),
     "(12) over computed torque": ("mobile-manipulator", {"controller.tracker": "computed_torque"}),
