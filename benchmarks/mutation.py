@@ -47,10 +47,11 @@ def mutants(paths: list[Path]) -> list[MutationSpec]:
     return sorted(made, key=lambda each: (each.module_path, each.start_pos, each.operator_name, each.occurrence))
 
 
-def run_once(tree: Path, files: list[str]) -> None:
+def run_once(tree: Path, files: list[str], jobs: int) -> None:
     """The tests as they are, with what they go through."""
     command = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
-    ran = subprocess.run([sys.executable, "-m", "pytest", *command.split(), *files], cwd=tree, check=False)
+    workers = ["-n", str(jobs)] if jobs > 1 else []
+    ran = subprocess.run([sys.executable, "-m", "pytest", *command.split(), *workers, *files], cwd=tree, check=False)
     if ran.returncode:
         raise SystemExit("the tests fail without a mutant")
 
@@ -92,7 +93,7 @@ def main() -> None:
         os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
         os.chdir(tree)
         sys.path.insert(0, str(tree))
-        run_once(tree, [f"tests/test_{name}.py" for name in given.tests])
+        run_once(tree, [f"tests/test_{name}.py" for name in given.tests], given.jobs)
         data = CoverageData(str(tree / ".coverage"))
         data.read()
         lines, every = Lines(tree, data.contexts_by_lineno), mutants(paths)
