@@ -199,7 +199,11 @@ def started(*arguments, **options):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
-@pytest.mark.parametrize("signals", [[signal.SIGTERM], [signal.SIGINT] * 3, [signal.SIGHUP]], ids=str)
+@pytest.mark.parametrize(
+    "signals",
+    [[signal.SIGTERM], [signal.SIGINT] * 3, pytest.param([signal.SIGHUP], marks=pytest.mark.long)],  # 10 s; as SIGTERM
+    ids=str,
+)
 def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):
     out = tmp_path / "out"
     with started(*RUN, *LONG, "--out", out) as process:
@@ -241,7 +245,7 @@ def rows(out):
         return []
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.long), 2])  # 30 s, and there are no workers
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL], ids=str)
 def test_a_sweep_that_is_ended_keeps_its_table_and_its_workers_end(end, jobs, tmp_path):
     out = tmp_path / "out"

@@ -371,7 +371,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("room", [100, 2000, 30_000])
+@pytest.mark.parametrize("room", [100, 30_000])  # of the first file, and of a later one
 def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call):
     out = tmp_path / "out"
     assert call(*SHORT, "--out", out)[0] == 0
