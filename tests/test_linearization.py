@@ -108,6 +108,8 @@ def test_deviation_is_the_state():
     q = reduced.robot.configuration({"root_joint": (0.3, -0.2, -3.0), "pitch": 0.1})
     turned = 2 * np.pi - 6.0  # through pi, not back around
     np.testing.assert_allclose(found.deviation(q, [7.0, 8.0, 9.0]), [0.1, turned, 8.0, 9.0], atol=1e-15)
+    for own in ("_read", "_kept"):  # how it finds them
+        assert own not in repr(found)
 
 
 def test_inputs_that_hold_the_state_are_found():
