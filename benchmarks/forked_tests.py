@@ -46,21 +46,21 @@ class _Mutant(SourceFileLoader):
         return spec_from_file_location(name, self.path, loader=self) if name == self.name else None
 
 
-def survivors(trials: Iterable[Trial], jobs: int) -> Iterator[tuple[int, bool]]:
-    """Numbers of the trials, as they end, and whether no test noticed; ``jobs`` at a time."""
+def survivors(trials: Iterable[Trial], jobs: int) -> Iterator[tuple[Trial, bool]]:
+    """Trials, as they end, and whether no test noticed; ``jobs`` at a time."""
     for library in LIBRARIES:
         importlib.import_module(library)
     assert "rnc_pin" not in sys.modules
-    running: dict[int, int] = {}
-    for number, trial in enumerate(trials):
+    running: dict[int, Trial] = {}
+    for trial in trials:
         if len(running) == jobs:
             yield _ended(running)
-        running[_start(trial)] = number
+        running[_start(trial)] = trial
     while running:
         yield _ended(running)
 
 
-def _ended(running: dict[int, int]) -> tuple[int, bool]:
+def _ended(running: dict[int, Trial]) -> tuple[Trial, bool]:
     process, status = os.wait()
     return running.pop(process), status == 0
 

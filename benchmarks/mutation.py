@@ -1,11 +1,11 @@
 """How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
 Cosmic Ray makes the mutants, of a copy of the tree. The tests are run once as they are, which says how long each takes
-and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, of each
-file in turn the shortest, until one fails or ``--patience`` is over, in a fork of a process that has the libraries
-loaded. All mutants of six packages would take a day on two cores: of the modules that are given as many are drawn as
-``--sample`` says, with a seed. Survivors are printed as differences, to be killed by an assertion or found equivalent
-by a reader.
+and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, those of
+its module by turns with the shortest of each file, until one fails or ``--patience`` is over, in a fork of a process
+that has the libraries loaded. All mutants of six packages would take a day on two cores: of the modules that are given
+as many are drawn as ``--sample`` says, with a seed. Survivors are printed as differences, to be killed by an assertion
+or found equivalent by a reader.
 """
 
 from __future__ import annotations
@@ -99,9 +99,8 @@ def main() -> None:
         lines, every = Lines(tree, data.contexts_by_lineno), mutants(paths)
         drawn = random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
-        trials = [trial(each, lines.through(each.module_path, each.start_pos[0]), given.patience) for each in drawn]
-        for ended, (number, survived) in enumerate(survivors(trials, given.jobs), 1):
-            made = trials[number]
+        trials = (trial(each, lines.through(each.module_path, each.start_pos[0]), given.patience) for each in drawn)
+        for ended, (made, survived) in enumerate(survivors(trials, given.jobs), 1):
             done = score[made.module.parent.name]
             done[0], done[1] = done[0] + (not survived), done[1] + 1
             if survived:

@@ -66,7 +66,7 @@ sys.path[:0] = [{str(ROOT)!r}, {str(tmp_path)!r}]
 from benchmarks import forked_tests
 forked_tests.LIBRARIES = ()
 trials = [forked_tests.Trial(Path(name + ".py"), text, ["test_one.py"], 2.0) for name, text in {trials!r}]
-print(sorted(forked_tests.survivors(trials, jobs=2)))
+print(sorted((trials.index(trial), alive) for trial, alive in forked_tests.survivors(trials, jobs=2)))
 """
     )
     told = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False)

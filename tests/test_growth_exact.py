@@ -40,19 +40,15 @@ def every_joint():
     return model
 
 
-def skew(w):
-    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-
-
 def as_matrix(kind, x):
     """Of se(2), so(3) or se(3)."""
     whole = np.zeros((4, 4))
     if kind == "planar":
         whole[:2, :2], whole[:2, 3] = [[0.0, -x[2]], [x[2], 0.0]], x[:2]
     elif kind == "spherical":
-        whole[:3, :3] = skew(x)
+        whole[:3, :3] = pin.skew(x)
     else:
-        whole[:3, :3], whole[:3, 3] = skew(x[3:]), x[:3]
+        whole[:3, :3], whole[:3, 3] = pin.skew(x[3:]), x[:3]
     return whole
 
 

@@ -371,7 +371,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("room", [100, 30_000])  # of the first file, and of a later one
+@pytest.mark.parametrize("room", [100, pytest.param(2000, marks=pytest.mark.long), 30_000])  # 8 s; as 100
 def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call):
     out = tmp_path / "out"
     assert call(*SHORT, "--out", out)[0] == 0

@@ -80,26 +80,26 @@ def test_an_axle_is_one_whichever_wheel_is_named_first():
             assert np.linalg.norm(axle.side) == pytest.approx(0.5)
 
 
+def assert_track(robot, wheels, exists, otherwise):
+    """Both wheels have one axle, or are refused in these words."""
+    if exists:
+        assert set(_axles(robot, 0, *wheels)) == set(wheels)
+        return
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        _axles(robot, 0, *wheels)
+    first, second = wheels
+    assert str(caught.value) == f"unknown track: wheels '{first}' and '{second}' {otherwise}"
+
+
 def test_wheels_have_a_track_from_a_billionth_of_a_metre_on():
     here = np.array([0.1, 0.3, 0.2])
     for apart in (1.01e-9, 0.99e-9):
         robot = cart(left=here, right=here + np.array([0.0, 0.0, apart]))
-        if apart > 1e-9:
-            assert set(_axles(robot, 0, "left", "right")) == {"left", "right"}
-            continue
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            _axles(robot, 0, "left", "right")
-        words = "wheels 'left' and 'right' are in one place: the direction of their axle is not known"
-        assert str(caught.value) == f"unknown track: {words}"
+        words = "are in one place: the direction of their axle is not known"
+        assert_track(robot, ("left", "right"), apart > 1e-9, words)
     for aside in ((0.99e-9, 0.4, 0.0), (0.0, -0.4, -0.99e-9), (1.01e-9, 0.4, 0.0), (0.0, 0.0, -1.01e-9)):
-        robot = cart(off=aside)
-        if max(map(abs, aside[::2])) < 1e-9:
-            assert set(_axles(robot, 0, "left", "right")) == {"left", "right"}
-            continue
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            _axles(robot, 0, "right", "left")
-        words = "wheels 'right' and 'left' have no fixed track: frame 'left' is not on the axis of its joint"
-        assert str(caught.value) == f"unknown track: {words}"
+        words = "have no fixed track: frame 'left' is not on the axis of its joint"
+        assert_track(cart(off=aside), ("right", "left"), max(map(abs, aside[::2])) < 1e-9, words)
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelSpherical(), pin.JointModelPlanar(), pin.JointModelPY()])

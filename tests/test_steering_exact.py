@@ -30,6 +30,11 @@ def hermite(begin, end):
     return CubicHermiteSpline([0.0, 1.0], [begin[:2], end[:2]], slopes)
 
 
+def parameter_at(curve, place, L):
+    """Where on a curve of parameters 0 to 1 a chord of length L from a place ends."""
+    return brentq(lambda s: np.hypot(*(place - curve(s))) - L, 0, 1, xtol=1e-15, rtol=1e-15)
+
+
 def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
     for x, y, h0, turn, far, side in np.random.default_rng(4).uniform(-1, 1, (30, 6)):
         step, across = 0.4 + 0.2 * far, 0.1 * side
@@ -40,7 +45,7 @@ def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
         px, py = end[0] + 0.9 * np.cos(end[2]) - across * np.sin(end[2]), end[1] + 0.9 * np.sin(end[2])
         nearest, farthest = (np.hypot(px - place[0], py - place[1]) for place in (end, begin))
         L = 0.7 * nearest + 0.3 * farthest
-        s = brentq(lambda s: np.hypot(*(np.array([px, py]) - curve(s))) - L, 0, 1, xtol=1e-15, rtol=1e-15)  # noqa: B023
+        s = parameter_at(curve, np.array([px, py]), L)
         point = chord_end_between(begin, end, px, py, L)
         d, dd = curve(s, 1), curve(s, 2)
         expected = [*curve(s), np.arctan2(d[1], d[0]), bend(d, dd)]

@@ -8,6 +8,7 @@ are steepest for equal weights of that controller; with weights w choose k propo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,7 @@ from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, check_size, describe, listed
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.kinematics import over_states
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -198,10 +200,7 @@ class SingularityDistance(Spelled):
         return self.k * self.gradient(q), self.k * (ahead - behind) / (2 * h)
 
     def _moved(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-        moved = np.empty(q.shape)
-        for at in np.ndindex(q.shape[:-1]):
-            moved[at] = pin.integrate(self._reduced.robot.model, q[at], step[at])
-        return moved
+        return over_states(partial(pin.integrate, self._reduced.robot.model), q.shape[-1:], q, step)
 
 
 def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:
