@@ -53,7 +53,9 @@ class Lines:
             self._seconds[f"{file}.py::{case.attrib['name']}"] = float(case.attrib["time"])
 
     def through(self, module: Path, line: int) -> list[TimedTest]:
-        """Tests of a line, those first that are most likely to see what is wrong there; of an import's all of it.
+        """Tests of a line, those first that are most likely to see what is wrong there.
+
+        Of what runs at import those of the module, or all where the module is nothing else.
 
         By turns comes a test that goes through much of the module where few others do, for its time, and one of
         another file, the shortest first.
@@ -62,7 +64,7 @@ class Lines:
         tests_of = {number: {name.rpartition("|")[0] for name in names} for number, names in contexts.items()}
         found = {each for number in statement(self._tree / module, line) for each in tests_of.get(number, ())}
         if found == {""}:
-            found = {each for names in tests_of.values() for each in names}
+            found = {each for names in tests_of.values() for each in names} - {""} or self._seconds.keys()
         tests = sorted(TimedTest(self._seconds.get(name, 1.0), name) for name in found - {""})
         seldom: defaultdict[str, float] = defaultdict(float)
         for names in tests_of.values():

@@ -49,6 +49,8 @@ def test_a_mutant_meets_the_tests_of_its_statement_the_shortest_first(tmp_path):
     lines = Lines(tmp_path, lambda file: contexts)
     found = [[test.name for test in lines.through(Path("module.py"), line)] for line in (2, 4, 5, 6)]
     assert found == [[short, long], [long], [short, long], []]
+    lines = Lines(tmp_path, lambda file: {2: [""], 4: [""]})  # definitions alone, which any test may read
+    assert [test.name for test in lines.through(Path("module.py"), 2)] == [short, long]
 
 
 def test_a_mutant_is_loaded_from_its_text_and_a_module_beside_it_from_its_file(tmp_path):

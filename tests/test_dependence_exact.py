@@ -6,8 +6,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import Parts, VelocityRows
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
 
 
@@ -101,6 +103,16 @@ def test_others_are_looked_for_from_a_thousandth_on_or_the_limit(count):
         named = resting(on_rails(rows, (0,), entries, limit, np.ones(3)), count)  # outputs that are meant
         np.testing.assert_array_equal(named.J2, np.broadcast_to(entries, named.J2.shape))
         assert (named.regular == (slope * limit > 1)).all()
+
+
+def test_settled_outputs_are_the_entries_that_were_chosen():
+    for slope, chosen in ((1 / 900, ["s0", "s2"]), (1 / 1100, ["s1", "s2"])):
+        rows, entries = edge(slope)
+        parts = on_rails(rows, (0,), entries, 1e8, np.ones(3), free=True)
+        free = ReducedModel(parts, Assembly(parts.robot, []))
+        settled = free.settled_at(np.zeros(3))
+        assert list(settled.reducing.names) == chosen
+        assert free.at(np.zeros(3)).R.tolist() == settled.at(np.zeros(3)).R.tolist()
 
 
 @pytest.mark.parametrize("count", [None, 2])

@@ -220,6 +220,20 @@ def test_of_coordinates_that_move_the_fastest_is_named():
     assert str(told.value) == "coordinate 'body_x' moves in this motion: leave it out of the coordinates"
 
 
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
+    """Or of one a second; slower ones rest."""
+    reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
+    limit = 1e-8 * (1.0 + speed) / speed
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
+    found = rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    np.testing.assert_allclose(found.A[:2, :2], [[0.0, 0.0], [speed, 0.0]], atol=1e-12)  # y' = u sin(yaw)
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 1.03 * limit)})
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    assert str(told.value) == "coordinate 'body_y' moves in this motion: leave it out of the coordinates"
+
+
 def test_a_loop_has_the_coordinates_that_it_leaves():
     """The crank alone: differences of its acceleration, over configurations at which the loop is closed."""
     reduced = four_bar()

@@ -146,6 +146,11 @@ def test_rows_of_a_user_say_how_good_their_differences_are():
         (lambda r, q: rnc.linearize(r, q, coordinates="pitch"), rnc.InputError, "have to be a list"),
         (lambda r, q: rnc.linearize(r, q, coordinates=["pitch", "pitch"]), rnc.ConstraintError, "not independent"),
         (
+            lambda r, q: rnc.linearize(r, q, coordinates=[rnc.FramePosition("base", "z")], rates=[]),  # cannot move
+            rnc.ConstraintError,
+            "coordinates base_z are not independent under the constraints",
+        ),
+        (
             lambda r, q: rnc.linearize(r, q, coordinates=[rnc.FrameSpeed("base")]),
             rnc.ConstraintError,
             "quasi-velocity: it has no value",

@@ -1,5 +1,7 @@
 """A trailer on a driven path, beside chords found by bisection: rates of any motion, thresholds, what is remembered."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -14,8 +16,8 @@ NAMES = ("tractor_x", "tractor_y", "trailer_yaw", "tractor_yaw")
 """The truck's vertical outputs."""
 
 
-def reference(**settings):
-    reduced = fire_truck()
+def reference(reduced=None, **settings):
+    reduced = reduced or fire_truck()
     assert reduced.vertical.names == NAMES
     return SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", **settings)
 
@@ -122,20 +124,38 @@ def test_a_trailer_may_stand_askew_up_to_a_cosine_of_a_fifth_and_jump_by_seven_t
     assert caught.value.q.shape == (0,)
 
 
+@pytest.fixture
+def long_truck(tmp_path):
+    """With a trailer of 1.5 m."""
+    text = (Path(rnc.__file__).parents[1] / "urdf/fire_truck.urdf").read_text()
+    path = tmp_path / "long_truck.urdf"
+    path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
+    short = fire_truck()
+    robot = rnc.Robot.from_urdf(path, base="planar")
+    system = rnc.NonholonomicSystem(
+        robot, [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")], short.actuation.names[1:]
+    )
+    return system.reduce(
+        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
+        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor")],
+    )
+
+
 @pytest.mark.parametrize("window", [0.1, 1.3])
-def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window):
-    """And one before them; a trailer is a metre long."""
-    law = reference(window=window)
+def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window, long_truck):
+    """And one before them."""
+    law = reference(long_truck, window=window)
+    L = law.length  # 1.5
     kept = set()
     for first, step in ((-5.0, 0.02), (-3.0, 0.1), (-2.1, 0.5), (-2.1, 0.7), (-2.02, 0.02), (-1.9, 0.1), (-4.0, 0.9)):
-        path = straight(*np.arange(first, 0.001, step))
+        path = straight(*np.arange(L * first, 0.001, L * step))
         newest = path[-1, 3]
         place = (path[-1, 0] + 0.001, 0.0)
-        older = np.flatnonzero(path[:, 0] <= place[0] - 1.0)[-1]
+        older = np.flatnonzero(path[:, 0] <= place[0] - L)[-1]
         after = law.step(*measured(place, 0.0), DrivenPath(path, 0.0))[1].path
-        needed = np.flatnonzero((path[:, 3] >= path[older, 3] - window) | (path[:, 3] >= newest - 2.0))
+        needed = np.flatnonzero((path[:, 3] >= path[older, 3] - window) | (path[:, 3] >= newest - 2.0 * L))
         expected = path[max(needed[0] - 1, 0) :]
-        if older < 2 or path[1, 3] >= newest - 2.0:
+        if older < 2 or path[1, 3] >= newest - 2.0 * L:
             assert len(expected) == len(path)
         np.testing.assert_array_equal(after, expected)
         kept.add(len(after) < len(path))
@@ -151,3 +171,11 @@ def test_a_tractor_has_come_straight_along_its_heading_and_its_trailer_behind_it
         behind = q[:2] - 2.0 * np.array([np.cos(2.3), np.sin(2.3)])
         np.testing.assert_allclose(state.path, [[*behind, 2.3, -2.0], [*q, 0.0]], rtol=1e-12)
         assert state.heading == pytest.approx(2.3 + 2 * np.pi * turns)
+
+
+@pytest.mark.parametrize("size", [0.0, -0.5])
+def test_a_length_along_the_path_is_positive(size):
+    for name in ("spacing", "window"):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            reference(**{name: size})
+        assert str(caught.value) == f"{name} of a slithering reference has to be positive, found {size}"

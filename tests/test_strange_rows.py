@@ -190,9 +190,10 @@ def wheels_about(folder, base, **axes):
     return rnc.Robot.from_urdf(path, base=base)
 
 
-def test_turning_the_axle_round_does_not_turn_the_roller(tmp_path):
+@pytest.mark.parametrize("roller", [0.6, -1.5])
+def test_turning_the_axle_round_does_not_turn_the_roller(roller, tmp_path):
     robot = wheels_about(tmp_path, "planar", up=(0, 1, 0), down=(0, -1, 0))
-    wheels = [rnc.RollingWheel(name, WHEEL, roller=0.6) for name in ("up", "down")]
+    wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name in ("up", "down")]
     q = robot.configuration({"root_joint": [0.2, 0.1, 0.7], "up_spin": 0.4, "down_spin": 1.4})
     rows = {wheel.frame: wheel.bind(robot).jacobian(Kinematics(robot).position(q))[0] for wheel in wheels}
     np.testing.assert_allclose(rows["up"][:3], -rows["down"][:3], atol=ROUNDING)  # a row for the other heading

@@ -201,7 +201,7 @@ def _restricted(
     C_dot = scipy.linalg.block_diag(J_dot, np.zeros((len(kept), r)))
     seen, moved = C @ admissible, (C @ A + C_dot) @ admissible
     values = np.linalg.svd(seen, compute_uv=False)
-    if seen.shape[1] < len(seen) or values[-1] < _INDEPENDENT * values[0]:
+    if seen.shape[1] < len(seen) or values[-1] <= _INDEPENDENT * values[0]:
         raise ConstraintError(f"coordinates {', '.join(read.names)} are not independent under the constraints")
     chosen = moved @ np.linalg.pinv(seen)
     rest = (moved - chosen @ seen) @ admissible.T

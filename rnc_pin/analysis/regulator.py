@@ -56,10 +56,9 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     unit = 1.0 / np.sqrt(np.diag(R))
     B, R = B * unit, unit[:, None] * R * unit
     size = float(np.abs(A).max(initial=1.0))
-    for value in np.linalg.eigvals(A):
-        if value.real < -_SLOW * size:
+    for mode in np.linalg.eigvals(A):
+        if mode.real < -_SLOW * size:
             continue
-        mode = complex(*(part if abs(part) > _SLOW * size else 0.0 for part in (value.real, value.imag)))
         shifted = A - mode * np.eye(len(A))
         left, values, _ = np.linalg.svd(np.hstack([shifted / size, B / max(np.abs(B).max(), 1e-300)]))
         if values[-1] < _UNREACHED:

@@ -385,12 +385,9 @@ class _ManyPositions(Position):
         return self._places[joint]
 
     def _placed(self, joint: int) -> Placement:
-        """Of a joint that nobody had asked for: the world itself, or a loop of its own."""
+        """Of a joint that nobody had asked for: a loop of its own."""
         batch = self.q.shape[:-1]
         place = Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3)))
-        if joint == 0:
-            place.rotation[...], place.translation[...] = np.eye(3), 0.0
-            return place
         rotation, translation = place.rotation.reshape(-1, 3, 3), place.translation.reshape(-1, 3)
         for i, q_i in enumerate(self.q.reshape(-1, self._at.nq)):
             self._at.stand_at(q_i)
