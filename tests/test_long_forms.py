@@ -1,12 +1,16 @@
 """The long forms of docs/reliability.md, in short: both plants, an hour of control, the campaign of faults."""
 
 import gc
+import subprocess
 import sys
 import tracemalloc
 
 import pytest
 
 from benchmarks import campaign, plants, soak
+from benchmarks.campaign import Kept
+from benchmarks.covered_lines import ROOT
+from benchmarks.faulty_runs import LARGEST, SCENARIOS, one, prepared, reference
 from rnc_pin.scenario.run import execute, plan
 
 
@@ -41,13 +45,26 @@ def test_memory_stays_where_it_is():
 
 def test_faults_end_with_a_name(monkeypatch, capsys):
     """One run of each: whatever comes of it, no NaN, and whoever was not there says why."""
-    short = {"unicycle": {"simulation.duration": 0.5, "simulation.dt": 0.01}}
-    monkeypatch.setattr(campaign, "SCENARIOS", short)
+    prepared.cache_clear()
+    monkeypatch.setitem(SCENARIOS, "unicycle", {"simulation.duration": 0.5, "simulation.dt": 0.01})
     monkeypatch.setattr(sys, "argv", ["campaign", "--runs", "1", "--scenarios", "unicycle"])
     assert campaign.main() == 0
     said = capsys.readouterr().out
-    assert all(fault in said for fault in campaign.LARGEST)
-    assert f"0 of {len(campaign.LARGEST)} runs with NaN" in said
+    assert all(fault in said for fault in LARGEST)
+    assert f"0 of {len(LARGEST)} runs with NaN" in said
+    prepared.cache_clear()
+
+
+def test_a_campaign_in_many_processes_has_the_bits_of_one(tmp_path):
+    """By the command of the docs."""
+    rows = tmp_path / "campaign.csv"
+    options = ["--runs", "2", "--scenarios", "unicycle", "--faults", "counts", "--jobs", "2", "--out", rows]
+    command = [sys.executable, "-m", "benchmarks.campaign", *options]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    clean = reference("unicycle")
+    expected = [one("unicycle", "counts", run, clean) for run in (0, 1)]
+    assert sorted(Kept(rows).rows.values()) == expected
 
 
 def test_the_platform_arrives_on_a_ground_of_little_grip():

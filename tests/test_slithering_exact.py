@@ -145,7 +145,8 @@ def long_truck(tmp_path):
 def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window, long_truck):
     """And one before them."""
     law = reference(long_truck, window=window)
-    L = law.length  # 1.5
+    L = law.length
+    assert L > 1.4
     kept = set()
     for first, step in ((-5.0, 0.02), (-3.0, 0.1), (-2.1, 0.5), (-2.1, 0.7), (-2.02, 0.02), (-1.9, 0.1), (-4.0, 0.9)):
         path = straight(*np.arange(L * first, 0.001, L * step))

@@ -1,0 +1,152 @@
+"""Built-in scenarios in shorter time, with a fault of a drawn size: what a campaign runs.
+
+Apart from its command, for its processes find by name what a run is made of.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rnc_pin.errors import RncError
+from rnc_pin.scenario.files import with_options
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.machines import build_machine
+from rnc_pin.scenario.run import Plan, execute, plan
+
+SCENARIOS: dict[str, dict[str, Any]] = {
+    "space-robot": {
+        "reference.primary.minimum_jerk.duration": 2.5,
+        "reference.vertical.minimum_jerk.duration": 2.5,
+        "simulation": {"duration": 3.0, "dt": 0.02},
+    },
+    "mobile-manipulator": {
+        "reference.primary.minimum_jerk.duration": 2.5,
+        "simulation": {"duration": 3.0, "dt": 0.02},
+    },
+    "unicycle": {
+        "reference.primary": {"harmonic": {"amplitude": [0.8, 0.4], "frequency": [0.1, 0.2], "ramp": 1}},
+        "simulation": {"duration": 1.5, "dt": 0.005},
+    },
+    "mobile-manipulator-two-phase": {
+        "initial.q.root_joint": [-0.8, 0.1, 0.1],
+        "reference.primary.minimum_jerk.duration": 2,
+        "controller.platform.begin": 1.0,
+        "simulation": {"duration": 7.5, "dt": 0.02},
+    },
+}
+"""Built-in scenarios made shorter, for many of them."""
+LARGEST = {
+    "position_noise": 1e-3,
+    "velocity_noise": 0.02,
+    "position_bias": 5e-3,
+    "velocity_bias": 5e-3,
+    "counts": 1e-4,
+    "delay": 4,
+    "jitter": 0.5,
+    "dropped": 0.2,
+    "garbage": 0.2,
+    "effort": 0.5,
+    "dead_zone": 0.05,
+    "friction": 0.05,
+    "masses": 0.5,
+    "payload": 0.1,
+    "slip_speed": 0.2,
+    "stuck": 1.0,
+}
+"""Of each fault the largest size that is drawn: in its own unit; of inputs a share of the largest without a fault, of
+payloads a share of the robot's mass; of encoders one over the counts; of joints that stick when, as a share of the
+run."""
+
+
+def spoilt(fault: str, size: float, clean: dict[str, Any]) -> dict[str, Any]:
+    """What a scenario says of a fault of some size."""
+    if fault == "effort":
+        return {fault: (1.0 - size) * clean["peak"]}
+    if fault in ("dead_zone", "friction"):
+        return {fault: size * clean["peak"]}
+    if fault == "counts":
+        return {fault: 1.0 / max(size, 1e-9)}
+    if fault == "delay":
+        return {fault: round(size)}
+    if fault == "payload":
+        return {fault: {"frame": clean["frame"], "mass": max(size, 1e-3) * clean["mass"], "time": 1.0}}
+    if fault == "stuck":
+        return {fault: {"joint": clean["joint"], "time": size * clean["duration"]}}
+    return {fault: size, **({"slip_time": 1.0, "slip_duration": 0.1} if fault == "slip_speed" else {})}
+
+
+@functools.cache
+def prepared(scenario: str) -> Plan:
+    """Without a fault: its gains are the same in every run."""
+    return plan(scenario, {"comparisons": {}, "preflight": "warn", **SCENARIOS[scenario]})
+
+
+def spoiled(clean: Plan, options: dict[str, Any]) -> Plan:
+    """A plan of which no more is built anew than the machine."""
+    scenario = validate(with_options(clean.raw, options), clean.name)
+    before = clean.experiment
+    machine = build_machine(scenario, before.reduced, before.q0, clean.folder)
+    return replace(clean, experiment=replace(before, scenario=scenario, machine=machine))
+
+
+def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:
+    """Outcome, largest final error as a share of the way, whether anything was not a number, experiment and run."""
+    made = spoiled(prepared(scenario), options)
+    found = execute(made)
+    run, errors = found.trajectory, found.summary["final_error"]
+    ways = [np.ptp(getattr(run, kind), axis=0) for kind in ("x2", "x1")]
+    names = [name for kind in ("x2", "x1") for name in run.info.outputs.of(kind).names]
+    way = dict(zip(names, np.concatenate(ways), strict=True))
+    worst = max((error / max(way[name], 0.1) for name, error in errors.items()), default=np.nan)
+    broken = not all(np.isfinite(array).all() for array in (run.q, run.v, run.T))
+    message = found.summary.get("message", "")
+    return (
+        str(run.outcome) + (f": {message.split(' at ')[0][:60]}" if message else ""),
+        float(worst),
+        broken,
+        made.experiment,
+        run,
+    )
+
+
+def reference(scenario: str) -> dict[str, Any]:
+    """The run without a fault, and what sizes of faults are measured by."""
+    outcome, error, _, experiment, run = result(scenario, {})
+    reduced = experiment.reduced
+    robot = reduced.robot
+    last = [name for name in robot.joint_names if name in reduced.actuation.names]
+    return {
+        "outcome": outcome, "error": error, "duration": float(run.time[-1]), "peak": float(np.abs(run.T).max()),
+        "joint": (last or [robot.joint_names[-1]])[-1],
+        "frame": robot.model.frames[-1].name, "mass": float(sum(each.mass for each in robot.model.inertias)),
+    }  # fmt: skip
+
+
+class Row(NamedTuple):
+    """What came of a run."""
+
+    scenario: str
+    fault: str
+    run: int
+    size: float
+    """Of the fault."""
+    outcome: str
+    error: float
+    """Largest final one, as a share of the way."""
+    broken: bool
+    """Whether it holds NaN."""
+
+
+def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> Row:
+    """One run, its fault's size drawn by its number."""
+    size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
+    options = {"seed": run, "faults": spoilt(fault, size, clean)}
+    try:
+        outcome, error, broken, *_ = result(scenario, options)
+    except RncError as failure:
+        outcome, error, broken = f"refused: {failure}"[:80], np.nan, False
+    return Row(scenario, fault, run, size, outcome, error, broken)
