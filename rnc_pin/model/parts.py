@@ -16,6 +16,7 @@ from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
 
 _CHOOSE_AGAIN = 1e3  # how dependent a row may become before other rows are looked for, where there are others
+_TIE = 1e-6  # by how much an entry of v is preferred to the next one, where others are chosen
 
 
 class Parts:
@@ -119,10 +120,11 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     """Entries of v, (r,), on which the motion under rows (m, nv) of full rank depends least violently.
 
     The others are then moderate combinations of them: of an orthonormal basis of the null space those rows are taken
-    that column-pivoted QR picks.
+    that column-pivoted QR picks; of entries that do equally well, as coupled joints do, the first.
     """
     null_space = scipy.linalg.null_space(rows) if len(rows) else np.eye(rows.shape[1])
-    order = scipy.linalg.qr(null_space.T, mode="r", pivoting=True)[1]
+    preference = 1.0 - _TIE * np.arange(len(null_space))  # else rounding would choose, at each state anew
+    order = scipy.linalg.qr(preference * null_space.T, mode="r", pivoting=True)[1]
     return sorted(order[:r].tolist())
 
 
