@@ -127,7 +127,7 @@ def test_a_trailer_may_stand_askew_up_to_a_cosine_of_a_fifth_and_jump_by_seven_t
 @pytest.fixture
 def long_truck(tmp_path):
     """With a trailer of 1.5 m."""
-    text = (Path(rnc.__file__).parents[1] / "urdf/fire_truck.urdf").read_text()
+    text = (Path(__file__).parents[1] / "urdf/fire_truck.urdf").read_text()
     path = tmp_path / "long_truck.urdf"
     path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
     short = fire_truck()
