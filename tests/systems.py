@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -51,8 +52,8 @@ def mobile_manipulator() -> rnc.ReducedModel:
 
 
 @cache
-def fire_truck() -> rnc.ReducedModel:
-    robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+def fire_truck(urdf: str | Path = "fire_truck.urdf") -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf(urdf, base="planar")
     system = rnc.NonholonomicSystem(
         robot,
         [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("tractor_axle"), rnc.NoSideSlip("rear_axle")],

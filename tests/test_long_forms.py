@@ -8,7 +8,6 @@ import tracemalloc
 import pytest
 
 from benchmarks import campaign, plants, soak
-from benchmarks.campaign import Kept
 from benchmarks.covered_lines import ROOT
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, one, prepared, reference
 from rnc_pin.scenario.run import execute, plan
@@ -64,7 +63,7 @@ def test_a_campaign_in_many_processes_has_the_bits_of_one(tmp_path):
     assert told.returncode == 0, told.stderr
     clean = reference("unicycle")
     expected = [one("unicycle", "counts", run, clean) for run in (0, 1)]
-    assert sorted(Kept(rows).rows.values()) == expected
+    assert sorted(campaign.Kept(rows).rows.values()) == expected
 
 
 def test_the_platform_arrives_on_a_ground_of_little_grip():

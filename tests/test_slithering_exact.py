@@ -130,15 +130,7 @@ def long_truck(tmp_path):
     text = (Path(__file__).parents[1] / "urdf/fire_truck.urdf").read_text()
     path = tmp_path / "long_truck.urdf"
     path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
-    short = fire_truck()
-    robot = rnc.Robot.from_urdf(path, base="planar")
-    system = rnc.NonholonomicSystem(
-        robot, [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")], short.actuation.names[1:]
-    )
-    return system.reduce(
-        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
-        [rnc.FramePosition("tractor", "xy"), rnc.FrameYaw("trailer"), rnc.FrameYaw("tractor")],
-    )
+    return fire_truck(path)
 
 
 @pytest.mark.parametrize("window", [0.1, 1.3])
