@@ -1,5 +1,6 @@
 """Shapes in annotations are checked while tests run; the command line as a fixture."""
 
+import signal
 import sys
 from pathlib import Path
 
@@ -8,6 +9,10 @@ from jaxtyping import install_import_hook
 
 # For benchmarks.validation; last, so that it is the installed rnc_pin that is tested.
 sys.path.append(str(Path(__file__).parent.parent))
+
+# A job in the background of a script ignores Ctrl-C, and so would every process that is sent one here.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Before anything imports rnc_pin: from here on what annotates shapes checks what it returns. Code that runs once a
 # sample and annotates none is left out, because a checked call costs several times an unchecked one.
