@@ -73,18 +73,33 @@ def test_a_straight_arm_names_the_rows_that_are_dependent_and_no_others(turn, ro
     assert set(caught.value.rows) == rows
 
 
-def test_actuators_that_are_dependent_but_for_rounding_are_refused():
-    """Columns in arithmetic progression: the inverse of B is finite, and what comes of it is rubbish."""
-    B = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]])
-    assert np.isfinite(np.linalg.inv(B)).all()
+def sliders(B):
+    """Three of them, at right angles, that actuators push by the columns of B."""
     model = pin.Model()
     model.name = "sliders"
     for axis, kind in zip("xyz", (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ), strict=True):
         joint = model.addJoint(model.njoints - 1, kind(), pin.SE3.Identity(), axis)
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], B).reduce()
-    with pytest.raises(rnc.ConstraintError, match="reach rank 2 of the 3"):
-        reduced.allocate(np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], B).reduce()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_actuators_that_are_dependent_but_for_rounding_are_refused(seed):
+    """The inverse of B is finite, and what comes of it is rubbish, which may hit the force by chance."""
+    rng = np.random.default_rng(seed)
+    start, steps = rng.integers(1, 9, 3) / 10, rng.integers(1, 9, 2) / 10
+    B = np.array([start + steps[0] * i + steps[1] * np.arange(3) for i in range(3)])  # columns in progression
+    reduced = sliders(B)
+    for F in (*np.eye(3), np.ones(3), *rng.normal(size=(20, 3))):
+        with pytest.raises(rnc.ConstraintError, match=r"reach rank [12] of the 3"):
+            reduced.allocate(np.zeros(3), F)
+
+
+@pytest.mark.parametrize("unit", [1e-15, 1e12])
+def test_units_of_actuators_make_them_no_less_independent(unit):
+    B = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, -0.9]]) * [unit, 1.0, 1.0]
+    T = sliders(B).allocate(np.zeros(3), B @ [1.0 / unit, 2.0, 3.0])
+    np.testing.assert_allclose(T * [unit, 1.0, 1.0], [1.0, 2.0, 3.0], rtol=1e-12)
 
 
 def test_a_roll_out_keeps_loops_closed():

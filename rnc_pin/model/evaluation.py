@@ -38,6 +38,7 @@ from rnc_pin.model.terms import Flow, ReducedTerms
 
 _OF_Q = ("position", "_values", "B", "all_rows", "_settled", "_kept", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
+_AMPLIFIED = 1e10  # times its rounding that inputs may change a force by, before actuators count as dependent
 _WELL = 1e-3  # smallest singular value of rows of natural length above which the default ones stay
 
 
@@ -497,10 +498,9 @@ class Evaluation:
         matrix = self.input_matrix
         if parts.p == parts.r:
             inverted = inverse(matrix)
-            if np.isfinite(inverted).all():
-                T = apply(inverted, F)
-                if np.abs(apply(matrix, T) - F).max() <= 1e-8 * np.abs(F).max():
-                    return T
+            # How rounding is amplified, whatever the units of the inputs; how it fell may look well by chance.
+            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max() < _AMPLIFIED:
+                return apply(inverted, F)
         rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10)) if parts.p else 0
         if rank < parts.r:
             raise ConstraintError(
