@@ -41,7 +41,8 @@ def written(folder, text):
 
 
 @pytest.mark.filterwarnings("ignore:compiler attribute")
-def test_what_is_written_out_is_the_same_machine(folder):
+def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
+    monkeypatch.chdir(folder)  # MuJoCo writes a log of what this test asks it for
     mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
     path = written(folder, SHORT)
     theirs = mujoco.MjModel.from_xml_path(str(path))
@@ -128,6 +129,174 @@ def test_without_mujoco_it_is_refused_by_name(text, tag, folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(rnc.ModelError, match=f"{tag} is not read without MuJoCo: pip install"):
         rnc.Robot.from_mjcf(written(folder, text))
+
+
+def test_mujoco_leaves_no_log_where_the_program_was_started(folder, monkeypatch):
+    pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+    path = written(folder, SHORT)
+    monkeypatch.chdir(folder.parent / "robot" / "parts")
+    rnc.Robot.from_mjcf(path)
+    assert sorted(os.listdir()) == ["defaults.xml", "wedge.obj"]
+
+
+SWINGING = '<joint axis="0 1 0"/><geom size="0.1" pos="0.3 0 0.1"/>'
+FLOATING = '<freejoint/><geom type="box" size="0.1 0.2 0.3" pos="0.3 0 0.1"/>'
+CLASSES = (
+    '<default><joint armature="0.1"/><geom density="500" size="0.2 0.3 0.1"/><default class="outer"><geom type="box" '
+    'euler="10 20 30"/><joint axis="1 1 0"/><default class="inner"><joint pos="0.1 0.2 0" type="slide"/></default></default></default>'
+)
+HELD = '<inertial mass="2" pos="0 0 0.1" fullinertia="0.02 0.03 0.04 0.001 0 0"/><geom size="0.1" pos="0 0.4 0"/>'
+
+
+def same_machine(path):
+    """Check moments, gravity, limits and losses of all joints against MuJoCo's; the robot."""
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+    theirs = mujoco.MjModel.from_xml_path(str(path))
+    robot = rnc.Robot.from_mjcf(path, snap=False)
+    model, data, here = robot.model, mujoco.MjData(theirs), robot.model.createData()
+    assert (len(robot.joint_names), robot.nv) == (theirs.njnt, theirs.nv)
+    generator = np.random.default_rng(0)
+    q, kinds = pin.randomConfiguration(model, np.full(model.nq, -1.0), np.full(model.nq, 1.0)), theirs.jnt_type
+    for k, (joint, entry) in enumerate(zip(model.joints[1:], theirs.jnt_qposadr, strict=True)):  # both branch by branch
+        if joint.nq == 1:
+            q[joint.idx_q] = generator.uniform(-1, 1)
+            dof = theirs.jnt_dofadr[k]
+            assert model.armature[joint.idx_v] == pytest.approx(theirs.dof_armature[dof])
+            assert model.damping[joint.idx_v] == pytest.approx(np.ravel(theirs.dof_damping)[dof])
+            limits = [model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]]
+            assert limits == pytest.approx(theirs.jnt_range[k] if theirs.jnt_limited[k] else [-np.inf, np.inf])
+        scalar_last = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}[joint.nq]  # MuJoCo has the scalar first
+        data.qpos[entry : entry + joint.nq] = q[joint.idx_q : joint.idx_q + joint.nq][scalar_last]
+    mujoco.mj_forward(theirs, data)
+    M = np.zeros((robot.nv, robot.nv))
+    for row, unit in zip(M, np.eye(robot.nv), strict=True):
+        mujoco.mj_mulM(theirs, data, row, unit)
+    # Entries of a free joint come in other axes, of which eigenvalues and lengths know nothing.
+    np.testing.assert_allclose(np.linalg.eigvalsh(pin.crba(model, here, q)), np.linalg.eigvalsh(M), rtol=1e-9)
+    if (kinds != mujoco.mjtJoint.mjJNT_FREE).all():
+        gravity = pin.computeGeneralizedGravity(model, here, q)
+        np.testing.assert_allclose(gravity, data.qfrc_bias, rtol=1e-9, atol=1e-9)
+    return robot
+
+
+@pytest.mark.parametrize(
+    ("world", "joints"),
+    [
+        (f'<body name="left">{SWINGING}</body><body name="right" pos="1 0 0">{SWINGING}</body>', 2),
+        (f'<body name="table" pos="0 0 1"><geom size="1"/></body><body name="arm">{SWINGING}</body>', 1),
+        (f'<body name="left">{FLOATING}</body><body name="right" pos="1 0 0">{FLOATING}</body>', 2),
+        (f"<body>{SWINGING}</body>", 1),
+        (f'<body name="body_2">{SWINGING}<body>{SWINGING}</body><body pos="1 0 0">{SWINGING}</body></body>', 3),
+        (f"<body>{FLOATING}<body>{SWINGING}<body>{SWINGING}</body></body></body><body/>", 3),
+        (f'<body name="body_1">{SWINGING}</body></worldbody><worldbody><body>{SWINGING}</body>', 2),
+    ],
+    ids=["two roots", "one stands", "two float", "nameless", "nameless siblings", "nameless chain", "two sections"],
+)
+def test_every_body_is_read(world, joints, tmp_path):
+    """Pinocchio's parser keeps the first root, and one of the bodies without names."""
+    robot = same_machine(written(tmp_path, f"<mujoco><worldbody>{world}</worldbody></mujoco>"))
+    assert len(robot.joint_names) == joints
+
+
+@pytest.mark.parametrize(
+    ("head", "body"),
+    [
+        ("", f'axisangle="1 2 3 40">{SWINGING}'),
+        ('<compiler angle="radian"/>', f'axisangle="1 2 3 0.7">{SWINGING}'),
+        *((f'<compiler eulerseq="{axes}"/>', f'euler="20 30 50">{SWINGING}') for axes in ("XYZ", "ZXZ", "xZy", "zyx")),
+        (CLASSES, '><joint class="inner" name="j"/><geom type="capsule"/>'),
+        (CLASSES, f'childclass="inner"><joint/><geom size="0.5"/><body pos="1 0 0"><joint class="outer"/>{HELD}</body>'),
+        (CLASSES, 'childclass="outer"><joint axis="0 0 1"/><geom quat="1 1 0 0"/><geom type="capsule" fromto="0 0 0 1 1 0"/>'),
+        (CLASSES, '><joint class="outer" armature="0"/><geom density="100" type="cylinder" size="0.1" zaxis="1 2 3"/>'),
+        ("", f'><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>{SWINGING}'),
+        ("", f'pos="1 2 3" euler="10 20 30"><joint pos="0 0 1" axis="1 0 0" range="-30 40"/><joint type="ball"/>{HELD}<body>{SWINGING}</body>'),
+        ("", f'><joint ref="20" range="10 60" damping="0.2"/>{HELD}<body><joint type="slide" ref="0.3" range="0.1 0.9"/>{HELD}</body>'),
+        ("", f'><joint range="10 60" limited="false"/>{HELD}<body><joint type="slide" range="0 0"/>{HELD}</body>'),
+        (
+            '<compiler angle="radian" autolimits="false"/>',
+            f'><joint range="-1 1" limited="true"/>{HELD}<body><joint range="-1 1" limited="false"/>{HELD}</body>',
+        ),
+        ('<compiler boundmass="3"/>', f'><joint ref="20"/>{HELD}<body>{SWINGING}</body>'),
+        ('<compiler boundinertia="3"/>', f">{SWINGING}"),
+        ('<compiler inertiagrouprange="0 2"/>', '><joint/><geom size="0.2" pos="1 0 0" group="4"/><geom size="0.3"/>'),
+        ('<compiler inertiafromgeom="true"/>', f"><joint/>{HELD}"),
+        ('<compiler inertiafromgeom="false"/>', f'><joint/>{HELD}<body pos="1 0 0">{SWINGING}{HELD}</body>'),
+        ('<compiler inertiafromgeom="false"/>', f'><joint/><joint type="slide"/>{HELD}'),
+        ('<compiler balanceinertia="true"/>', '><joint/><inertial mass="1" pos="0 0 1" diaginertia="1 1 3"/>'),
+    ],
+)  # fmt: skip
+def test_what_is_left_to_be_understood_is_understood_as_mujoco_does(head, body, tmp_path):
+    same_machine(written(tmp_path, f"<mujoco>{head}<worldbody><body {body}</body></worldbody></mujoco>"))
+
+
+def test_joints_of_one_body_keep_their_names(tmp_path):
+    """A base on two slides and a hinge, as many files have it: each drives by itself."""
+    slides = (
+        '<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/><joint name="turn"/>'
+    )
+    text = f'<mujoco><worldbody><body name="b">{slides}<geom size="1"/></body></worldbody></mujoco>'
+    robot = rnc.Robot.from_mjcf(written(tmp_path, text))
+    assert robot.joint_names == ("x", "y", "turn")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("b")], ["turn"])
+    assert system.reduce([rnc.JointPosition("turn"), rnc.FramePosition("b", "x")]).r == 2
+
+
+@pytest.mark.parametrize("compiler", ["", '<compiler angle="radian"/>', '<compiler balanceinertia="true"/>'])
+def test_a_coupling_is_of_what_joints_have_moved(compiler, tmp_path):
+    """MuJoCo's equality counts from where the file has the joints, their ``ref``."""
+    unit = 1.0 if "radian" in compiler else np.rad2deg(1.0)
+    text = (
+        f'<mujoco>{compiler}<worldbody><body><joint name="x" ref="{0.3 * unit}"/><geom size="0.1"/><body><joint name="s" '
+        'type="slide" ref="0.2"/><geom size="0.1"/></body></body></worldbody><equality><joint joint1="s" joint2="x" '
+        'polycoef="0.1 2 0 0 0"/></equality></mujoco>'
+    )
+    (mimic,) = same_machine(written(tmp_path, text)).mimics
+    assert (mimic.multiplier, mimic.offset) == (2.0, pytest.approx(0.2 + 0.1 - 2 * 0.3))
+
+
+@pytest.mark.parametrize(
+    "flag", ['boundmass="1"', 'boundinertia="1"', 'balanceinertia="true"', 'inertiafromgeom="true"']
+)
+def test_inertias_that_mujoco_changes_are_not_read_without_it(flag, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(rnc.ModelError, match=f"<compiler {flag}> is not read without MuJoCo: pip install"):
+        rnc.Robot.from_mjcf(written(tmp_path, BODY.format(f"<compiler {flag}/>", "")))
+    usual = '<compiler boundmass="0" balanceinertia="false" inertiafromgeom="auto"/>'
+    assert rnc.Robot.from_mjcf(written(tmp_path, BODY.format(usual, ""))).nv == 1
+
+
+def test_defaults_stand_for_no_more_than_a_file_may_be(tmp_path):
+    long = f'<default><geom name="{"x" * 100_000}"/></default>'
+    text = f'<mujoco>{long}<worldbody><body name="b"><joint/>{1000 * "<geom/>"}</body></worldbody></mujoco>'
+    with pytest.raises(rnc.ModelError, match=r"with its defaults longer than 67,108,864 characters"):
+        rnc.Robot.from_mjcf(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("world", "base", "words"),
+    [
+        (
+            f'<body name="a">{SWINGING}</body><body name="b">{SWINGING}</body>',
+            "free",
+            "base='free' moves one body, and in <worldbody> there are 2: a, b; take the file's own base",
+        ),
+        (
+            f'<body name="a">{SWINGING}</body>',
+            "planar",
+            "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base",
+        ),
+        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "body 'a' is there twice"),
+        (
+            '<body><joint class="main"/><geom class="mian" size="1"/></body>',
+            None,
+            "<geom class=\"mian\">: no such <default>; did you mean 'main'",
+        ),
+    ],
+)
+def test_what_is_no_one_machine_is_refused(world, base, words, tmp_path):
+    path = written(tmp_path, f"<mujoco><worldbody>{world}</worldbody></mujoco>")
+    with pytest.raises(rnc.ModelError, match=words):
+        rnc.Robot.from_mjcf(path, base)
 
 
 def test_what_only_pictures_are_in_needs_no_mujoco(folder, monkeypatch):

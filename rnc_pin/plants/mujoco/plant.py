@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.couplings import Couplings
-from rnc_pin.plants.mujoco.engine import mujoco, unlogged
+from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.inputs import Inputs
 from rnc_pin.plants.mujoco.parts import Joints
@@ -17,6 +17,7 @@ from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.stance import stance_of
 from rnc_pin.plants.mujoco.tree import Tree
 from rnc_pin.plants.mujoco.wheels import contacts_of, on_one_plane
+from rnc_pin.robots.sources.mujoco_log import unlogged
 
 _INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
@@ -162,7 +163,7 @@ class MuJoCoPlant:
         wanted = np.zeros(len(self.wheel_names))
         wanted[self._drawn] = drawn
         direct = None if self._inputs.follows else held + self._inputs.direct(q, self.applied)
-        with unlogged():
+        with unlogged(mujoco):
             for _ in range(steps):
                 force = held + self._inputs.direct(self.read()[0], self.applied) if direct is None else direct
                 self._step(force, wanted)
@@ -184,7 +185,7 @@ class MuJoCoPlant:
         """Let the ground take the weight while pose and joints are held."""
         self.model.opt.timestep = self.settings.step
         rest, held = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
-        with unlogged():
+        with unlogged(mujoco):
             for _ in range(round(self.settings.settling / self.settings.step)):
                 mujoco.mj_fwdPosition(self.model, self.data)
                 mujoco.mj_fwdVelocity(self.model, self.data)

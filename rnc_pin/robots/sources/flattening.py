@@ -18,6 +18,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.regular_files import LARGEST
 from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml
+from rnc_pin.robots.sources.mujoco_log import unlogged
 
 _MOST_ELEMENTS = 20_000  # of bodies and their parts, when all is written out
 _KEPT = ("compiler", "option", "default", "asset", "worldbody")
@@ -29,6 +30,10 @@ _CHILDREN = {
     "asset": ("mesh", "material"),
     **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _PARTS),
 }
+_INERTIAS = {  # what the compiler does to inertias, which Pinocchio's parser does otherwise, and when it does nothing
+    "boundmass": "0", "boundinertia": "0", "balanceinertia": "false", "inertiagrouprange": "0 5",
+    "inertiafromgeom": "auto",
+}  # fmt: skip
 _LEFT = ("equality", "tendon")  # looked at as they are
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
@@ -37,13 +42,21 @@ _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
 
 def is_short(root: ElementTree.Element) -> bool:
-    """Whether a file places or repeats parts of bodies by elements that are none."""
-    return bool(_makers(root))
+    """Whether a file places or repeats parts of bodies by elements that are none, or has inertias changed."""
+    return bool(_shorthands(root))
 
 
-def _makers(root: ElementTree.Element) -> list[str]:
+def _shorthands(root: ElementTree.Element) -> list[str]:
+    """What stands for more than it says, as it is in the file."""
     elements = root.findall("worldbody//frame") + root.findall("worldbody//replicate")
-    return [element.tag for element in elements if any(each.tag in _MOVED for each in element.iter())]
+    makers = [f"<{element.tag}>" for element in elements if any(each.tag in _MOVED for each in element.iter())]
+    changes = [
+        f'<compiler {key}="{compiler.get(key)}">'
+        for compiler in root.findall("compiler")
+        for key, usual in _INERTIAS.items()
+        if compiler.get(key, usual) != usual
+    ]
+    return makers + changes
 
 
 def included(root: ElementTree.Element, path: Path) -> bool:
@@ -86,7 +99,7 @@ def flattened(root: ElementTree.Element, path: Path) -> ElementTree.Element:
     Raises:
         ModelError: MuJoCo is not installed or refuses the file, it names a file elsewhere, or stands for too much.
     """
-    mujoco = _mujoco(f"{path}: <{[*_makers(root), 'include'][0]}>")
+    mujoco = _mujoco(f"{path}: {[*_shorthands(root), '<include>'][0]}")
     if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
         raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
     meshes = _own_meshes(root, path)
@@ -94,7 +107,7 @@ def flattened(root: ElementTree.Element, path: Path) -> ElementTree.Element:
     text.extend(element for element in root if element.tag in _KEPT)
     _strip(text)
     try:
-        with captured_stderr(), warnings.catch_warnings():
+        with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(text, encoding="unicode"))
     except Exception as error:  # of its C side
@@ -235,6 +248,7 @@ def _joint(model: Any, k: int, kind: str) -> dict[str, str]:
     }
     if kind != "ball":
         found["axis"] = _words(model.jnt_axis[k])
+        found["ref"] = _words([model.qpos0[model.jnt_qposadr[k]]])
     if kind != "ball" and model.jnt_limited[k]:
         found["range"] = _words(model.jnt_range[k])
     return found

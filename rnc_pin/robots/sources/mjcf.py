@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.printing import counted
 from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
@@ -25,6 +26,7 @@ from rnc_pin.robots.sources.description import (
     read_numbers,
 )
 from rnc_pin.robots.sources.flattening import flattened, included, is_short
+from rnc_pin.robots.sources.plain_mjcf import make_plain
 from rnc_pin.robots.sources.rounding import Roundings
 
 _JOINTS = ("hinge", "slide", "ball", "free")
@@ -32,7 +34,7 @@ _SOFT = ("composite", "flexcomp", "attach")
 _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
-    "gravity": (3,), "armature": (1,), "frictionloss": (1,), "damping": (1, 2, 3), "size": (1, 2, 3, 4),
+    "gravity": (3,), "armature": (1,), "frictionloss": (1,), "damping": (1, 2, 3), "size": (1, 2, 3, 4), "ref": (1,),
 }  # fmt: skip
 
 
@@ -54,15 +56,22 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     if included(root, path) or is_short(root):
         _check_makers(root, path)
         root = flattened(root, path)
+    if not root.findall("worldbody/body"):
+        raise ModelError(f"{path}: <worldbody> has no <body>")
+    make_plain(root, path, base)
     _check(root, path, base)
     _check_unknown(root, path)
     bodies = root.findall("worldbody/body")
-    if not bodies:
-        raise ModelError(f"{path}: <worldbody> has no <body>")
     if base is not None:
         for body in bodies:  # the base asked for takes the place of the file's
             for element in [each for each in body if _is_free(each)]:
                 body.remove(element)
+            own = body.findall("joint")
+            if own and ROOT_JOINTS[base] is not None:
+                raise ModelError(
+                    f"{path}: base='{base}' would move body '{body.get('name')}', which has "
+                    f"{counted(len(own), 'joint')} of its own: take the file's own base (None)"
+                )
     if snap:
         _snap(root, path)
     _make_absolute(root, path)
@@ -80,6 +89,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     if isinstance(model, tuple):
         model = model[0]
     _scale(model, root, path)
+    _limit(model, root)
     option = root.find("option")
     gravity = None if option is None else option.get("gravity")
     if gravity is not None:
@@ -118,7 +128,7 @@ def _check_unknown(root: ElementTree.Element, path: Path) -> None:
             raise ModelError(f"{path}: body '{element.get('name')}' has more than one <inertial>")
     springs = []
     for joint in root.iter("joint"):
-        name = joint.get("name") or joint.get("class") or "of a default"
+        name = joint.get("name") or "without a name"
         damping, stiffness, bounds = (read_numbers(joint.get(key, "")) for key in ("damping", "stiffness", "range"))
         if damping is not None and (damping < 0).any():
             raise ModelError(f"{path}: damping of joint '{name}' is negative: {joint.get('damping')}")
@@ -149,8 +159,7 @@ def _scale(model: pin.Model, root: ElementTree.Element, path: Path) -> None:
 def _snap(root: ElementTree.Element, path: Path) -> None:
     """Axes of joints and quaternions of bodies; angles of bodies where they are in radians, not in whole degrees."""
     roundings = Roundings()
-    compiler = root.find("compiler")
-    in_radians = compiler is not None and compiler.get("angle") == "radian"
+    in_radians = _in_radians(root)
     for element in root.iter():
         exact = {}
         where = f"{element.tag} '{element.get('name', '')}'"
@@ -232,10 +241,47 @@ def _missing_meshes(root: ElementTree.Element, path: Path) -> Iterator[Path]:
             yield folder / file
 
 
+def _rests(root: ElementTree.Element) -> dict[str, float]:
+    """Position [rad or m] of each joint as the file has the bodies."""
+    return {name: float(_read(root, joint, "ref", "0")[0]) for name, joint in _axes(root).items()}
+
+
+def _limit(model: pin.Model, root: ElementTree.Element) -> None:
+    """Set limits of position: Pinocchio takes those of slides for degrees, and all of them from the joint's ``ref``."""
+    compiler = root.find("compiler")
+    automatic = compiler is None or compiler.get("autolimits", "true") == "true"
+    for name, joint in _axes(root).items():
+        low, high = _read(root, joint, "range", "0 0")
+        limited = joint.get("limited", "auto")
+        if limited == "false" or (limited == "auto" and not (automatic and low < high)):
+            low, high = -np.inf, np.inf
+        entry = model.joints[model.getJointId(name)].idx_q
+        model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = low, high
+
+
+def _axes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
+    """Hinges and slides by name."""
+    joints = root.findall("worldbody//joint")
+    return {str(each.get("name")): each for each in joints if each.get("type", "hinge") in ("hinge", "slide")}
+
+
+def _read(root: ElementTree.Element, joint: ElementTree.Element, key: str, usual: str) -> np.ndarray:
+    """Numbers of a hinge [rad] or of a slide [m], which have been looked at before."""
+    found = read_numbers(joint.get(key, usual))
+    assert found is not None
+    return np.deg2rad(found) if joint.get("type", "hinge") == "hinge" and not _in_radians(root) else found
+
+
+def _in_radians(root: ElementTree.Element) -> bool:
+    compiler = root.find("compiler")
+    return compiler is not None and compiler.get("angle") == "radian"
+
+
 def _couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
     """Joint equalities; of the others, and of tendons, one line says that they are left out."""
     mimics: list[Mimic] = []
     left_out: set[str] = set()
+    rests = _rests(root)
     for element in root.findall("equality/*"):
         if element.get("active", "true") == "false":
             continue
@@ -244,7 +290,10 @@ def _couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
         if element.tag == "joint" and element.get("joint1") and element.get("joint2") and linear:
             assert coefficients is not None
             offset, multiplier = map(float, coefficients[:2])
-            mimics.append(Mimic(str(element.get("joint1")), str(element.get("joint2")), multiplier, offset))
+            joint, of = str(element.get("joint1")), str(element.get("joint2"))
+            # Of what both have moved from where the file has them.
+            offset += rests.get(joint, 0.0) - multiplier * rests.get(of, 0.0)
+            mimics.append(Mimic(joint, of, multiplier, offset))
         else:
             left_out.add(f"<equality><{element.tag}>")
     if root.find("tendon/*") is not None:

@@ -1,0 +1,182 @@
+"""MJCF with all said that it leaves to be understood, for Pinocchio reads some of that otherwise than MuJoCo does.
+
+Of default classes the place of a joint is not read, of joints in one body no name, of axes that are not of unit length
+and of turns about axes that stand still something else, of bodies without names one, of several roots the first.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from rnc_pin.errors import ModelError, few, nearest
+from rnc_pin.regular_files import LARGEST
+from rnc_pin.robots.sources.description import ROOT_JOINTS, read_numbers
+
+_WITH_DEFAULTS = ("joint", "geom", "site", "mesh")
+_TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+_SIZES = {"plane": 3, "sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3}
+Attributes = dict[str, dict[str, str]]
+
+
+def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
+    """Say all of it, in place.
+
+    Args:
+        root: of the file.
+        path: of the file, for messages.
+        base: as for ``read_mjcf``.
+
+    Raises:
+        ModelError: a class that is none; two bodies with one name; a base for several bodies; more than a file may be.
+    """
+    _write_defaults(root, path)
+    free = _free_names(root, path)
+    _make_one_root(root, path, base, free)
+    for element in root.iter():
+        _make_unit(element)
+    _order_turns(root)
+    for body in list(root.iter("body")):
+        _separate(body, free)
+
+
+def _write_defaults(root: ElementTree.Element, path: Path) -> None:
+    """Give every element what its class says, and take the classes out."""
+    classes: dict[str, Attributes] = {"main": {}}
+    top: Attributes = {}
+    for default in root.findall("default"):
+        top = _collect(default, top, classes)
+    length = 0
+
+    def write(parent: ElementTree.Element, inherited: str | None) -> None:
+        nonlocal length
+        inherited = parent.attrib.pop("childclass", inherited)
+        for element in parent:
+            if element.tag == "body":
+                write(element, inherited)
+            elif element.tag in _WITH_DEFAULTS:
+                name = element.attrib.pop("class", inherited)
+                if name is not None and name not in classes:
+                    raise ModelError(
+                        f'{path}: <{element.tag} class="{name}">: no such <default>{nearest(name, classes)}'
+                    )
+                defaults = (top if name is None else classes[name]).get(element.tag, {})
+                length += sum(map(len, defaults.values()))
+                if length > LARGEST:
+                    raise ModelError(f"{path}: with its defaults longer than {LARGEST:,} characters")
+                _complete(element, defaults)
+
+    for parent in (*root.findall("worldbody"), *root.findall("asset")):
+        write(parent, None)
+    for default in root.iter("default"):
+        for element in [each for each in default if each.tag in _WITH_DEFAULTS]:
+            default.remove(element)
+
+
+def _collect(default: ElementTree.Element, inherited: Attributes, classes: dict[str, Attributes]) -> Attributes:
+    """What a class says, with what those around it say; it and those within are put down by name."""
+    own = {tag: dict(attributes) for tag, attributes in inherited.items()}
+    for element in default:
+        if element.tag in _WITH_DEFAULTS:
+            own[element.tag] = {**own.get(element.tag, {}), **element.attrib}
+    classes[default.get("class", "main")] = own
+    for inner in default.findall("default"):
+        _collect(inner, own, classes)
+    return own
+
+
+def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
+    """Put in what is not said; what says the same in other words counts as said, and a size entry by entry."""
+    said = set(element.attrib)
+    if said & {*_TURNS, "fromto"}:
+        said |= set(_TURNS)
+    if "fromto" in said:
+        said.add("pos")
+    for key, value in defaults.items():
+        if key not in said and key != "class":
+            element.set(key, value)
+    if element.tag == "geom" and "size" in said and "size" in defaults:
+        needed = _SIZES.get(element.get("type", "sphere"), 0) - (element.get("fromto") is not None)
+        own = element.get("size", "").split()
+        element.set("size", " ".join(own + defaults["size"].split()[len(own) : needed]))
+
+
+def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free: Iterator[str]) -> None:
+    """Let every body have a name, and all of them one root."""
+    world, *others = root.findall("worldbody")
+    for other in others:  # sections may be repeated
+        world.extend(other)
+        root.remove(other)
+    for body in world.iter("body"):
+        if not body.get("name"):
+            body.set("name", next(free))
+    roots = world.findall("body")
+    if len(roots) < 2:
+        return
+    if base is not None and ROOT_JOINTS[base] is not None:
+        raise ModelError(
+            f"{path}: base='{base}' moves one body, and in <worldbody> there are {len(roots)}: "
+            f"{few([str(each.get('name')) for each in roots])}; take the file's own base (None), or a file of one"
+        )
+    whole = ElementTree.SubElement(world, "body", name=next(free))
+    whole.append(_no_mass())
+    for each in roots:
+        world.remove(each)
+        whole.append(each)
+
+
+def _free_names(root: ElementTree.Element, path: Path) -> Iterator[str]:
+    names = Counter(body.get("name") for body in root.iter("body") if body.get("name"))
+    for name, count in names.items():
+        if count > 1:
+            raise ModelError(f"{path}: body '{name}' is there twice")
+    return (name for name in (f"body_{k}" for k in itertools.count(1)) if name not in names)
+
+
+def _make_unit(element: ElementTree.Element) -> None:
+    """Let the axis of an angle be of unit length."""
+    turn = read_numbers(element.get("axisangle", ""))
+    if turn is not None and turn.size == 4 and np.linalg.norm(turn[:3]) > 0:
+        turn[:3] /= np.linalg.norm(turn[:3])
+        element.set("axisangle", " ".join(map(repr, map(float, turn))))
+
+
+def _order_turns(root: ElementTree.Element) -> None:
+    """Say turns about axes that stand still (in capitals) as turns about those that go along, which come in reverse."""
+    compiler = root.find("compiler")
+    sequence = "" if compiler is None else compiler.get("eulerseq", "")
+    if compiler is None or sequence == sequence.lower():
+        return
+    order: list[int] = []
+    for k, axis in enumerate(sequence):
+        order = [k, *order] if axis.isupper() else [*order, k]
+    compiler.set("eulerseq", "".join(sequence[k] for k in order).lower())
+    for element in root.iter():
+        angles = element.get("euler", "").split()
+        if len(angles) == len(order):
+            element.set("euler", " ".join(angles[k] for k in order))
+
+
+def _separate(body: ElementTree.Element, free: Iterator[str]) -> None:
+    """Let each of several joints move a body: Pinocchio makes one joint of them, of which none has a name."""
+    joints, name = body.findall("joint"), str(body.get("name"))
+    for k, joint in enumerate(joints):
+        joint.set("name", joint.get("name") or f"{name}Joint_{k}")
+    parts = [part for part in body if part not in joints]
+    for part in list(body):
+        body.remove(part)
+    for joint in joints[:-1]:
+        body.set("name", next(free))
+        body.extend([joint, _no_mass()])
+        body = ElementTree.SubElement(body, "body")
+    body.set("name", name)
+    body.extend([*joints[-1:], *parts])
+
+
+def _no_mass() -> ElementTree.Element:
+    return ElementTree.Element("inertial", mass="0", pos="0 0 0", diaginertia="0 0 0")
