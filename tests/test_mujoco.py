@@ -171,6 +171,11 @@ def same_machine(path):
     M = np.zeros((robot.nv, robot.nv))
     for row, unit in zip(M, np.eye(robot.nv), strict=True):
         mujoco.mj_mulM(theirs, data, row, unit)
+    pin.framesForwardKinematics(model, here, q)
+    for k in range(theirs.nsite):
+        frame = here.oMf[model.getFrameId(theirs.site(k).name)]
+        np.testing.assert_allclose(frame.translation, data.site_xpos[k], atol=1e-9)
+        np.testing.assert_allclose(frame.rotation.ravel(), data.site_xmat[k], atol=1e-9)
     # Entries of a free joint come in other axes, of which eigenvalues and lengths know nothing.
     np.testing.assert_allclose(np.linalg.eigvalsh(pin.crba(model, here, q)), np.linalg.eigvalsh(M), rtol=1e-9)
     if (kinds != mujoco.mjtJoint.mjJNT_FREE).all():
@@ -216,6 +221,7 @@ def test_every_body_is_read(world, joints, tmp_path):
             '<compiler angle="radian" autolimits="false"/>',
             f'><joint range="-1 1" limited="true"/>{HELD}<body><joint range="-1 1" limited="false"/>{HELD}</body>',
         ),
+        ("", '><joint axis="1 2 3"/><geom type="box" size="0.1 0.2 0.3" shellinertia="true"/>'),
         ('<compiler boundmass="3"/>', f'><joint ref="20"/>{HELD}<body>{SWINGING}</body>'),
         ('<compiler boundinertia="3"/>', f">{SWINGING}"),
         ('<compiler inertiagrouprange="0 2"/>', '><joint/><geom size="0.2" pos="1 0 0" group="4"/><geom size="0.3"/>'),
@@ -227,6 +233,53 @@ def test_every_body_is_read(world, joints, tmp_path):
 )  # fmt: skip
 def test_what_is_left_to_be_understood_is_understood_as_mujoco_does(head, body, tmp_path):
     same_machine(written(tmp_path, f"<mujoco>{head}<worldbody><body {body}</body></worldbody></mujoco>"))
+
+
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+@pytest.mark.parametrize(
+    "turn",
+    [
+        "", 'euler="20 30 50"', 'axisangle="1 2 3 40"', 'quat="1 2 3 4"', 'xyaxes="1 2 3 0 1 1"', 'zaxis="1 2 3"',
+        'zaxis="0 0 -1"', 'type="capsule" size="0.1" fromto="0 0 0 1 2 3"',
+    ],
+)  # fmt: skip
+def test_sites_are_where_mujoco_has_them(turn, angle, tmp_path):
+    """Pinocchio's parser takes a body out of a chain of those that are fixed to each other."""
+    place = "" if "fromto" in turn else 'pos="0.1 0.2 0.3"'
+    site = f'<site name="{{}}" {place} {turn}/>'
+    text = (
+        f'<mujoco><compiler angle="{angle}" eulerseq="xZy"/><worldbody><body name="a">{SWINGING}{site.format("near")}'
+        f'<body pos="0 0 1"><body pos="0 1 0" euler="1 2 3"><body pos="1 0 0">{site.format("far")}</body></body></body>'
+        "</body></worldbody></mujoco>"
+    )
+    model = same_machine(written(tmp_path, text)).model
+    assert model.existFrame("near")
+    assert model.existFrame("far")
+
+
+@pytest.mark.parametrize(
+    ("head", "body"),
+    [
+        ("", '<geom type="mesh" mesh="wedge" pos="1 0 0" euler="10 20 30"/>'),
+        ("", '<geom type="mesh" mesh="wedge" mass="2"/><geom size="0.1" pos="0 0 1"/>'),
+        ("", '<geom type="mesh" mesh="wedge" mass="0"/><geom size="0.1" pos="0 0 1"/>'),
+        ('<default><geom type="mesh" density="100"/><mesh scale="1 2 1"/></default>', '<geom mesh="wedge"/>'),
+        ("", '<geom type="box" mesh="wedge"/>'),
+    ],
+)
+def test_what_meshes_weigh(head, body, folder, monkeypatch):
+    """To Pinocchio's parser each weighs a kilogram."""
+    asset = '<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
+    path = written(
+        folder,
+        f'<mujoco>{asset}{head}<worldbody><body name="b"><joint axis="1 2 3"/>{body}</body></worldbody></mujoco>',
+    )
+    same_machine(path)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(rnc.ModelError, match=r"the mass of <geom .* in body 'b' is not read without MuJoCo: pip"):
+        rnc.Robot.from_mjcf(path)
+    path.write_text(path.read_text().replace("</body>", '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'))
+    assert rnc.Robot.from_mjcf(path).model.inertias[1].mass == 1
 
 
 def test_joints_of_one_body_keep_their_names(tmp_path):

@@ -41,22 +41,30 @@ _ENDS = {"sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "me
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
 
-def is_short(root: ElementTree.Element) -> bool:
-    """Whether a file places or repeats parts of bodies by elements that are none, or has inertias changed."""
-    return bool(_shorthands(root))
+def shorthand(root: ElementTree.Element) -> str | None:
+    """What places or repeats parts of bodies, or changes inertias, and says so in few words; None if nothing does."""
+    for element in root.findall("worldbody//frame") + root.findall("worldbody//replicate"):
+        if any(each.tag in _MOVED for each in element.iter()):
+            return f"<{element.tag}>"
+    for compiler in root.findall("compiler"):
+        for key, usual in _INERTIAS.items():
+            if compiler.get(key, usual) != usual:
+                return f'<compiler {key}="{compiler.get(key)}">'
+    return None
 
 
-def _shorthands(root: ElementTree.Element) -> list[str]:
-    """What stands for more than it says, as it is in the file."""
-    elements = root.findall("worldbody//frame") + root.findall("worldbody//replicate")
-    makers = [f"<{element.tag}>" for element in elements if any(each.tag in _MOVED for each in element.iter())]
-    changes = [
-        f'<compiler {key}="{compiler.get(key)}">'
-        for compiler in root.findall("compiler")
-        for key, usual in _INERTIAS.items()
-        if compiler.get(key, usual) != usual
-    ]
-    return makers + changes
+def weighed(root: ElementTree.Element) -> str | None:
+    """A shape whose volume the mass of its body depends on, which Pinocchio's parser takes no notice of, or None.
+
+    Args:
+        root: of a file with its defaults written out.
+    """
+    for body in root.findall("worldbody//body"):
+        if body.find("inertial") is None:
+            for geom in body.findall("geom"):
+                if geom.get("mesh") or geom.get("shellinertia", "false") == "true":
+                    return f"the mass of <geom mesh=\"{geom.get('mesh', '')}\"> in body '{body.get('name')}'"
+    return None
 
 
 def included(root: ElementTree.Element, path: Path) -> bool:
@@ -89,17 +97,18 @@ def _include(parent: ElementTree.Element, path: Path, seen: set[Path]) -> None:
         parent[index : index + 1] = list(inner)
 
 
-def flattened(root: ElementTree.Element, path: Path) -> ElementTree.Element:
+def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.Element:
     """A file with every body written out.
 
     Args:
         root: of the file.
         path: of the file; everything that it names has to be in its folder or below.
+        what: makes it necessary, for messages.
 
     Raises:
         ModelError: MuJoCo is not installed or refuses the file, it names a file elsewhere, or stands for too much.
     """
-    mujoco = _mujoco(f"{path}: {[*_shorthands(root), '<include>'][0]}")
+    mujoco = _mujoco(f"{path}: {what}")
     if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
         raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
     meshes = _own_meshes(root, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -25,9 +26,10 @@ from rnc_pin.robots.sources.description import (
     parse_xml,
     read_numbers,
 )
-from rnc_pin.robots.sources.flattening import flattened, included, is_short
+from rnc_pin.robots.sources.flattening import flattened, included, shorthand, weighed
 from rnc_pin.robots.sources.plain_mjcf import make_plain
 from rnc_pin.robots.sources.rounding import Roundings
+from rnc_pin.robots.sources.sites import place_sites
 
 _JOINTS = ("hinge", "slide", "ball", "free")
 _SOFT = ("composite", "flexcomp", "attach")
@@ -52,26 +54,10 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
-    _check_makers(root, path)
-    if included(root, path) or is_short(root):
-        _check_makers(root, path)
-        root = flattened(root, path)
-    if not root.findall("worldbody/body"):
-        raise ModelError(f"{path}: <worldbody> has no <body>")
-    make_plain(root, path, base)
+    root = _understood(root, path, base)
     _check(root, path, base)
     _check_unknown(root, path)
-    bodies = root.findall("worldbody/body")
-    if base is not None:
-        for body in bodies:  # the base asked for takes the place of the file's
-            for element in [each for each in body if _is_free(each)]:
-                body.remove(element)
-            own = body.findall("joint")
-            if own and ROOT_JOINTS[base] is not None:
-                raise ModelError(
-                    f"{path}: base='{base}' would move body '{body.get('name')}', which has "
-                    f"{counted(len(own), 'joint')} of its own: take the file's own base (None)"
-                )
+    _clear_base(root, path, base)
     if snap:
         _snap(root, path)
     _make_absolute(root, path)
@@ -90,6 +76,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
         model = model[0]
     _scale(model, root, path)
     _limit(model, root)
+    place_sites(model, root, 1.0 if _in_radians(root) else np.pi / 180)
     option = root.find("option")
     gravity = None if option is None else option.get("gravity")
     if gravity is not None:
@@ -104,6 +91,47 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
         return full
 
     return Description(model, geometry, _couplings(root, path))
+
+
+def _understood(root: ElementTree.Element, path: Path, base: str | None) -> ElementTree.Element:
+    """A file with all said that it leaves to be understood, by MuJoCo what only MuJoCo knows.
+
+    Raises:
+        ModelError: it includes, makes or weighs what is not read, or has no body.
+    """
+    _check_makers(root, path)
+    what = "<include>" if included(root, path) else shorthand(root)
+    if what is not None:
+        _check_makers(root, path)
+        root = flattened(root, path, what)
+    if not root.findall("worldbody/body"):
+        raise ModelError(f"{path}: <worldbody> has no <body>")
+    plain = copy.deepcopy(root)
+    make_plain(plain, path, base)
+    what = weighed(plain)
+    if what is not None:
+        plain = flattened(root, path, what)
+        make_plain(plain, path, base)
+    return plain
+
+
+def _clear_base(root: ElementTree.Element, path: Path, base: str | None) -> None:
+    """Let the base that is asked for take the place of the file's.
+
+    Raises:
+        ModelError: the file's base has joints that are not free.
+    """
+    if base is None:
+        return
+    for body in root.findall("worldbody/body"):
+        for element in [each for each in body if _is_free(each)]:
+            body.remove(element)
+        own = body.findall("joint")
+        if own and ROOT_JOINTS[base] is not None:
+            raise ModelError(
+                f"{path}: base='{base}' would move body '{body.get('name')}', which has "
+                f"{counted(len(own), 'joint')} of its own: take the file's own base (None)"
+            )
 
 
 def _check_makers(root: ElementTree.Element, path: Path) -> None:
