@@ -401,7 +401,6 @@ FILES = {
         {"robot.xml": mjcf(head='<option gravity="down"/>')},
         ["robot.xml", "<option>: gravity", "'down'"],
     ),
-    "MJCF with packages": (on_mjcf(package_dirs=["."]), {"robot.xml": mjcf()}, ["'package_dirs' belongs to 'urdf'"]),
     "MJCF of an unknown frame": (
         scenario({"robot": {"mjcf": "robot.xml", "base": "planar"}, "outputs.reducing.1.frame_yaw": "bas"}),
         {"robot.xml": mjcf()},

@@ -117,6 +117,32 @@ def test_what_is_not_the_descriptions_own_is_not_read(text, words, folder):
     assert str(raised.value).isprintable()
 
 
+def test_pictures_that_are_made_are_nobodys_business(tmp_path, capfd):
+    """Pinocchio's parser warns of them on standard output, where results are."""
+    asset = '<asset><texture name="t" type="2d" width="9" height="9"/><material name="m" texture="t"/></asset>'
+    robot = rnc.Robot.from_mjcf(written(tmp_path, BODY.format(asset, '<geom size="1" material="m"/>')))
+    assert len(robot.visual_model.geometryObjects) == 2
+    assert capfd.readouterr() == ("", "")
+
+
+def test_files_of_folders_that_are_named_are_read(folder):
+    """Descriptions often have their meshes beside their folder and not in it."""
+    pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+    asset = (
+        '<compiler meshdir=".."/><asset><mesh name="m" file="elsewhere.obj"/></asset><include file="../elsewhere.xml"/>'
+    )
+    path = written(folder, BODY.format(asset, '<geom type="mesh" mesh="m"/>'))
+    with pytest.raises(
+        rnc.ModelError, match=r"name its own folder with package_dirs \(--package-dir\) if you trust it"
+    ):
+        rnc.Robot.from_mjcf(path)
+    with pytest.raises(rnc.ModelError, match="if you trust it"):
+        rnc.Robot.from_mjcf(path, package_dirs=[folder / "parts"])
+    robot = rnc.Robot.from_mjcf(path, package_dirs=[folder.parent])
+    assert robot.model.armature == pytest.approx([0.02])  # of what was included
+    assert [shape.meshPath for shape in robot.visual_model.geometryObjects if shape.meshPath.endswith(".obj")]
+
+
 @pytest.mark.parametrize(
     ("text", "tag"),
     [
@@ -149,38 +175,12 @@ HELD = '<inertial mass="2" pos="0 0 0.1" fullinertia="0.02 0.03 0.04 0.001 0 0"/
 
 
 def same_machine(path):
-    """Check moments, gravity, limits and losses of all joints against MuJoCo's; the robot."""
+    """Check joints, limits, losses, moments, gravity and sites against MuJoCo's; the robot."""
     mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
-    theirs = mujoco.MjModel.from_xml_path(str(path))
+    from benchmarks.mjcf import difference
+
     robot = rnc.Robot.from_mjcf(path, snap=False)
-    model, data, here = robot.model, mujoco.MjData(theirs), robot.model.createData()
-    assert (len(robot.joint_names), robot.nv) == (theirs.njnt, theirs.nv)
-    generator = np.random.default_rng(0)
-    q, kinds = pin.randomConfiguration(model, np.full(model.nq, -1.0), np.full(model.nq, 1.0)), theirs.jnt_type
-    for k, (joint, entry) in enumerate(zip(model.joints[1:], theirs.jnt_qposadr, strict=True)):  # both branch by branch
-        if joint.nq == 1:
-            q[joint.idx_q] = generator.uniform(-1, 1)
-            dof = theirs.jnt_dofadr[k]
-            assert model.armature[joint.idx_v] == pytest.approx(theirs.dof_armature[dof])
-            assert model.damping[joint.idx_v] == pytest.approx(np.ravel(theirs.dof_damping)[dof])
-            limits = [model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]]
-            assert limits == pytest.approx(theirs.jnt_range[k] if theirs.jnt_limited[k] else [-np.inf, np.inf])
-        scalar_last = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}[joint.nq]  # MuJoCo has the scalar first
-        data.qpos[entry : entry + joint.nq] = q[joint.idx_q : joint.idx_q + joint.nq][scalar_last]
-    mujoco.mj_forward(theirs, data)
-    M = np.zeros((robot.nv, robot.nv))
-    for row, unit in zip(M, np.eye(robot.nv), strict=True):
-        mujoco.mj_mulM(theirs, data, row, unit)
-    pin.framesForwardKinematics(model, here, q)
-    for k in range(theirs.nsite):
-        frame = here.oMf[model.getFrameId(theirs.site(k).name)]
-        np.testing.assert_allclose(frame.translation, data.site_xpos[k], atol=1e-9)
-        np.testing.assert_allclose(frame.rotation.ravel(), data.site_xmat[k], atol=1e-9)
-    # Entries of a free joint come in other axes, of which eigenvalues and lengths know nothing.
-    np.testing.assert_allclose(np.linalg.eigvalsh(pin.crba(model, here, q)), np.linalg.eigvalsh(M), rtol=1e-9)
-    if (kinds != mujoco.mjtJoint.mjJNT_FREE).all():
-        gravity = pin.computeGeneralizedGravity(model, here, q)
-        np.testing.assert_allclose(gravity, data.qfrc_bias, rtol=1e-9, atol=1e-9)
+    assert difference(robot, mujoco.MjModel.from_xml_path(str(path))) == ""
     return robot
 
 
@@ -220,6 +220,17 @@ def test_every_body_is_read(world, joints, tmp_path):
         (
             '<compiler angle="radian" autolimits="false"/>',
             f'><joint range="-1 1" limited="true"/>{HELD}<body><joint range="-1 1" limited="false"/>{HELD}</body>',
+        ),
+        ("", f'pos="1 2 3" euler="10 90 20"><body>{SWINGING}<site name="s"/></body>'),
+        ("", f'pos="1 2 3" euler="10 90 20"><freejoint/>{HELD}<site name="s" pos="1 0 0"/>'),
+        ("", f'pos="1 2 3"><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s" pos="1 0 0"/>'),
+        ('<compiler boundmass="3"/>', f'><joint type="free" damping="0.3" armature="0.1"/>{HELD}<site name="s"/>'),
+        ("", f'><joint type="ball" damping="0.3" armature="0.1"/>{HELD}'),
+        ('<option><flag gravity="disable"/></option>', f">{SWINGING}"),
+        ('<option gravity="1 2 3"><flag gravity="disable"/></option><compiler boundmass="9"/>', f">{SWINGING}"),
+        (
+            '<default><geom quat="1 1 1 0"/></default>',
+            '><joint/><geom type="capsule" size="0.1" pos="0 0 0" fromto="0 0 0 1 2 3"/>',
         ),
         ("", '><joint axis="1 2 3"/><geom type="box" size="0.1 0.2 0.3" shellinertia="true"/>'),
         ('<compiler boundmass="3"/>', f'><joint ref="20"/>{HELD}<body>{SWINGING}</body>'),
@@ -318,11 +329,17 @@ def test_inertias_that_mujoco_changes_are_not_read_without_it(flag, tmp_path, mo
     assert rnc.Robot.from_mjcf(written(tmp_path, BODY.format(usual, ""))).nv == 1
 
 
-def test_defaults_stand_for_no_more_than_a_file_may_be(tmp_path):
-    long = f'<default><geom name="{"x" * 100_000}"/></default>'
-    text = f'<mujoco>{long}<worldbody><body name="b"><joint/>{1000 * "<geom/>"}</body></worldbody></mujoco>'
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'<default><geom name="{"x" * 100_000}"/></default><worldbody><body><joint/>{1000 * "<geom/>"}</body></worldbody>',
+        f'<default><geom name="{"x" * 1_000_000}"/>{100 * "<default/>"}</default><worldbody><body/></worldbody>',
+    ],
+    ids=["elements", "classes"],
+)
+def test_defaults_stand_for_no_more_than_a_file_may_be(text, tmp_path):
     with pytest.raises(rnc.ModelError, match=r"with its defaults longer than 67,108,864 characters"):
-        rnc.Robot.from_mjcf(written(tmp_path, text))
+        rnc.Robot.from_mjcf(written(tmp_path, f"<mujoco>{text}</mujoco>"))
 
 
 @pytest.mark.parametrize(
@@ -339,6 +356,11 @@ def test_defaults_stand_for_no_more_than_a_file_may_be(tmp_path):
             "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base",
         ),
         (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "body 'a' is there twice"),
+        (
+            '<body><joint/><geom type="capsule" size="0.1" pos="0 0 1" fromto="0 0 0 1 2 3"/></body>',
+            None,
+            "Both pos and fromto",
+        ),
         (
             '<body><joint class="main"/><geom class="mian" size="1"/></body>',
             None,

@@ -123,7 +123,7 @@ def inspect(**given: Given) -> None:
     metavar="FOLDER",
     multiple=True,
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Where package:// paths are: a package, or a folder of packages.",
+    help="Where package:// paths are: a package, or a folder of packages; of MJCF a folder that it may name files of.",
 )
 @click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Hold a joint, at zero or at a value [rad or m].")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")

@@ -172,6 +172,7 @@ class Robot(Printed):
         lock: Mapping[str, JointValue] | None = None,
         gravity: Sequence[float] | None = None,
         *,
+        package_dirs: Sequence[str | Path] = (),
         snap: bool = True,
     ) -> Robot:
         """Load an MJCF (MuJoCo) file.
@@ -186,15 +187,17 @@ class Robot(Printed):
                 "planar" or "free", as for a URDF, take the place of a free joint.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
+            package_dirs: folders beside the file's own that it may include files and take meshes from.
             snap: make axes of joints and orientations of bodies exact that the file holds rounded, as for a URDF.
 
         Raises:
-            ModelError: the file is missing, is not MJCF, includes others, or describes an impossible robot.
+            ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot.
         """
         path = urdf_files.find_mjcf(path)
         if base is not None:
             _check_base(base)
-        return cls._from_description(path, read_mjcf(path, base, snap=snap), lock, gravity)
+        read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
+        return cls._from_description(path, read, lock, gravity)
 
     @classmethod
     def _from_description(

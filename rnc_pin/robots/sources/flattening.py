@@ -6,8 +6,9 @@ numbers in full, which the reader of MJCF then reads like any other file.
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,6 +27,7 @@ _MOVED = ("body", "joint", "freejoint", "geom", "inertial")
 _PARTS = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
 _CHILDREN = {
     "mujoco": _KEPT,
+    "option": ("flag",),
     "default": ("default", "joint", "geom", "mesh", "material", "site"),
     "asset": ("mesh", "material"),
     **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _PARTS),
@@ -38,6 +40,7 @@ _LEFT = ("equality", "tendon")  # looked at as they are
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 _ENDS = {"sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}  # numbers in its size
+Folders = Sequence[Path]
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
 
@@ -67,8 +70,8 @@ def weighed(root: ElementTree.Element) -> str | None:
     return None
 
 
-def included(root: ElementTree.Element, path: Path) -> bool:
-    """Put in what a file includes, each file once and from its own folder or below; whether there was any.
+def included(root: ElementTree.Element, path: Path, folders: Folders = ()) -> bool:
+    """Put in what a file includes, each file once and from the folders that are its own; whether there was any.
 
     Raises:
         ModelError: a file elsewhere, twice, not MJCF, or without end; or MuJoCo, which says what becomes of elements
@@ -78,32 +81,33 @@ def included(root: ElementTree.Element, path: Path) -> bool:
     found = root.find(".//include")
     if found is not None:
         _mujoco(f'{path}: <include file="{found.get("file", "")}">')
-        _include(root, path, seen)
+        _include(root, path, folders, seen)
     return bool(seen)
 
 
-def _include(parent: ElementTree.Element, path: Path, seen: set[Path]) -> None:
+def _include(parent: ElementTree.Element, path: Path, folders: Folders, seen: set[Path]) -> None:
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
-            _include(element, path, seen)
+            _include(element, path, folders, seen)
             continue
         name = element.get("file", "")
-        file = _own(path, path.parent / name, f'<include file="{name}">')
+        file = _own(path, folders, path.parent / name, f'<include file="{name}">')
         if file in seen or file == path.resolve():
             raise ModelError(f'{path}: <include file="{name}"> is there twice')
         seen.add(file)
         inner = parse_xml(file)
-        _include(inner, path, seen)
+        _include(inner, path, folders, seen)
         parent[index : index + 1] = list(inner)
 
 
-def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.Element:
+def flattened(root: ElementTree.Element, path: Path, what: str, folders: Folders = ()) -> ElementTree.Element:
     """A file with every body written out.
 
     Args:
         root: of the file.
         path: of the file; everything that it names has to be in its folder or below.
         what: makes it necessary, for messages.
+        folders: others that it may name files of.
 
     Raises:
         ModelError: MuJoCo is not installed or refuses the file, it names a file elsewhere, or stands for too much.
@@ -111,7 +115,7 @@ def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.E
     mujoco = _mujoco(f"{path}: {what}")
     if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
         raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
-    meshes = _own_meshes(root, path)
+    meshes = _own_meshes(root, path, folders)
     text = ElementTree.Element("mujoco")
     text.extend(element for element in root if element.tag in _KEPT)
     _strip(text)
@@ -124,7 +128,7 @@ def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.E
     return _written(model, root, meshes)
 
 
-def _own_meshes(root: ElementTree.Element, path: Path) -> dict[str, str]:
+def _own_meshes(root: ElementTree.Element, path: Path, folders: Folders) -> dict[str, str]:
     """Files of meshes by name, relative to the description; in the elements they are made absolute."""
     folder, stripped = "", False
     for compiler in root.findall("compiler"):
@@ -135,9 +139,9 @@ def _own_meshes(root: ElementTree.Element, path: Path) -> dict[str, str]:
         file = mesh.get("file")
         if file:
             place = path.parent / folder / (Path(file).name if stripped else file)
-            own = _own(path, place, f'<mesh file="{file}">')
+            own = _own(path, folders, place, f'<mesh file="{file}">')
             mesh.set("file", str(own))
-            meshes[mesh.get("name") or Path(file).stem] = str(own.relative_to(path.parent.resolve()))
+            meshes[mesh.get("name") or Path(file).stem] = os.path.relpath(own, path.parent.resolve())
     return meshes
 
 
@@ -161,19 +165,23 @@ def _mujoco(what: str) -> Any:
     return mujoco
 
 
-def _own(path: Path, file: Path, where: str) -> Path:
+def _own(path: Path, folders: Folders, file: Path, where: str) -> Path:
     """A file that a description may name.
 
     Raises:
-        ModelError: it is not in the description's folder or below, is no plain file, or too large.
+        ModelError: it is in no folder of the description or below, is no plain file, or too large.
     """
     try:
         file = file.resolve()
-        good = file.is_relative_to(path.parent.resolve()) and file.is_file() and file.stat().st_size <= LARGEST
+        within = any(file.is_relative_to(each.resolve()) for each in (path.parent, *folders))
+        good = within and file.is_file() and file.stat().st_size <= LARGEST
     except (OSError, ValueError, RuntimeError):
         good = False
     if not good:
-        raise ModelError(f"{path}: {where} is no file in the folder of the description or below")
+        raise ModelError(
+            f"{path}: {where} is no file in the folder of the description or below; "
+            "name its own folder with package_dirs (--package-dir) if you trust it"
+        )
     return file
 
 
@@ -194,7 +202,8 @@ def _size(element: ElementTree.Element, path: Path) -> int:
 def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) -> ElementTree.Element:
     flat = ElementTree.Element("mujoco", {"model": root.get("model", "robot")})
     ElementTree.SubElement(flat, "compiler", {"angle": "radian"})
-    ElementTree.SubElement(flat, "option", {"gravity": _words(model.opt.gravity)})
+    gravity = np.zeros(3) if any(flag.get("gravity") == "disable" for flag in root.iter("flag")) else model.opt.gravity
+    ElementTree.SubElement(flat, "option", {"gravity": _words(gravity)})
     assets = ElementTree.SubElement(flat, "asset")
     for k in range(model.nmesh):
         name = model.mesh(k).name
@@ -208,8 +217,7 @@ def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) ->
             ElementTree.SubElement(bodies[k], "inertial", _inertial(model, k))
     for k in range(model.njnt):
         kind = _JOINTS[model.jnt_type[k]]
-        tag = "freejoint" if kind == "free" else "joint"
-        ElementTree.SubElement(bodies[model.jnt_bodyid[k]], tag, _joint(model, k, kind))
+        ElementTree.SubElement(bodies[model.jnt_bodyid[k]], "joint", _joint(model, k, kind))
     for k in range(model.ngeom):
         shape = _SHAPES.get(int(model.geom_type[k]))
         if shape is not None and (shape != "mesh" or model.mesh(model.geom_dataid[k]).name in files):
@@ -243,8 +251,6 @@ def _inertial(model: Any, k: int) -> dict[str, str]:
 
 
 def _joint(model: Any, k: int, kind: str) -> dict[str, str]:
-    if kind == "free":
-        return _named(model.joint(k).name)
     entry = model.jnt_dofadr[k]
     found = {
         **_named(model.joint(k).name),
@@ -255,10 +261,10 @@ def _joint(model: Any, k: int, kind: str) -> dict[str, str]:
         "frictionloss": _words([model.dof_frictionloss[entry]]),
         "stiffness": _words(np.ravel(model.jnt_stiffness[k])[:1]),
     }
-    if kind != "ball":
+    if kind in ("hinge", "slide"):
         found["axis"] = _words(model.jnt_axis[k])
         found["ref"] = _words([model.qpos0[model.jnt_qposadr[k]]])
-    if kind != "ball" and model.jnt_limited[k]:
+    if kind in ("hinge", "slide") and model.jnt_limited[k]:
         found["range"] = _words(model.jnt_range[k])
     return found
 

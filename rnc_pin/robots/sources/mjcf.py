@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
@@ -40,12 +40,13 @@ _SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can a
 }  # fmt: skip
 
 
-def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description:
+def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *, snap: bool = True) -> Description:
     """Read an MJCF file.
 
     Args:
         path: of the file.
         base: None for the root joints that the file has; else "fixed", "planar" or "free" in place of its free joint.
+        package_dirs: folders beside its own that the file may name files of.
         snap: make axes of joints, and angles of bodies, exact that the file holds rounded.
 
     Raises:
@@ -54,7 +55,7 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
-    root = _understood(root, path, base)
+    root = _understood(root, path, base, package_dirs)
     _check(root, path, base)
     _check_unknown(root, path)
     _clear_base(root, path, base)
@@ -75,12 +76,13 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     if isinstance(model, tuple):
         model = model[0]
     _scale(model, root, path)
-    _limit(model, root)
+    _complete(model, root)
     place_sites(model, root, 1.0 if _in_radians(root) else np.pi / 180)
-    option = root.find("option")
-    gravity = None if option is None else option.get("gravity")
-    if gravity is not None:
-        model.gravity.linear = read_numbers(gravity)
+    for option in root.findall("option"):
+        if "gravity" in option.attrib:
+            model.gravity.linear = read_numbers(option.attrib["gravity"])
+        if any(flag.get("gravity") == "disable" for flag in option.findall("flag")):
+            model.gravity.linear = np.zeros(3)
 
     def geometry(kind: str) -> pin.GeometryModel:
         with geometry_errors(path), _written(root) as file:
@@ -93,24 +95,26 @@ def read_mjcf(path: Path, base: str | None, *, snap: bool = True) -> Description
     return Description(model, geometry, _couplings(root, path))
 
 
-def _understood(root: ElementTree.Element, path: Path, base: str | None) -> ElementTree.Element:
+def _understood(
+    root: ElementTree.Element, path: Path, base: str | None, folders: Sequence[Path]
+) -> ElementTree.Element:
     """A file with all said that it leaves to be understood, by MuJoCo what only MuJoCo knows.
 
     Raises:
         ModelError: it includes, makes or weighs what is not read, or has no body.
     """
     _check_makers(root, path)
-    what = "<include>" if included(root, path) else shorthand(root)
+    what = "<include>" if included(root, path, folders) else shorthand(root)
     if what is not None:
         _check_makers(root, path)
-        root = flattened(root, path, what)
+        root = flattened(root, path, what, folders)
     if not root.findall("worldbody/body"):
         raise ModelError(f"{path}: <worldbody> has no <body>")
     plain = copy.deepcopy(root)
     make_plain(plain, path, base)
     what = weighed(plain)
     if what is not None:
-        plain = flattened(root, path, what)
+        plain = flattened(root, path, what, folders)
         make_plain(plain, path, base)
     return plain
 
@@ -274,17 +278,37 @@ def _rests(root: ElementTree.Element) -> dict[str, float]:
     return {name: float(_read(root, joint, "ref", "0")[0]) for name, joint in _axes(root).items()}
 
 
-def _limit(model: pin.Model, root: ElementTree.Element) -> None:
-    """Set limits of position: Pinocchio takes those of slides for degrees, and all of them from the joint's ``ref``."""
+def _complete(model: pin.Model, root: ElementTree.Element) -> None:
+    """Set limits of position, and what moving costs, of all joints.
+
+    Pinocchio takes limits of slides for degrees, and all of them from the joint's ``ref``; a ball it damps about no
+    axis, and what floats it places, where the file has it turned, as neither the file nor the joint says.
+    """
+    for joint in model.joints[1:]:
+        if joint.shortname() == "JointModelFreeFlyer":
+            model.jointPlacements[joint.id] = pin.SE3.Identity()
     compiler = root.find("compiler")
     automatic = compiler is None or compiler.get("autolimits", "true") == "true"
-    for name, joint in _axes(root).items():
-        low, high = _read(root, joint, "range", "0 0")
-        limited = joint.get("limited", "auto")
+    axes = _axes(root)
+    for element in root.findall("worldbody//joint"):
+        name = str(element.get("name"))
+        joint = model.joints[model.getJointId(name)]
+        entries = slice(joint.idx_v, joint.idx_v + joint.nv)
+        damping, armature, friction = (
+            read_numbers(element.get(key, "0")) for key in ("damping", "armature", "frictionloss")
+        )
+        assert damping is not None  # they were looked at before
+        assert armature is not None
+        assert friction is not None
+        model.damping[entries], model.armature[entries] = damping[0], armature[0]
+        model.lowerDryFrictionLimit[entries], model.upperDryFrictionLimit[entries] = -friction[0], friction[0]
+        if name not in axes:
+            continue
+        low, high = _read(root, element, "range", "0 0")
+        limited = element.get("limited", "auto")
         if limited == "false" or (limited == "auto" and not (automatic and low < high)):
             low, high = -np.inf, np.inf
-        entry = model.joints[model.getJointId(name)].idx_q
-        model.lowerPositionLimit[entry], model.upperPositionLimit[entry] = low, high
+        model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
 
 
 def _axes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:

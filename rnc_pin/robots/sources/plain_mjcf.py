@@ -1,7 +1,8 @@
 """MJCF with all said that it leaves to be understood, for Pinocchio reads some of that otherwise than MuJoCo does.
 
 Of default classes the place of a joint is not read, of joints in one body no name, of axes that are not of unit length
-and of turns about axes that stand still something else, of bodies without names one, of several roots the first.
+and of turns about axes that stand still something else, of bodies without names one, of several roots the first, of a
+root that stands no place.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
         ModelError: a class that is none; two bodies with one name; a base for several bodies; more than a file may be.
     """
     _write_defaults(root, path)
+    _drop_made_textures(root)
     free = _free_names(root, path)
     _make_one_root(root, path, base, free)
     for element in root.iter():
@@ -45,69 +47,94 @@ def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
         _separate(body, free)
 
 
-def _write_defaults(root: ElementTree.Element, path: Path) -> None:
-    """Give every element what its class says, and take the classes out."""
-    classes: dict[str, Attributes] = {"main": {}}
-    top: Attributes = {}
-    for default in root.findall("default"):
-        top = _collect(default, top, classes)
-    length = 0
+class _Defaults:
+    """What classes say of elements, and elements of their classes."""
 
-    def write(parent: ElementTree.Element, inherited: str | None) -> None:
-        nonlocal length
+    def __init__(self, root: ElementTree.Element, path: Path) -> None:
+        self._path, self._length = path, 0
+        self._classes: dict[str, Attributes] = {"main": {}}
+        self._top: Attributes = {}
+        for default in root.findall("default"):
+            self._top = self._collect(default, self._top)
+
+    def _collect(self, default: ElementTree.Element, inherited: Attributes) -> Attributes:
+        """What a class says, with what those around it say; it and those within are put down by name."""
+        own = {tag: dict(attributes) for tag, attributes in inherited.items()}
+        for element in default:
+            if element.tag in _WITH_DEFAULTS:
+                own.setdefault(element.tag, {}).update(element.attrib)
+        for attributes in own.values():
+            self._count(attributes)
+        self._classes[default.get("class", "main")] = own
+        for inner in default.findall("default"):
+            self._collect(inner, own)
+        return own
+
+    def _count(self, attributes: dict[str, str]) -> None:
+        self._length += sum(len(key) + len(value) for key, value in attributes.items())
+        if self._length > LARGEST:
+            raise ModelError(f"{self._path}: with its defaults longer than {LARGEST:,} characters")
+
+    def write(self, parent: ElementTree.Element, inherited: str | None = None) -> None:
+        """Give every element below what its class says, and take the classes out."""
         inherited = parent.attrib.pop("childclass", inherited)
         for element in parent:
             if element.tag == "body":
-                write(element, inherited)
+                self.write(element, inherited)
             elif element.tag in _WITH_DEFAULTS:
                 name = element.attrib.pop("class", inherited)
-                if name is not None and name not in classes:
-                    raise ModelError(
-                        f'{path}: <{element.tag} class="{name}">: no such <default>{nearest(name, classes)}'
-                    )
-                defaults = (top if name is None else classes[name]).get(element.tag, {})
-                length += sum(map(len, defaults.values()))
-                if length > LARGEST:
-                    raise ModelError(f"{path}: with its defaults longer than {LARGEST:,} characters")
+                if name is not None and name not in self._classes:
+                    other = nearest(name, self._classes)
+                    raise ModelError(f'{self._path}: <{element.tag} class="{name}">: no such <default>{other}')
+                defaults = (self._top if name is None else self._classes[name]).get(element.tag, {})
+                self._count(defaults)
                 _complete(element, defaults)
 
+
+def _write_defaults(root: ElementTree.Element, path: Path) -> None:
+    """Give every element what its class says, and take the classes out."""
+    defaults = _Defaults(root, path)
     for parent in (*root.findall("worldbody"), *root.findall("asset")):
-        write(parent, None)
+        defaults.write(parent)
     for default in root.iter("default"):
         for element in [each for each in default if each.tag in _WITH_DEFAULTS]:
             default.remove(element)
 
 
-def _collect(default: ElementTree.Element, inherited: Attributes, classes: dict[str, Attributes]) -> Attributes:
-    """What a class says, with what those around it say; it and those within are put down by name."""
-    own = {tag: dict(attributes) for tag, attributes in inherited.items()}
-    for element in default:
-        if element.tag in _WITH_DEFAULTS:
-            own[element.tag] = {**own.get(element.tag, {}), **element.attrib}
-    classes[default.get("class", "main")] = own
-    for inner in default.findall("default"):
-        _collect(inner, own, classes)
-    return own
-
-
 def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
     """Put in what is not said; what says the same in other words counts as said, and a size entry by entry."""
     said = set(element.attrib)
-    if said & {*_TURNS, "fromto"}:
+    if said & set(_TURNS):
         said |= set(_TURNS)
-    if "fromto" in said:
-        said.add("pos")
     for key, value in defaults.items():
         if key not in said and key != "class":
             element.set(key, value)
+    if "fromto" in element.attrib:
+        for key in _TURNS:
+            element.attrib.pop(key, None)
+        if not np.any(read_numbers(element.get("pos", "0"))):  # a place beside ends is refused, unless it is none
+            element.attrib.pop("pos", None)
     if element.tag == "geom" and "size" in said and "size" in defaults:
         needed = _SIZES.get(element.get("type", "sphere"), 0) - (element.get("fromto") is not None)
         own = element.get("size", "").split()
         element.set("size", " ".join(own + defaults["size"].split()[len(own) : needed]))
 
 
+def _drop_made_textures(root: ElementTree.Element) -> None:
+    """Pictures that MuJoCo would make are not drawn; Pinocchio says so on standard output."""
+    made = set()
+    for asset in root.findall("asset"):
+        for texture in asset.findall("texture"):
+            if not texture.get("file"):
+                made.add(texture.get("name"))
+                asset.remove(texture)
+    for material in root.iter("material"):
+        if material.get("texture") in made:
+            del material.attrib["texture"]
+
+
 def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free: Iterator[str]) -> None:
-    """Let every body have a name, and all of them one root."""
+    """Let every body have a name, and all of them one root, at the origin unless it moves."""
     world, *others = root.findall("worldbody")
     for other in others:  # sections may be repeated
         world.extend(other)
@@ -116,9 +143,10 @@ def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free
         if not body.get("name"):
             body.set("name", next(free))
     roots = world.findall("body")
-    if len(roots) < 2:
+    moved = ROOT_JOINTS[base or "fixed"] is not None
+    if len(roots) < 2 and (moved or any(part.tag in ("joint", "freejoint") for part in roots[0])):
         return
-    if base is not None and ROOT_JOINTS[base] is not None:
+    if moved:
         raise ModelError(
             f"{path}: base='{base}' moves one body, and in <worldbody> there are {len(roots)}: "
             f"{few([str(each.get('name')) for each in roots])}; take the file's own base (None), or a file of one"

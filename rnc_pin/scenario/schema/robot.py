@@ -38,7 +38,7 @@ class RobotSource(Strict):
     base: Literal["fixed", "planar", "free"] = "fixed"
     """How the root link meets the world. For an MJCF the default is what the file says."""
     package_dirs: list[str] = []
-    """Folders for ``package://`` paths, relative to the scenario's."""
+    """Folders for ``package://`` paths, relative to the scenario's; of MJCF those that it may name files of."""
     xacro_arguments: dict[str, str | float | bool] = {}
     """Values for the arguments of a xacro file."""
     lock: dict[str, float | list[float]] = {}
@@ -57,9 +57,10 @@ class RobotSource(Strict):
     def _one_source(self) -> RobotSource:
         if [self.urdf, self.mjcf, self.example].count(None) != 2:
             raise ValueError("expected one of 'urdf', 'mjcf' and 'example'")
-        for name in ("package_dirs", "xacro_arguments"):
-            if getattr(self, name) and self.urdf is None:
-                raise ValueError(f"'{name}' belongs to 'urdf'")
+        if self.xacro_arguments and self.urdf is None:
+            raise ValueError("'xacro_arguments' belongs to 'urdf'")
+        if self.package_dirs and self.example is not None:
+            raise ValueError("'package_dirs' belongs to 'urdf' and 'mjcf'")
         if self.masses and self.mjcf is not None:
             raise ValueError("'masses' belongs to 'urdf' and 'example'")
         return self
@@ -73,12 +74,14 @@ class RobotSource(Strict):
 
     def _alone(self, folder: Path) -> Robot:
         lock, snap, masses = self.lock or None, self.snap, self.masses
+        packages = [folder / each for each in self.package_dirs]
         if self.example is not None:
             return Robot.from_example(self.example, self.base, lock, self.gravity, snap=snap, masses=masses)
         if self.mjcf is not None:
             base = self.base if "base" in self.model_fields_set else None
-            return Robot.from_mjcf(find_mjcf(self.mjcf, folder), base, lock, self.gravity, snap=snap)
+            path = find_mjcf(self.mjcf, folder)
+            return Robot.from_mjcf(path, base, lock, self.gravity, package_dirs=packages, snap=snap)
         assert self.urdf is not None
-        packages, arguments = [folder / each for each in self.package_dirs], self.xacro_arguments or None
+        arguments = self.xacro_arguments or None
         path = find_urdf(self.urdf, folder)
         return Robot.from_urdf(path, self.base, packages, lock, self.gravity, arguments, snap=snap, masses=masses)

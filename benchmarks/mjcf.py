@@ -1,0 +1,119 @@
+"""Every MJCF below a folder beside what MuJoCo reads in it: joints, limits, losses, moments, gravity, sites.
+
+    python -m benchmarks.mjcf FOLDER
+
+The folder is trusted with what its files include. The exit status says whether any was read otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from rich.console import Console
+from rich.table import Table
+
+import rnc_pin as rnc
+
+_SCALAR_LAST = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}  # MuJoCo has the scalar of a quaternion first
+
+
+def difference(robot: rnc.Robot, theirs: mujoco.MjModel, seed: int = 0) -> str:
+    """What differs first, in a word or two; empty if nothing does."""
+    model = robot.model
+    if (len(robot.joint_names), robot.nv) != (theirs.njnt, theirs.nv):
+        return f"{len(robot.joint_names)} joints of {theirs.njnt}"
+    q, data, entries = pin.neutral(model), mujoco.MjData(theirs), np.zeros(theirs.nv, dtype=int)
+    generator = np.random.default_rng(seed)
+    for k, index in enumerate(_order(robot, theirs)):
+        joint, start, first = model.joints[index], theirs.jnt_qposadr[k], theirs.jnt_dofadr[k]
+        entries[first : first + joint.nv] = range(joint.idx_v, joint.idx_v + joint.nv)
+        own = generator.uniform(-1, 1, joint.nq)
+        if joint.nq > 1:
+            own[-4:] /= np.linalg.norm(own[-4:])
+        else:
+            limits = [model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]]
+            if not np.allclose(limits, theirs.jnt_range[k] if theirs.jnt_limited[k] else [-np.inf, np.inf]):
+                return "limits"
+        q[joint.idx_q : joint.idx_q + joint.nq] = own
+        data.qpos[start : start + joint.nq] = own[_SCALAR_LAST[joint.nq]]
+    mujoco.mj_forward(theirs, data)
+    damping = theirs.dof_damping if theirs.dof_damping.ndim == 1 else theirs.dof_damping[:, 0]
+    losses = ((model.damping, damping), (model.armature, theirs.dof_armature))
+    if not all(np.allclose(ours[entries], other) for ours, other in losses):
+        return "damping or armature"
+    here, M = model.createData(), np.zeros((theirs.nv, theirs.nv))
+    for row, unit in zip(M, np.eye(theirs.nv), strict=True):
+        mujoco.mj_mulM(theirs, data, row, unit)
+    # Entries of a free joint come in other axes, of which eigenvalues know nothing.
+    moments = np.linalg.eigvalsh(M)
+    if not np.allclose(np.linalg.eigvalsh(pin.crba(model, here, q)), moments, rtol=1e-6, atol=1e-9 * moments[-1]):
+        return "moments"
+    if (theirs.jnt_type != mujoco.mjtJoint.mjJNT_FREE).all():
+        gravity = pin.computeGeneralizedGravity(model, here, q)[entries]
+        if not np.allclose(gravity, data.qfrc_bias, rtol=1e-6, atol=1e-9 * max(1.0, float(np.abs(gravity).max()))):
+            return "gravity"
+    pin.framesForwardKinematics(model, here, q)
+    for k in range(theirs.nsite):
+        name = theirs.site(k).name
+        if name and theirs.site_bodyid[k] > 0:
+            frame = here.oMf[model.getFrameId(name, pin.FrameType.OP_FRAME)]
+            ours = np.concatenate([frame.translation, frame.rotation.ravel()])
+            if not np.allclose(ours, [*data.site_xpos[k], *data.site_xmat[k]], atol=1e-6):
+                return f"site '{name}'"
+    return ""
+
+
+def _order(robot: rnc.Robot, theirs: mujoco.MjModel) -> list[int]:
+    """Our joint for each of theirs: by name, those without one in their order."""
+    names = [theirs.joint(k).name for k in range(theirs.njnt)]
+    nameless = (k for k, name in enumerate(robot.model.names) if k and name not in names)
+    return [robot.model.getJointId(name) if name else next(nameless) for name in names]
+
+
+def outcome(path: Path, folder: Path) -> tuple[str, str]:
+    """What comes of a file in a word, and more of it."""
+    try:
+        theirs = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        return "no file for MuJoCo", str(error)
+    if theirs.nv == 0:
+        return "nothing moves", ""
+    try:
+        robot = rnc.Robot.from_mjcf(path, package_dirs=[folder], snap=False)
+    except rnc.RncError as error:
+        return "refused", str(error).removeprefix(f"{path}: ")
+    found = difference(robot, theirs)
+    return ("differs", found) if found else ("alike", "")
+
+
+def main() -> int:
+    """Print a table; the exit status says whether anything differs."""
+    parser = argparse.ArgumentParser(description="Every MJCF below a folder beside what MuJoCo reads in it.")
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder.resolve()
+    warnings.simplefilter("ignore")
+    mujoco.set_mju_user_warning(lambda message: None)
+    counts: Counter[str] = Counter()
+    table = Table("file", "outcome", "what")
+    for path in sorted(folder.rglob("*.xml")):
+        if "<mujoco" in path.read_text(errors="replace"):
+            word, more = outcome(path, folder)
+            counts[word] += 1
+            if word in ("differs", "refused"):
+                table.add_row(str(path.relative_to(folder)), word, more)
+    console = Console(width=180)
+    if table.row_count:
+        console.print(table)
+    console.print(", ".join(f"{count} {word}" for word, count in sorted(counts.items())))
+    return 1 if counts["differs"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
