@@ -19,7 +19,6 @@ from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
     Description,
-    Mimic,
     brief,
     captured_stderr,
     geometry_errors,
@@ -27,9 +26,10 @@ from rnc_pin.robots.sources.description import (
     read_numbers,
 )
 from rnc_pin.robots.sources.flattening import flattened, included, shorthand, weighed
+from rnc_pin.robots.sources.mjcf_joints import complete, couplings, in_radians
+from rnc_pin.robots.sources.mjcf_sites import place_sites
 from rnc_pin.robots.sources.plain_mjcf import make_plain
 from rnc_pin.robots.sources.rounding import Roundings
-from rnc_pin.robots.sources.sites import place_sites
 
 _JOINTS = ("hinge", "slide", "ball", "free")
 _SOFT = ("composite", "flexcomp", "attach")
@@ -76,8 +76,8 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     if isinstance(model, tuple):
         model = model[0]
     _scale(model, root, path)
-    _complete(model, root)
-    place_sites(model, root, 1.0 if _in_radians(root) else np.pi / 180)
+    complete(model, root)
+    place_sites(model, root, 1.0 if in_radians(root) else np.pi / 180)
     for option in root.findall("option"):
         if "gravity" in option.attrib:
             model.gravity.linear = read_numbers(option.attrib["gravity"])
@@ -92,7 +92,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
                 full.removeGeometryObject(shape.name)
         return full
 
-    return Description(model, geometry, _couplings(root, path))
+    return Description(model, geometry, couplings(root, path))
 
 
 def _understood(
@@ -191,7 +191,7 @@ def _scale(model: pin.Model, root: ElementTree.Element, path: Path) -> None:
 def _snap(root: ElementTree.Element, path: Path) -> None:
     """Axes of joints and quaternions of bodies; angles of bodies where they are in radians, not in whole degrees."""
     roundings = Roundings()
-    in_radians = _in_radians(root)
+    angles = in_radians(root)
     for element in root.iter():
         exact = {}
         where = f"{element.tag} '{element.get('name', '')}'"
@@ -199,7 +199,7 @@ def _snap(root: ElementTree.Element, path: Path) -> None:
             exact["axis"] = roundings.direction
         if element.tag == "body":
             exact["quat"] = roundings.direction
-            if in_radians:
+            if angles:
                 exact["euler"] = roundings.angles_of
         for key, make in exact.items():
             if key in element.attrib:
@@ -271,86 +271,3 @@ def _missing_meshes(root: ElementTree.Element, path: Path) -> Iterator[Path]:
         file = mesh.get("file")
         if file and not (folder / file).is_file():
             yield folder / file
-
-
-def _rests(root: ElementTree.Element) -> dict[str, float]:
-    """Position [rad or m] of each joint as the file has the bodies."""
-    return {name: float(_read(root, joint, "ref", "0")[0]) for name, joint in _axes(root).items()}
-
-
-def _complete(model: pin.Model, root: ElementTree.Element) -> None:
-    """Set limits of position, and what moving costs, of all joints.
-
-    Pinocchio takes limits of slides for degrees, and all of them from the joint's ``ref``; a ball it damps about no
-    axis, and what floats it places, where the file has it turned, as neither the file nor the joint says.
-    """
-    for joint in model.joints[1:]:
-        if joint.shortname() == "JointModelFreeFlyer":
-            model.jointPlacements[joint.id] = pin.SE3.Identity()
-    compiler = root.find("compiler")
-    automatic = compiler is None or compiler.get("autolimits", "true") == "true"
-    axes = _axes(root)
-    for element in root.findall("worldbody//joint"):
-        name = str(element.get("name"))
-        joint = model.joints[model.getJointId(name)]
-        entries = slice(joint.idx_v, joint.idx_v + joint.nv)
-        damping, armature, friction = (
-            read_numbers(element.get(key, "0")) for key in ("damping", "armature", "frictionloss")
-        )
-        assert damping is not None  # they were looked at before
-        assert armature is not None
-        assert friction is not None
-        model.damping[entries], model.armature[entries] = damping[0], armature[0]
-        model.lowerDryFrictionLimit[entries], model.upperDryFrictionLimit[entries] = -friction[0], friction[0]
-        if name not in axes:
-            continue
-        low, high = _read(root, element, "range", "0 0")
-        limited = element.get("limited", "auto")
-        if limited == "false" or (limited == "auto" and not (automatic and low < high)):
-            low, high = -np.inf, np.inf
-        model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
-
-
-def _axes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    """Hinges and slides by name."""
-    joints = root.findall("worldbody//joint")
-    return {str(each.get("name")): each for each in joints if each.get("type", "hinge") in ("hinge", "slide")}
-
-
-def _read(root: ElementTree.Element, joint: ElementTree.Element, key: str, usual: str) -> np.ndarray:
-    """Numbers of a hinge [rad] or of a slide [m], which have been looked at before."""
-    found = read_numbers(joint.get(key, usual))
-    assert found is not None
-    return np.deg2rad(found) if joint.get("type", "hinge") == "hinge" and not _in_radians(root) else found
-
-
-def _in_radians(root: ElementTree.Element) -> bool:
-    compiler = root.find("compiler")
-    return compiler is not None and compiler.get("angle") == "radian"
-
-
-def _couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
-    """Joint equalities; of the others, and of tendons, one line says that they are left out."""
-    mimics: list[Mimic] = []
-    left_out: set[str] = set()
-    rests = _rests(root)
-    for element in root.findall("equality/*"):
-        if element.get("active", "true") == "false":
-            continue
-        coefficients = read_numbers(element.get("polycoef", "0 1"))
-        linear = coefficients is not None and 1 < coefficients.size <= 5 and not np.any(coefficients[2:])
-        if element.tag == "joint" and element.get("joint1") and element.get("joint2") and linear:
-            assert coefficients is not None
-            offset, multiplier = map(float, coefficients[:2])
-            joint, of = str(element.get("joint1")), str(element.get("joint2"))
-            # Of what both have moved from where the file has them.
-            offset += rests.get(joint, 0.0) - multiplier * rests.get(of, 0.0)
-            mimics.append(Mimic(joint, of, multiplier, offset))
-        else:
-            left_out.add(f"<equality><{element.tag}>")
-    if root.find("tendon/*") is not None:
-        left_out.add("<tendon>")
-    if left_out:
-        text = f"{path}: {', '.join(sorted(left_out))} is left out of the model: add constraints for it"
-        warnings.warn(text, ModelWarning, stacklevel=4)
-    return tuple(mimics)
