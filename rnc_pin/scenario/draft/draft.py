@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
+from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.scenario.draft.attempt import Attempt
 from rnc_pin.scenario.draft.balancing import balances, is_bicycle, on_a_bicycle, on_two_wheels
 from rnc_pin.scenario.draft.chassis import Chassis, chassis
@@ -47,6 +47,7 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     source.remember_packages(robot)
     site = Site(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
+    first: RncError | None = None
     for way in _ways(site, asked, source):
         mobility = way()
         if site.loose:
@@ -57,10 +58,13 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
             mobility.notes += source.remarks + failures
             return attempt.text()
         except RncError as error:
+            first = first or error
             if not any(str(error) in each for each in failures):
                 failures.append(f"not '{mobility.kind}', which does not run: {error}")
+    if asked and isinstance(first, ModelError):
+        raise first  # the file cannot stand as it was asked to
     hint = "hold joints with --lock JOINT, or say how it stands with --base"
-    raise ConfigurationError(f"no scenario can be drafted for '{robot.name}': {failures[0]}; {hint}")
+    raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
 
 
 def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
