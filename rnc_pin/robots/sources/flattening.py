@@ -20,6 +20,7 @@ from rnc_pin.errors import ModelError
 from rnc_pin.regular_files import LARGEST
 from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml
 from rnc_pin.robots.sources.mujoco_log import unlogged
+from rnc_pin.robots.sources.plain_mjcf import SIZES
 
 _MOST_ELEMENTS = 20_000  # of bodies and their parts, when all is written out
 _KEPT = ("compiler", "option", "default", "asset", "worldbody")
@@ -39,7 +40,6 @@ _INERTIAS = {  # what the compiler does to inertias, which Pinocchio's parser do
 _LEFT = ("equality", "tendon")  # looked at as they are
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
-_ENDS = {"sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}  # numbers in its size
 Folders = Sequence[Path]
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
@@ -202,8 +202,8 @@ def _size(element: ElementTree.Element, path: Path) -> int:
 def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) -> ElementTree.Element:
     flat = ElementTree.Element("mujoco", {"model": root.get("model", "robot")})
     ElementTree.SubElement(flat, "compiler", {"angle": "radian"})
-    gravity = np.zeros(3) if any(flag.get("gravity") == "disable" for flag in root.iter("flag")) else model.opt.gravity
-    ElementTree.SubElement(flat, "option", {"gravity": _words(gravity)})
+    option = ElementTree.SubElement(flat, "option", {"gravity": _words(model.opt.gravity)})
+    option.extend(root.findall("option/flag"))
     assets = ElementTree.SubElement(flat, "asset")
     for k in range(model.nmesh):
         name = model.mesh(k).name
@@ -286,7 +286,7 @@ def _geom(model: Any, k: int, shape: str) -> dict[str, str]:
         found["mesh"] = model.mesh(mesh).name
         place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()
     else:
-        found["size"] = _words(model.geom_size[k][: _ENDS[shape]])
+        found["size"] = _words(model.geom_size[k][: SIZES[shape]])
     x, y, z, w = pin.SE3ToXYZQUAT(place)[3:]
     return {**found, "pos": _words(place.translation), "quat": _words([w, x, y, z])}
 

@@ -233,7 +233,8 @@ def _is_free(element: ElementTree.Element) -> bool:
 
 def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
     seen: set[str] = set()
-    parts = {element for body in root.findall("worldbody/body") for element in body.iter()}  # the rest are defaults
+    # Equalities name joints too.
+    parts = {element for body in root.findall("worldbody/body") for element in body.iter()}
     for element in root.iter():
         if element.tag in ("joint", "freejoint") and element.get("name") and element in parts:
             name = str(element.get("name"))

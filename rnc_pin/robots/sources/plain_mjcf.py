@@ -21,7 +21,8 @@ from rnc_pin.robots.sources.description import ROOT_JOINTS, read_numbers
 
 _WITH_DEFAULTS = ("joint", "geom", "site", "mesh")
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-_SIZES = {"plane": 3, "sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3}
+SIZES = {"plane": 3, "sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}
+"""How many numbers the size of each shape has."""
 Attributes = dict[str, dict[str, str]]
 
 
@@ -115,7 +116,7 @@ def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
         if not np.any(read_numbers(element.get("pos", "0"))):  # a place beside ends is refused, unless it is none
             element.attrib.pop("pos", None)
     if element.tag == "geom" and "size" in said and "size" in defaults:
-        needed = _SIZES.get(element.get("type", "sphere"), 0) - (element.get("fromto") is not None)
+        needed = SIZES.get(element.get("type", "sphere"), 0) - (element.get("fromto") is not None)
         own = element.get("size", "").split()
         element.set("size", " ".join(own + defaults["size"].split()[len(own) : needed]))
 
@@ -129,7 +130,7 @@ def _drop_made_textures(root: ElementTree.Element) -> None:
                 made.add(texture.get("name"))
                 asset.remove(texture)
     for material in root.iter("material"):
-        if material.get("texture") in made:
+        if "texture" in material.attrib and material.attrib["texture"] in made:
             del material.attrib["texture"]
 
 
