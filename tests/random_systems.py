@@ -58,6 +58,8 @@ class Built:
     generator: np.random.Generator
     frames: list[str] = field(default_factory=list)
     single: list[str] = field(default_factory=list)
+    conserved: bool = False
+    """Whether the momentum of the first joint is: most that acts on it gives way to what does not."""
 
     def body(self, joint: int, name: str) -> None:
         self.model.appendBodyToJoint(joint, inertia(self.generator), pin.SE3.Identity())
@@ -98,10 +100,10 @@ def joint_model(kind: str, generator: np.random.Generator) -> pin.JointModel:
 
 
 def robot_of(recipe: Recipe) -> tuple[rnc.Robot, Built]:
-    built = Built(pin.Model(), np.random.default_rng(recipe.seed))
+    built = Built(pin.Model(), np.random.default_rng(recipe.seed), conserved="momentum" in recipe.constraints)
     model = built.model
     model.name = "random"
-    heavy = recipe.heavy and "momentum" not in recipe.constraints
+    heavy = recipe.heavy and not built.conserved
     model.gravity.linear = np.array([0.0, 0.0, -9.81 if heavy else 0.0])
     places = [0]
     if recipe.base != "fixed":
@@ -133,6 +135,8 @@ def constraint(kind: str, robot: rnc.Robot, built: Built) -> object:
     axis, radius = str(generator.choice(list("xyz"))), float(generator.uniform(0.05, 0.4))
     if (kind in TOUCHING and "root_joint" not in robot.joint_names) or (kind == "coupling" and len(built.single) < 2):
         kind = "skate"  # what hangs on a fixed base rarely reaches the ground
+    if built.conserved and kind in ("skate", *TOUCHING) and generator.random() < 0.7:
+        kind = "rows"
     if kind == "skate":
         return rnc.NoSideSlip(frame, axis)
     if kind == "wheel":
@@ -150,6 +154,8 @@ def constraint(kind: str, robot: rnc.Robot, built: Built) -> object:
         return rnc.JointCoupling(*pair, ratio=float(generator.choice([-2, 0.5, 1, 3])))
     if kind in ("rows", "belt"):
         row = generator.normal(size=(1, robot.nv))
+        if built.conserved and generator.random() < 0.7:
+            row[:, robot.velocity_indices(robot.joint_names[0])] = 0.0
         if kind == "rows":
             return rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, names=["row"])
         speed = generator.normal(size=1)

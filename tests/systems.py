@@ -337,3 +337,11 @@ def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, conditio
     states = list(islice(good, count))
     assert len(states) == count, f"only {len(states)} of {count} configurations have condition below {condition:g}"
     return states
+
+
+def reacting(reduced: rnc.ReducedModel) -> np.ndarray:
+    """Which constraint rows have a reaction, (m,): all but momenta, whose conservation follows from the dynamics."""
+    rows = np.ones(reduced.m, dtype=bool)
+    for block, where, _ in reduced.constraints.places:
+        rows[where] = block.conserved is None
+    return rows

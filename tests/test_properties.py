@@ -20,6 +20,7 @@ pytest.importorskip("hypothesis", reason="hypothesis is in the extra 'test' and 
 from hypothesis import HealthCheck, Phase, given, settings
 
 from random_systems import CONSTRAINTS, KINDS, recipes, reduced_of
+from systems import reacting
 
 CONDITION = 100.0  # of E, up to which states are looked at: beyond, differences say nothing of derivatives
 STATES = 2
@@ -50,14 +51,18 @@ class Tally:
 
 
 def kkt_residual(reduced, q, v2, T):
-    """Accelerations against those of ``M a + A^T l = f`` that keep to the rows, relative to size."""
+    """Accelerations against those of ``M a + A^T l = f`` that keep to the rows, relative to size.
+
+    Momenta have no reaction: that they are conserved has to follow.
+    """
     t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
     state = reduced.at(q, v2)
     v2_dot = reduced.forward_dynamics(q, v2, T)
     v_dot = state.v_dot(v2_dot)
-    n, m = reduced.n, reduced.m
-    K = np.block([[full.H, t.A.T], [t.A, np.zeros((m, m))]])
-    rows = t.A @ v_dot  # what the rows ask for; that they do is checked by differences below
+    A = t.A[reacting(reduced)]
+    n, m = reduced.n, len(A)
+    K = np.block([[full.H, A.T], [A, np.zeros((m, m))]])
+    rows = A @ v_dot  # what the rows ask for; that they do is checked by differences below
     pushed = full.B @ T - full.C @ t.v - full.g
     solution = np.linalg.solve(K, np.concatenate([pushed, rows]))
     weight = np.sqrt(np.diag(full.H))

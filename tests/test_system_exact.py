@@ -258,8 +258,8 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
     assert rnc.NonholonomicSystem(robot, [], np.ones((4, 2))).p == 2
     single = rnc.Robot.from_urdf("space_robot.urdf")
     words = (
-        r"^coupling\(joint_1, platform\) drives momentum\(platform\), which is said to be conserved: leave one of them "
-        r"out \(mimic=False, where the file couples the joints\)$"
+        r"^constraint row coupling\(joint_1, platform\) acts on momentum\(platform\), which is said to be conserved: "
+        r"leave out the momentum \(the motion follows from the other constraints\) or what acts on it$"
     )
     with pytest.raises(rnc.ConstraintError, match=words):
         rnc.NonholonomicSystem(

@@ -34,6 +34,10 @@ class MomentumConservation:
     momentum and the angular momentum about the world's origin, in the world's axes (more exactly, those of the fixed
     frame in which the joint sits). The constraint is affine then, ``A v = mu``.
 
+    Momentum rows have no reaction: conservation follows from the dynamics. ``NonholonomicSystem`` therefore refuses
+    actuators and other constraints that act on the joint: a wheel of this base on the ground, a hand on a wall.
+    Constraints between bodies behind the joint, such as loops and gears, leave the momentum as it is.
+
     Args:
         joint: name of the joint, ``"root_joint"`` for a planar or free base.
         momentum: its value: a number for a joint with one degree of freedom [N m s or kg m/s]; (p_x, p_y, L_z) for a

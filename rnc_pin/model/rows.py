@@ -27,7 +27,8 @@ class Rows(ABC):
         names: one name for each row, (k,).
         units: unit of each row's rate, (k,).
         joints: joints whose placements the rows ask for, directly or by frames on them.
-        conserved: where in ``v`` no actuator may act for the rows to hold (momenta), else None.
+        conserved: entries of ``v`` on which no actuator and no reaction may act for the rows to hold (momenta), else
+            None. Such rows have no reaction of their own.
         affine: whether mu is not zero.
         holonomic: which rows keep a function of q at zero, (k,), whose value ``residual`` knows. Empty if none
             does. A row that says False may still be integrable together with others.

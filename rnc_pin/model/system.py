@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import product
 
 import numpy as np
 import scipy.linalg
@@ -13,6 +12,7 @@ import scipy.linalg
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.conservation import check_actuators, check_reactions
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, select_independent
 from rnc_pin.model.independence import natural_lengths as lengths_beside
@@ -57,7 +57,7 @@ class NonholonomicSystem(Printed):
     Raises:
         ModelError: unknown joint or frame.
         ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
-            other, or an actuator that drives a momentum said to be conserved.
+            other, or an actuator or a reaction that changes a momentum said to be conserved.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -86,9 +86,10 @@ class NonholonomicSystem(Printed):
         self.assembly = Assembly(robot, blocks)
         self._samples = _sampled_configurations(self.assembly)
         samples, rates = _sample_rows(self.rows, robot, self._samples)
-        found = select_independent(
-            samples, self.rows.names, rates if self.rows.affine else None, _lengths(self.rows, samples)
-        )
+        lengths = _lengths(self.rows, samples)
+        coupled = [name for block in blocks[len(constraints) :] for name in block.names]
+        check_reactions(self.rows, samples, lengths, coupled)
+        found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths)
         self.kept, self.dropped_rows = found.kept, found.dropped
         merged = {row.name: row.rounding for row in self.dropped_rows if row.rounding}
         if merged:
@@ -96,12 +97,11 @@ class NonholonomicSystem(Printed):
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
-            coupled = [name for block in blocks[len(constraints) :] for name in block.names]
             hint = f"; of these {few(coupled)} are the file's own, which mimic=False leaves out" if coupled else ""
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )
-        self._check_conserved(blocks)
+        check_actuators(blocks, self.actuation, Kinematics(robot), self._samples)
         _warn_of_mimics(robot, samples[:, self.kept])
         _warn_of_rounding(robot, merged, found)
 
@@ -197,23 +197,6 @@ class NonholonomicSystem(Printed):
             "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
             f"{', '.join(failures[0].rows)} are dependent"
         )
-
-    def _check_conserved(self, blocks: Sequence[Rows]) -> None:
-        conserved = [block for block in blocks if block.conserved is not None]
-        for block, row in product(conserved, (each for each in blocks if isinstance(each, CouplingRow))):
-            if row.matrix[:, block.conserved].any():
-                raise ConstraintError(
-                    f"{row.names[0]} drives {block.names[0]}, which is said to be conserved: leave one of them out "
-                    "(mimic=False, where the file couples the joints)"
-                )
-        kinematics = Kinematics(self.robot)
-        for q in self._samples if conserved else ():
-            matrix = self.actuation.matrix(kinematics.position(q))
-            for block in conserved:
-                driven = np.abs(matrix[block.conserved]).max(axis=0) > 1e-12
-                if driven.any():
-                    name = self.actuation.names[int(np.argmax(driven))]
-                    raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
 
 
 def _bound(kind: ConstraintKind, robot: Robot) -> Rows:

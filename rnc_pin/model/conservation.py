@@ -1,0 +1,79 @@
+"""Checks of momenta that a constraint keeps constant: no actuator and no reaction may act on the joint."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError, few
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import Rows
+
+_DRIVES = 1e-12  # entry of B beyond rounding
+_ACTS = 1e-9  # share of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
+_ROUNDING = 1e-12  # entry of a row beside the largest of all rows
+
+
+def check_actuators(
+    blocks: Collection[Rows], actuation: Actuation, kinematics: Kinematics, samples: np.ndarray
+) -> None:
+    """Refuse actuators that drive a momentum said to be conserved.
+
+    Args:
+        blocks: bound rows of all constraints.
+        actuation: the matrix B(q).
+        kinematics: of the robot.
+        samples: configurations (samples, nq).
+
+    Raises:
+        ConstraintError: with the actuator and the momentum.
+    """
+    conserved = [block for block in blocks if block.conserved is not None]
+    for q in samples if conserved else ():
+        matrix = actuation.matrix(kinematics.position(q))
+        for block in conserved:
+            driven = np.abs(matrix[block.conserved]).max(axis=0) > _DRIVES
+            if driven.any():
+                name = actuation.names[int(np.argmax(driven))]
+                raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
+
+
+def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, couplings: Collection[str] = ()) -> None:
+    """Refuse constraints whose reactions change a momentum said to be conserved.
+
+    The reaction of a row is ``A^T lambda``. It leaves the momentum of a joint as it is if the columns of that joint
+    are zero: a motion of everything behind the joint as one body does not move the row. This holds for a loop within
+    that body, not for a wheel on the ground or a hand on a wall. Rows of momenta have no reaction.
+
+    Args:
+        rows: all constraint rows, (k,).
+        samples: those rows at assembled configurations, (samples, k, nv).
+        lengths: length beside which each row counts as zero, (k,); 0 where there is none.
+        couplings: names of rows that the robot's file asks for.
+
+    Raises:
+        ConstraintError: with the rows, the momentum and the remedy.
+    """
+    momenta = [place for place in rows.places if place.block.conserved is not None]
+    reacts = np.ones(rows.size, dtype=bool)
+    for place in momenta:
+        reacts[place.where] = False
+    if not momenta or not reacts.any():
+        return
+    longest = np.maximum(np.linalg.norm(samples, axis=-1).max(axis=0), lengths)
+    limit = np.maximum(_ACTS * longest, _ROUNDING * np.abs(samples[:, reacts]).max())
+    for block, *_ in momenta:
+        effect = np.abs(samples[..., block.conserved]).max(axis=(0, -1))
+        found = [rows.names[k] for k in np.flatnonzero(reacts & (effect > limit))]
+        if not found:
+            continue
+        acts = f"constraint row {found[0]} acts" if len(found) == 1 else f"constraint rows {few(found)} act"
+        coupled = " (mimic=False leaves out what the file couples)" if {*found} & {*couplings} else ""
+        momentum = block.names[0].removesuffix("[0]")
+        raise ConstraintError(
+            f"{acts} on {momentum}, which is said to be conserved: leave out the momentum (the motion follows from the "
+            f"other constraints) or what acts on it{coupled}"
+        )

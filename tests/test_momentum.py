@@ -1,0 +1,280 @@
+"""Momenta that stay what they are: only where no reaction of another constraint acts on the joint.
+
+Independent of the rows: the motion under the other constraints alone, and the force that it takes along the joint.
+"""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
+from systems import random_states, reacting
+from tolerances import KKT
+
+SAID = "which is said to be conserved: leave out the momentum"
+
+
+def manipulator() -> rnc.Robot:
+    """A platform in the plane with an arm of two joints; its wheel axle is a frame."""
+    return rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+
+
+def satellite(base: str = "free") -> rnc.Robot:
+    """A body in space or in the plane with two arms of two joints each, alike enough to hold hands, and a flywheel."""
+    model = pin.Model()
+    model.name = "satellite"
+    model.gravity.linear = np.zeros(3)
+    kind = {"free": pin.JointModelFreeFlyer, "planar": pin.JointModelPlanar, "pin": pin.JointModelRZ}[base]()
+    root = model.addJoint(0, kind, pin.SE3.Identity(), "root_joint")
+    generator = np.random.default_rng(3)
+
+    def body(joint: int, name: str, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        center = 0.1 * generator.uniform(-1, 1, 3)
+        model.appendBodyToJoint(joint, pin.Inertia(1.5, center, np.diag([0.2, 0.25, 0.3])), pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(at)), pin.FrameType.OP_FRAME))
+
+    body(root, "hub", (0.1, 0.2, -0.1))
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        shoulder = model.addJoint(
+            root, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.0, y, 0.0])), f"{side}_shoulder"
+        )
+        body(shoulder, f"{side}_arm")
+        elbow = model.addJoint(
+            shoulder, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0])), f"{side}_elbow"
+        )
+        body(elbow, f"{side}_hand", (0.6, 0.0, 0.0))
+    flywheel = model.addJoint(root, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([-0.4, 0.1, 0.0])), "flywheel")
+    model.appendBodyToJoint(flywheel, pin.Inertia(0.8, np.zeros(3), np.diag([0.02, 0.02, 0.04])), pin.SE3.Identity())
+    model.addFrame(pin.Frame("rotor", flywheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def own_row(robot: rnc.Robot, *joints: str, rate: float = 0.0) -> rnc.Pfaffian:
+    """A user's row: velocities of some joints, the first of each, add up to nothing, or to a rate."""
+    row = np.zeros((1, robot.nv))
+    row[0, [robot.velocity_indices(name).start for name in joints]] = np.arange(1, 1 + len(joints))
+    options = {"rate": lambda q: np.array([rate]), "rate_dot": lambda q, v: np.zeros(1)} if rate else {}
+    return rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, ["own"], **options)
+
+
+# ---------------------------------------------------------------------- what acts on the joint is refused
+
+
+def test_a_platform_that_floats_and_is_on_a_knife_edge_is_refused():
+    """The edge pushes the platform: from rest under torques of the arm its momentum does not stay zero."""
+    robot, edge, joints = manipulator(), rnc.NoSideSlip("axle"), ["joint_1", "joint_2"]
+    words = rf"^constraint row no_side_slip\(axle.y\) acts on momentum\(root_joint\), {SAID}"
+    for constraints in ([edge, rnc.MomentumConservation("root_joint")], [rnc.MomentumConservation("root_joint"), edge]):
+        with pytest.raises(rnc.ConstraintError, match=words):
+            rnc.NonholonomicSystem(robot, constraints, joints)
+    # The remedy works, and the edge does push the platform: its momentum is not conserved.
+    alone = rnc.NonholonomicSystem(robot, [edge], joints).reduce()
+    q, rest = robot.configuration({"joint_1": 0.5, "joint_2": 0.9}), np.zeros(alone.r)
+    vdot = alone.at(q, rest).v_dot(alone.forward_dynamics(q, rest, [3.0, -2.0]))
+    data = robot.model.createData()
+    edged = pin.forwardDynamics(
+        robot.model, data, q, np.zeros(robot.nv), np.array([0, 0, 0, 3.0, -2.0]), alone.at(q).A, np.zeros(1)
+    )
+    np.testing.assert_allclose(vdot, edged, atol=KKT)
+    assert np.abs((pin.crba(robot.model, data, q) @ vdot)[:3]).max() > 0.5
+
+
+ACTING = {
+    "a hand on the wall": lambda robot: rnc.LoopClosure("universe", "left_hand", "point", offset_a=(0.7, 0.3, 0.0)),
+    "a hand that is welded": lambda robot: rnc.LoopClosure("left_hand", "universe", "frame", offset_b=(0.7, 0.3, 0.0)),
+    "a knife edge": lambda robot: rnc.NoSideSlip("left_hand"),
+    "a wheel": lambda robot: rnc.RollingWheel("left_hand", 0.3, axis="y"),
+    "a ball": lambda robot: rnc.RollingBall("hub", 0.3),
+    "a ground that moves": lambda robot: own_row(robot, "root_joint", rate=0.5),
+    "a lock": lambda robot: own_row(robot, "root_joint"),
+    "a user's row": lambda robot: own_row(robot, "left_elbow", "root_joint"),
+}
+
+
+@pytest.mark.parametrize("base", ["pin", "planar", "free"])
+@pytest.mark.parametrize("what", ACTING)
+@pytest.mark.parametrize("moving", [False, True], ids=["momentum zero", "momentum not zero"])
+def test_whatever_acts_on_the_joint_is_refused(what, base, moving):
+    robot = satellite(base)
+    size = robot.velocity_indices("root_joint").stop
+    momentum = rnc.MomentumConservation("root_joint", np.arange(1.0, 1 + size) if moving else 0.0)
+    with pytest.raises(rnc.ConstraintError, match=SAID) as caught:
+        rnc.NonholonomicSystem(robot, [momentum, ACTING[what](robot)], ["left_elbow"])
+    assert "momentum(root_joint)," in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_height_of_a_ball_acts_on_a_base_that_can_rise():
+    momentum, ball = rnc.MomentumConservation("root_joint"), rnc.Caster("hub", 0.3)
+    with pytest.raises(rnc.ConstraintError, match=rf"^constraint row vertical\(hub\) acts on .*{SAID}"):
+        rnc.NonholonomicSystem(satellite(), [momentum, ball])
+    assert rnc.NonholonomicSystem(satellite("planar"), [momentum, ball]).m == 3, "a planar base does not"
+
+
+def test_a_lock_that_the_momentum_implies_is_refused_all_the_same():
+    """A wheel balanced on a pin: at rest its momentum says that it stays, so that the lock's row is dropped."""
+    model = pin.Model()
+    model.name = "wheel"
+    model.gravity.linear = np.zeros(3)
+    for k, name in enumerate(("pin", "beside")):
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([k, 0.0, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    robot = rnc.Robot(model)
+    for row in (own_row(robot, "pin"), rnc.Pfaffian(lambda q: 1e-7 * np.eye(2)[:1], lambda q, v: np.zeros((1, 2)))):
+        for constraints in ([rnc.MomentumConservation("pin"), row], [row, rnc.MomentumConservation("pin")]):
+            with pytest.raises(rnc.ConstraintError, match=SAID):
+                rnc.NonholonomicSystem(robot, constraints)
+
+
+def test_a_loop_that_a_files_digits_keep_open_is_internal_all_the_same():
+    robot = satellite()
+    hands = rnc.LoopClosure("left_hand", "right_hand", rpy=(2e-6, 0.0, 0.0))
+    assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint"), hands], ["left_elbow"]).m == 9
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1.0])
+def test_the_weakest_gear_to_the_joint_is_refused(ratio):
+    gear = rnc.JointCoupling("left_elbow", "root_joint", ratio)
+    words = rf"^constraint row coupling\(left_elbow, root_joint\) acts on momentum\(root_joint\), {SAID}"
+    with pytest.raises(rnc.ConstraintError, match=words) as caught:
+        rnc.NonholonomicSystem(satellite("pin"), [rnc.MomentumConservation("root_joint"), gear])
+    assert "mimic" not in str(caught.value)
+
+
+def test_of_many_rows_the_first_are_named():
+    """In a system with two momenta the one that they act on."""
+    robot = satellite()
+    momenta = [rnc.MomentumConservation("flywheel"), rnc.MomentumConservation("root_joint")]
+    weld = rnc.LoopClosure("universe", "hub")
+    words = (
+        r"^constraint rows closure_x\(universe, hub\), closure_y\(universe, hub\), closure_z\(universe, hub\) "
+        r"and 3 more act on momentum\(root_joint\), which"
+    )
+    with pytest.raises(rnc.ConstraintError, match=words):
+        rnc.NonholonomicSystem(robot, [*momenta, weld])
+
+
+# ---------------------------------------------------------------------- what does not act on it is welcome
+
+
+def loop(robot: rnc.Robot) -> list:
+    return [rnc.LoopClosure("left_hand", "right_hand", "point")]
+
+
+INTERNAL = {
+    "hands that hold each other": ("free", [0.4, -0.3, 0.2, 0.1, 0.5, -0.2], loop),
+    "the same in the plane": ("planar", [0.4, -0.3, 0.5], loop),
+    "the same on a pin": ("pin", 0.7, loop),
+    "hands that hold each other at rest": ("free", 0.0, loop),
+    "geared arms": ("planar", [0.4, -0.3, 0.5], lambda r: [rnc.JointCoupling("left_elbow", "right_elbow", -1.0)]),
+    "an elbow that is driven at its own speed": ("planar", 0.0, lambda r: [own_row(r, "left_elbow", rate=0.8)]),
+    "a user's row between arms": ("planar", [0.4, -0.3, 0.5], lambda r: [own_row(r, "left_elbow", "right_shoulder")]),
+    "a flywheel that turns freely": ("free", 0.0, lambda r: [rnc.MomentumConservation("flywheel", 0.3)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", INTERNAL)
+def test_momentum_is_conserved_because_of_the_dynamics(what):
+    """The other constraints alone, at the right momentum, give the same acceleration; momenta take no force."""
+    base, value, others = INTERNAL[what]
+    robot = satellite(base)
+    model, data = robot.model, robot.model.createData()
+    constraints = [rnc.MomentumConservation("root_joint", value), *others(robot)]
+    reduced = rnc.NonholonomicSystem(robot, constraints, ["left_elbow", "right_shoulder"]).reduce()
+    rows = reacting(reduced)
+    assert (~rows).any()
+    for q, v2 in random_states(reduced, 5):
+        state = reduced.at(q, v2)
+        T = np.array([0.7, -0.4])
+        drift = state.terms().A_dot[rows] @ state.v  # rates are constant in all of them
+        expected = pin.forwardDynamics(model, data, q, state.v, state.B @ T, state.A[rows], drift)
+        np.testing.assert_allclose(state.v_dot(reduced.forward_dynamics(q, v2, T)), expected, atol=KKT * 10)
+        np.testing.assert_allclose(reduced.multipliers(q, v2, T)[~rows], 0, atol=KKT)
+        assert not rows.any() or np.abs(reduced.multipliers(q, v2, T)[rows]).max() > 0.01
+
+
+def test_a_flywheel_on_a_cart_with_a_knife_edge_keeps_its_momentum():
+    """The edge acts on the cart, not about the axle of the wheel that turns freely on it."""
+    robot = satellite("planar")
+    constraints = [rnc.NoSideSlip("hub"), rnc.MomentumConservation("flywheel", 0.3)]
+    actuators = [rnc.FrameForce("hub", "x"), "left_elbow"]
+    reduced = rnc.NonholonomicSystem(robot, constraints, actuators).reduce()
+    model, data = robot.model, robot.model.createData()
+    for q, v2 in random_states(reduced, 4):
+        state, T = reduced.at(q, v2), np.array([2.0, -1.0])
+        t = state.terms()
+        expected = pin.forwardDynamics(model, data, q, t.v, state.B @ T, t.A[:1], t.A_dot[:1] @ t.v)
+        np.testing.assert_allclose(state.v_dot(reduced.forward_dynamics(q, v2, T)), expected, atol=KKT * 10)
+    # On the cart itself it does act.
+    with pytest.raises(rnc.ConstraintError, match=SAID):
+        rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("rotor"), rnc.MomentumConservation("root_joint")])
+    with pytest.raises(rnc.ConstraintError, match=rf"no_side_slip\(hub.y\) acts on momentum\(root_joint\), {SAID}"):
+        rnc.NonholonomicSystem(robot, [*constraints, rnc.MomentumConservation("root_joint")])
+
+
+# ---------------------------------------------------------------------- systems at random
+
+
+def drawn(seed: int) -> Recipe:
+    """A tree behind one joint, its momentum and one other constraint."""
+    generator = np.random.default_rng(seed)
+    count = int(generator.integers(2, 6))
+    joints = tuple((int(generator.integers(min(k, 1), k + 1)), str(generator.choice(KINDS))) for k in range(count))
+    others = [kind for kind in CONSTRAINTS if kind != "momentum"]
+    loops = ["point", "frame", "coupling", "rows", "belt"]
+    kind = str(generator.choice(loops if generator.random() < 0.5 else others))
+    base = str(generator.choice(["fixed", "planar", "free"]))
+    return Recipe(joints, base, ("momentum", kind), (), False, seed)
+
+
+def pushes(alone: rnc.ReducedModel, joint: slice, generator: np.random.Generator) -> list[float]:
+    """Force along a joint, relative to the largest of all, that motions without momentum of it take."""
+    model, data, found = alone.robot.model, alone.robot.model.createData(), []
+    for _ in range(12):
+        try:
+            q = alone.random_configuration(generator, 1.0)
+            if alone.condition(q) > 100:
+                continue
+        except rnc.RncError:
+            continue
+        M, still = alone.at(q).M[joint], alone.at(q, np.zeros(alone.r))
+        v2 = generator.normal(size=alone.r)
+        v2 -= np.linalg.pinv(M @ still.R) @ (M @ (still.R @ v2 + still.b))
+        state = alone.at(q, v2)
+        if np.abs(M @ state.v).max() > 1e-9:
+            continue  # moved ground allows no motion without momentum
+        vdot = state.v_dot(alone.forward_dynamics(q, v2, generator.normal(size=alone.p)))
+        force = pin.rnea(model, data, q, state.v, vdot)
+        found.append(float(np.abs(force[joint]).max() / max(np.abs(force).max(), 1e-9)))
+    return found
+
+
+def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
+    """Independent: inverse dynamics of the motion that the other constraint alone allows."""
+    accepted, refused = [], []
+    for seed in range(120):
+        robot, built = robot_of(drawn(seed))
+        joint = robot.velocity_indices(robot.joint_names[0])
+        try:
+            both = [constraint(kind, robot, built) for kind in drawn(seed).constraints]
+            B = built.generator.normal(size=(robot.nv, robot.nv))
+            B[joint] = 0.0
+            alone = rnc.NonholonomicSystem(robot, both[1:], B).reduce()
+            conserved = rnc.NonholonomicSystem(robot, both[:1])  # the joint is cyclic
+            assert conserved.m == joint.stop - joint.start
+        except rnc.RncError:
+            continue
+        found = pushes(alone, joint, np.random.default_rng(seed))
+        if not found:
+            continue
+        try:
+            rnc.NonholonomicSystem(robot, both, B)
+            accepted.append(max(found))
+        except rnc.ConstraintError as error:
+            if SAID in str(error):
+                refused.append(max(found))
+    assert len(accepted) > 40
+    assert len(refused) > 30
+    assert max(accepted) < 1e-8
+    assert min(refused) > 1e-4
