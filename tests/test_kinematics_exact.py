@@ -189,6 +189,21 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
         near(QUESTIONS[first](here, frame), expected)
 
 
+@pytest.mark.parametrize("what", ["velocity", "joint_velocity", "acceleration", "jacobian_dot"])
+def test_a_second_velocity_at_one_configuration_leaves_the_first_as_it_is(what):
+    """Nonlinear effects of the second overwrite Pinocchio's velocities, whether anybody asks for those or not."""
+    robot = ROBOTS["tree"]
+    q, v = states(robot)
+    frame, position = frames(robot)[2], Kinematics(robot).position(q[0, 0])
+    first, ask = position.moving(v[0, 0]).rates(), QUESTIONS[what]
+    expected = ask(Kinematics(robot).position(q[0, 0]).moving(v[0, 0]).rates(), frame).copy()
+    near(ask(first, frame), expected)
+    second = position.moving(v[0, 1]).rates()
+    near(ask(first, frame), expected)
+    near(ask(second, frame), ask(Kinematics(robot).position(q[0, 0]).moving(v[0, 1]).rates(), frame))
+    near(ask(first, frame), expected)
+
+
 def test_pinocchio_runs_once_for_each_thing(monkeypatch):
     robot = ROBOTS["tree"]
     q, v = states(robot)

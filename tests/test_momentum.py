@@ -155,6 +155,33 @@ def test_of_many_rows_the_first_are_named():
         rnc.NonholonomicSystem(robot, [*momenta, weld])
 
 
+SLANTED = np.array([2.0, -1.0, 2.0]) / 3
+
+
+@pytest.mark.parametrize("mass", [1e-12, 2.0, 1e6])
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, 0.0, 1.62), tuple(3.7 * SLANTED), (0.0, 0.0, 0.0)])
+def test_what_falls_along_its_joint_has_no_constant_momentum_up_or_down(gravity, mass):
+    """A slide is free of gravity exactly if its axis is square to it, whatever the mass; a hinge if it is along it."""
+    sideways = np.cross(SLANTED, [0.0, 0.0, 1.0])
+    axes = [sign * axis for axis in (*np.eye(3), SLANTED, sideways / np.linalg.norm(sideways)) for sign in (1, -1)]
+    for kind, axis in ((kind, axis) for kind in ("Prismatic", "Revolute") for axis in axes):
+        model = pin.Model()
+        model.name = "single"
+        model.gravity.linear = np.array(gravity)
+        joint = model.addJoint(0, getattr(pin, f"JointModel{kind}Unaligned")(axis), pin.SE3.Identity(), "joint")
+        arm = model.addJoint(joint, pin.JointModelRX(), pin.SE3.Identity(), "arm")  # so that there is a motion left
+        lever = np.array([0.3, -0.2, 0.5])
+        for each in (joint, arm):
+            model.appendBodyToJoint(each, pin.Inertia(mass, lever, mass * np.eye(3)), pin.SE3.Identity())
+        force = axis @ gravity if kind == "Prismatic" else np.linalg.norm(np.cross(axis, gravity))
+        robot = rnc.Robot(model)
+        if abs(force) < 1e-12:
+            assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")]).m == 1
+            continue
+        with pytest.raises(rnc.ConstraintError, match="^momentum of joint 'joint' is not conserved: gravity acts along"):
+            rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")])
+
+
 # ---------------------------------------------------------------------- what does not act on it is welcome
 
 

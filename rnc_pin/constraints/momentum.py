@@ -172,7 +172,7 @@ def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
                 "(only a base joint, which turns the robot as a whole, is cyclic)"
             )
         weight = pin.computeGeneralizedGravity(robot.model, data, q)
-        scale = pin.computeTotalMass(robot.model) * np.linalg.norm(robot.model.gravity.linear) + 1.0
+        scale = pin.computeTotalMass(robot.model) * np.linalg.norm(robot.model.gravity.linear)
         if np.abs(weight[rows]).max() > _TOLERANCE * scale:
             raise ConstraintError(
                 f"momentum of joint '{joint}' is not conserved: gravity acts along it "
