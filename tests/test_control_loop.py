@@ -7,6 +7,8 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.control import Command
+from rnc_pin.loop.velocity import FilteredVelocity, VelocityObserver
 from rnc_pin.plants import FaultyMachine
 from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import ReducedPlant
@@ -224,6 +226,50 @@ def test_an_observer_does_not_lag_while_accelerations_are_steady():
     assert abs(found["observer"]) < 1e-6
 
 
+@pytest.mark.parametrize("kind", ["filtered", "observer"])
+@pytest.mark.parametrize("dt", [0.01, 0.004])
+def test_an_estimate_forgets_within_some_samples_by_default(kind, dt):
+    """Its cutoff is 0.3 / dt: what a sample is worth fades as exp(-0.3) from one to the next."""
+    reduced, tracker = sleigh()
+    found = []
+    for options in ({}, {"cutoff": 0.3 / dt}):
+        loop = rnc.ControlLoop(reduced, tracker, dt, velocity=kind, **options)
+        for t in dt * np.arange(9):
+            loop.step(t, reduced.robot.configuration({"root_joint": [np.sin(7 * t), 0, 0]}))
+        found.append(loop.state.motion.v[0])
+    assert found[0] == found[1]
+    assert found[0] != 0.0
+
+
+def test_an_observer_is_the_parabola_that_fits_the_fading_past_best():
+    """Independent: weighted least squares over all samples; weights fade by exp(-cutoff dt) from one to the next."""
+    reduced, _ = sleigh()
+    cutoff, count, generator = 25.0, 400, np.random.default_rng(5)
+    measured = 0.1 * np.cumsum(generator.normal(size=(count, 2)), axis=0)
+    observer = VelocityObserver(reduced.robot.model, cutoff)
+    motion = observer.start(reduced.robot.configuration())
+    for x, y in measured:
+        motion = observer.step(motion, reduced.robot.configuration({"root_joint": [x, y, 0.0]}), DT)
+    weights = np.exp(-cutoff * DT * np.arange(count)[::-1])
+    assert weights[0] < 1e-30, "the start is forgotten"
+    times = DT * np.arange(1 - count, 1)
+    for axis in (0, 1):
+        half, slope, place = np.polyfit(times, measured[:, axis], 2, w=np.sqrt(weights))
+        found = [motion.q[axis], motion.v[axis], motion.other[axis]]
+        np.testing.assert_allclose(found, [place, slope, 2 * half], rtol=1e-6)
+
+
+def test_a_filter_answers_a_step_of_velocity_as_two_equal_lags_do():
+    """Of two stages in a row, each ``1 - exp(-cutoff t)`` by itself: after k samples ``1 - (1 + k (1 - e)) e^k``."""
+    reduced, _ = sleigh()
+    cutoff = 25.0
+    estimator = FilteredVelocity(reduced.robot.model, cutoff)
+    motion, share = estimator.start(reduced.robot.configuration()), np.exp(-cutoff * DT)
+    for k in range(1, 30):
+        motion = estimator.step(motion, reduced.robot.configuration({"root_joint": [0.7 * k * DT, 0.0, 0.0]}), DT)
+        assert motion.v[0] == pytest.approx(0.7 * (1 - (1 + k * (1 - share)) * share**k), rel=1e-9)
+
+
 def test_options_that_are_none_are_refused():
     reduced, tracker = sleigh()
     for options, reason in (
@@ -239,6 +285,41 @@ def test_options_that_are_none_are_refused():
 
 
 # ---------------------------------------------------------------------- actuators that give too little
+
+
+class Asks:
+    """A controller that asks for the same inputs every time, and remembers the measurements that it was given."""
+
+    def __init__(self, T):
+        self.T, self.seen = np.array(T), []
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        self.seen.append(measurement)
+        return Command(T=self.T), state
+
+
+def test_inputs_that_the_loop_and_the_machine_take_away_are_missing_together():
+    """Of 10 the loop lets 6 through and the machine gives 4: 6 are missing, and they are so in the reduced force."""
+    reduced, _ = sleigh()
+    controller = Asks([10.0, -3.0])
+    loop, q, v = rnc.ControlLoop(reduced, controller, DT, limits=np.array([6.0, 5.0])), np.zeros(4), np.zeros(3)
+    q[2] = 1.0
+    for given, missing in (([4.0, -3.0], [6.0, 0.0]), ([6.0, -3.0], [4.0, 0.0]), ([6.0, -1.0], [4.0, -2.0])):
+        np.testing.assert_array_equal(loop.step(loop.state.time + DT if loop.state.time else 0.5, q, v), [6.0, -3.0])
+        np.testing.assert_array_equal(loop.state.missing, [4.0, 0.0])
+        loop.acted(np.array(given))
+        np.testing.assert_array_equal(loop.state.missing, missing)
+        np.testing.assert_array_equal(loop.state.T, given)
+        np.testing.assert_array_equal(loop.last.T, given)
+        loop.step(loop.state.time + DT, q, v)
+        np.testing.assert_array_equal(controller.seen[-1].missing, missing)
+        np.testing.assert_allclose(controller.seen[-1].excess, reduced.input_matrix(q) @ missing, atol=1e-15)
+    loop.acted(np.array([10.0, -3.0]))  # more than the loop itself let through
+    assert loop.state.missing is None
+    assert rnc.ControlLoop(reduced, controller, DT).acted(np.zeros(2)) is None, "before the first step nothing is told"
 
 
 def swing(limits):

@@ -178,7 +178,9 @@ def test_what_falls_along_its_joint_has_no_constant_momentum_up_or_down(gravity,
         if abs(force) < 1e-12:
             assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")]).m == 1
             continue
-        with pytest.raises(rnc.ConstraintError, match="^momentum of joint 'joint' is not conserved: gravity acts along"):
+        with pytest.raises(
+            rnc.ConstraintError, match=r"^momentum of joint 'joint' is not conserved: gravity acts along"
+        ):
             rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("joint")])
 
 
