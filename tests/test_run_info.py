@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan
-from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
+from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames, trajectory
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain, provenance_of, provenance_to_plain
 from systems import space_robot
 
@@ -183,6 +184,43 @@ def test_a_summary_is_told_from_the_record(run):
     assert set(summary["max_input"]) == {"joint_1", "joint_2", "joint_3"}
     assert summary["versions"] == run.meta["versions"]
     assert "message" not in summary
+
+
+def test_a_source_folder_without_metadata_runs_saves_and_plots(tmp_path):
+    """As with ``PYTHONPATH``: the version is unknown, and the run is not lost for it."""
+    script = f"""
+import importlib.metadata as metadata
+usual = metadata.Distribution.from_name.__func__
+def absent(cls, name):
+    if name.replace("-", "_") == "rnc_pin":
+        raise metadata.PackageNotFoundError(name)
+    return usual(cls, name)
+metadata.Distribution.from_name = classmethod(absent)
+metadata.entry_points = lambda **selected: metadata.EntryPoints(())
+import rnc_pin as rnc
+robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2)
+run.save({str(tmp_path / "run.npz")!r})
+print(rnc.__version__, run.info.versions["rnc_pin"], len(run.plot().axes) > 0)
+from rnc_pin.app.usage import cli
+cli(["--version"])
+"""
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert told.stderr == ""
+    assert told.stdout.splitlines() == ["unknown unknown True", "rnc-pin, version unknown"]
+    assert rnc.Trajectory.load(tmp_path / "run.npz").outcome == "completed"
+
+
+def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):
+    monkeypatch.setattr("rnc_pin.simulation.record.versions", lambda: pytest.fail("looked up"))
+    with pytest.raises(pytest.fail.Exception, match="looked up"):
+        idle_run(observer=lambda sample: pytest.fail("it ran"))
+
+
+def test_the_plotters_without_metadata_are_those_of_the_metadata():
+    declared = {each.name: each.value for each in entry_points(group="rnc_pin.plotters")}
+    assert {**declared, **trajectory._OWN_PLOTTERS} == declared
 
 
 # ---------------------------------------------------------------------- what records say of the computer

@@ -51,6 +51,14 @@ def _command(name: str) -> Callable[..., Given]:
     return function
 
 
+def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    if asked and not context.resilient_parsing:
+        from rnc_pin.version import __version__
+
+        click.echo(f"rnc-pin, version {__version__}")
+        context.exit()
+
+
 def _showing(command: _Command) -> _Command:
     """The options of whatever can be watched."""
     options = (
@@ -69,7 +77,9 @@ def _showing(command: _Command) -> _Command:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
-@click.version_option(package_name="rnc_pin", prog_name="rnc-pin")
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
+)
 @_debug
 @click.pass_context
 def cli(context: click.Context) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib.metadata import version
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +18,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.version import __version__
 
 _NOTHING = np.zeros(0)
 _BLOCK = 1000  # samples, at most
@@ -40,6 +40,7 @@ class Record:
         self, reduced: ReducedModel, capacity: int, carries: np.ndarray, contacts: tuple[str, ...] = ()
     ) -> None:
         self.reduced, self.capacity, self.count, self._contacts = reduced, capacity, 0, contacts
+        self._versions = versions()  # before the run: what fails here costs no results
         k, r = reduced.vertical.size, reduced.r
         sizes = {
             "time": (), "q": (reduced.robot.nq,), "v": (reduced.n,), "v2": (r,), "v2_desired": (r,), "x1": (k,),
@@ -119,7 +120,7 @@ class Record:
                 replace(output_names(reduced), friction_used=self._contacts),
                 goals,
                 dt,
-                versions(),
+                self._versions,
                 provenance,
                 outcome,
                 message,
@@ -223,7 +224,7 @@ def _columns(outputs: OutputStack) -> Columns:
 def versions() -> dict[str, str]:
     """Versions that a result depends on."""
     return {
-        "rnc_pin": version("rnc_pin"),
+        "rnc_pin": __version__,
         "pin": pin.__version__,
         "numpy": np.__version__,
         "python": platform.python_version(),

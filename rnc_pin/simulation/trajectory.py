@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,11 @@ from rnc_pin.whole_files import written_whole
 _PLOTTERS = "rnc_pin.plotters"
 """Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
 installed may add some."""
+_OWN_PLOTTERS = {
+    "matplotlib": "rnc_pin.visualization.plots:plot_run",
+    "plotly": "rnc_pin.visualization.interactive:interactive_figure",
+}
+"""Those of this package, for a source folder on ``PYTHONPATH``: it has no metadata that names them."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,9 +132,10 @@ class Trajectory(Printed):
             ConfigurationError: another backend, or one that is not installed.
             InputError: the run has fewer than two samples.
         """
-        plotters = entry_points(group=_PLOTTERS)
-        if backend not in plotters.names:
-            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), plotters.names)}")
+        plotters = {name: EntryPoint(name, value, _PLOTTERS) for name, value in _OWN_PLOTTERS.items()}
+        plotters |= {each.name: each for each in entry_points(group=_PLOTTERS)}
+        if backend not in plotters:
+            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), plotters)}")
         return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
