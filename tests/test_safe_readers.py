@@ -3,7 +3,10 @@
 
 import json
 import os
+import re
 import time
+import tracemalloc
+import zipfile
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -369,6 +372,99 @@ def run_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "trajectory.npz"
     rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2).save(path)
     return path
+
+
+def archive(path, arrays):
+    """An .npz of zeros: shape and dtype that its headers say, and the bytes that there are, by name."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, (shape, dtype, size) in arrays.items():
+            with file.open(name + ".npy", "w") as member:
+                np.lib.format.write_array_header_1_0(member, {"descr": dtype, "fortran_order": False, "shape": shape})
+                for start in range(0, size, 2**20):
+                    member.write(bytes(min(2**20, size - start)))
+    return path
+
+
+BOMBS = {
+    "a gigabyte of zeros": ({"time": ((2**27,), "<f8", 2**26)}, "take more than 268,435,456 bytes: 'time' has shape"),
+    "many that are large together": (
+        dict.fromkeys(("time", "energy", "work", "singular_value", "position_residual"), ((2**23,), "<f8", 2**26)),
+        "take more than 268,435,456 bytes",
+    ),
+    "a header that promises": ({"time": ((2**24,), "<f8", 80)}, "'time' ends too early"),
+    "a header that hides": ({"time": ((2,), "<f8", 2**26)}, "'time' does not end where its header says"),
+    "more than memory": ({"time": ((2**60,), "<f8", 8)}, "take more than 268,435,456 bytes"),
+    "a shape below zero": ({"time": ((-1, -(2**40)), "<f8", 8)}, "'time' has shape"),
+    "long letters": ({"meta": ((), "<U100000000", 2**20)}, "'meta' has shape"),
+    "objects": ({"time": ((2,), "|O", 16)}, "'time' holds no numbers"),
+    "records": ({"time": ((2,), [("a", "<f8")], 16)}, "'time' holds no numbers"),
+}
+
+
+@pytest.mark.parametrize("what", BOMBS)
+def test_archives_that_would_fill_memory_are_refused_before_they_do(what, tmp_path):
+    arrays, reason = BOMBS[what]
+    path = archive(tmp_path / "t.npz", arrays)
+    tracemalloc.start()
+    try:
+        with pytest.raises(rnc.ConfigurationError, match=re.escape(reason)):
+            rnc.Trajectory.load(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 20 * 2**20
+
+
+def test_headers_of_arrays_are_short(tmp_path):
+    """Those of version 2 have a length of their own, which NumPy takes before it looks."""
+    path = tmp_path / "t.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file, file.open("time.npy", "w") as member:
+        member.write(np.lib.format.magic(2, 0) + (2**26).to_bytes(4, "little"))
+        for _ in range(2**6):
+            member.write(b" " * 2**20)
+    tracemalloc.start()
+    try:
+        with pytest.raises(rnc.ConfigurationError, match="'time' is no array of numbers"):
+            rnc.Trajectory.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_ways_to_compress_that_take_memory_of_their_own_are_not_read(method, run_file, tmp_path):
+    path = tmp_path / "t.npz"
+    with zipfile.ZipFile(run_file) as source, zipfile.ZipFile(path, "w", method) as target:
+        for name in source.namelist():
+            target.writestr(name, source.read(name))
+    with pytest.raises(rnc.ConfigurationError, match="is compressed in a way that is not read"):
+        rnc.Trajectory.load(path)
+
+
+def test_a_directory_that_says_less_than_there_is_gains_nothing(tmp_path):
+    """Sizes are believed of neither; the array is read to the size of its header, and has to end there."""
+    path = archive(tmp_path / "t.npz", {"time": ((4,), "<f8", 2**26)})
+    content = path.read_bytes()
+    for size in (2**26 + 128, 2**26):
+        content = content.replace(size.to_bytes(4, "little"), (128 + 32).to_bytes(4, "little"))
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+            rnc.Trajectory.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch):
+    with np.load(run_file) as file:
+        size = sum(array.nbytes for array in dict(file).values())
+    assert rnc.Trajectory.load(run_file, largest=size).outcome == "completed"
+    with pytest.raises(rnc.ConfigurationError, match=f"take more than {size // 2:,} bytes"):
+        rnc.Trajectory.load(run_file, largest=size // 2)
+    monkeypatch.setattr("rnc_pin.bounded_npz.ROOM", 0)  # a run of any length is within what its own size allows
+    assert rnc.Trajectory.load(run_file).outcome == "completed"
 
 
 def test_bits_flipped_in_a_run_end_in_errors_of_ours(run_file, tmp_path):

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.bounded_npz import ArchiveError, read_npz
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.plain import Json, json_text
@@ -146,43 +147,35 @@ class Trajectory(Printed):
             np.savez_compressed(file, **arrays, meta=np.array(json_text(self.meta)))
 
     @classmethod
-    def load(cls, path: str | Path) -> Trajectory:
+    def load(cls, path: str | Path, largest: int | None = None) -> Trajectory:
         """Read what ``save`` wrote.
 
         Args:
             path: of the ``.npz`` file.
+            largest: bytes of arrays that it may hold; 256 MiB or twenty times the file, the larger one, by default.
 
         Raises:
-            ConfigurationError: there is no such file, or it is not a trajectory.
+            ConfigurationError: there is no such file, it is not a trajectory, or it is too large.
         """
         path = Path(path)
         names = [*_array_names(), "meta"]
-        if path.exists() and not path.is_file():  # reading a pipe would wait for whoever writes into it
-            raise ConfigurationError(f"{path}: not a trajectory: no plain file")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                missing = [name for name in names if name not in file.files and name not in _LATER]
-                if missing:
-                    raise ConfigurationError(f"{path}: not a trajectory: it has no '{missing[0]}'")
-                arrays = {name: file[name] for name in names if name in file.files}
-                arrays |= {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
+            arrays = read_npz(path, names, text=["meta"], largest=largest)
+            missing = [name for name in names if name not in arrays and name not in _LATER]
+            if missing:
+                raise _Unfit(f"it has no '{missing[0]}'")
             info = _info(json.loads(str(arrays.pop("meta"))))
             _check(arrays, info.outputs)
-            return cls(**arrays, info=info)
+            absent = {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
+            return cls(**arrays, **absent, info=info)
         except FileNotFoundError:
             raise ConfigurationError(f"no file '{path}'") from None
-        except MemoryError:
-            raise ConfigurationError(f"{path}: not a trajectory: larger than memory") from None
         except json.JSONDecodeError as error:
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
-        except _Unfit as error:
+        except (_Unfit, ArchiveError) as error:
             raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
-        except ConfigurationError:
-            raise
-        except Exception:
-            # What NumPy says here is about its own formats, and how to load them unsafely; of broken files it and the
-            # libraries below raise whatever they come across.
-            raise ConfigurationError(f"{path}: not a trajectory: cannot be read as .npz") from None
+        except (MemoryError, RecursionError, ValueError):  # of what ``meta`` holds, or of its letters
+            raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
 
     def _portrait(self) -> Portrait:
         duration = self.time[-1] if len(self.time) else 0.0
@@ -227,7 +220,7 @@ def _info(meta: Json) -> RunInfo:
 def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
     for name, array in arrays.items():
         depth = 1 if name in _SERIES else 2
-        if array.dtype.kind != "f" or array.ndim != depth or len(array) != len(arrays["time"]):
+        if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
             raise _Unfit(f"'{name}' has shape {array.shape}")
     for kind in ("x1", "x2"):
         columns = outputs.of(kind)

@@ -1,0 +1,134 @@
+"""Archives of arrays, ``.npz``, from strangers: sizes are checked before memory is taken, and nothing is unpickled.
+
+A zip directory and the header of an array may both lie, so each array is read to the size that its header says, and has
+to end there.
+"""
+
+from __future__ import annotations
+
+import errno
+import zipfile
+from collections.abc import Collection
+from math import prod
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+
+from rnc_pin.regular_files import open_regular
+
+ROOM = 256 * 2**20
+"""Bytes of arrays that any file may hold."""
+RATIO = 20
+"""Times its own size that a larger file may hold: runs are compressed to 80 % of their size, bombs to a thousandth."""
+
+_TEXT_ROOM = 32 * 2**20  # bytes of one text, four a letter
+_MOST_ARRAYS = 10_000
+_MOST_AXES = 8
+_CHUNK = 2**20
+_LONGEST_HEADER = 2**16 + 10
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others take memory that their own headers ask for
+
+
+class ArchiveError(Exception):
+    """An archive that is broken, or larger than it may be; says why."""
+
+
+def read_npz(
+    path: Path, names: Collection[str] | None = None, text: Collection[str] = (), largest: int | None = None
+) -> dict[str, np.ndarray]:
+    """Read arrays of numbers, and some of text.
+
+    Args:
+        path: of the file.
+        names: of the arrays to read; those that the file does not have are left out. All by default.
+        text: names of those that are text.
+        largest: bytes of all arrays together; ``ROOM`` or ``RATIO`` times the file, the larger one, by default.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ArchiveError: no archive, broken, or too large.
+    """
+    try:
+        with open_regular(path) as file:
+            size = file.seek(0, 2)
+            largest = max(ROOM, RATIO * size) if largest is None else largest
+            with zipfile.ZipFile(file) as archive:
+                return _arrays(archive, names, text, largest)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        if error.errno in (errno.EINVAL, errno.EISDIR):
+            raise ArchiveError("no plain file") from None
+        raise ArchiveError(f"cannot be read: {error.strerror}" if error.strerror else "cannot be read") from None
+    except MemoryError:
+        raise ArchiveError("larger than memory") from None
+    except ArchiveError:
+        raise
+    except Exception:  # of broken files zipfile, zlib and NumPy raise whatever they come across
+        raise ArchiveError("cannot be read as .npz") from None
+
+
+class _Header(NamedTuple):
+    shape: tuple[int, ...]
+    by_columns: bool
+    dtype: np.dtype
+
+    @property
+    def size(self) -> int:
+        """Bytes that it promises."""
+        return self.dtype.itemsize * prod(self.shape)
+
+
+def _arrays(
+    archive: zipfile.ZipFile, names: Collection[str] | None, text: Collection[str], largest: int
+) -> dict[str, np.ndarray]:
+    members = archive.infolist()
+    if len(members) > _MOST_ARRAYS:
+        raise ArchiveError(f"holds {len(members)} arrays, more than {_MOST_ARRAYS}")
+    chosen: dict[str, zipfile.ZipInfo] = {}
+    total = 0
+    for member in members:
+        name = member.filename.removesuffix(".npy")
+        if names is not None and name not in names:
+            continue
+        if name in chosen:
+            raise ArchiveError(f"holds '{name}' twice")
+        if member.compress_type not in _METHODS:
+            raise ArchiveError(f"'{name}' is compressed in a way that is not read")
+        with archive.open(member) as file:
+            header = _header(file, name, name in text)
+        total += max(header.size, prod(header.shape))
+        if total > largest or (name in text and header.size > _TEXT_ROOM):
+            raise ArchiveError(f"its arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
+        if member.file_size > header.size + _LONGEST_HEADER:
+            raise ArchiveError(f"'{name}' does not end where its header says")
+        chosen[name] = member
+    return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
+
+
+def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
+    if np.lib.format.read_magic(file) != (1, 0):  # later ones have headers of any length, for records of many names
+        raise ArchiveError(f"'{name}' is no array of numbers")
+    header = _Header(*np.lib.format.read_array_header_1_0(file))
+    if header.dtype.kind not in ("U" if is_text else "fiub"):
+        raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
+    if len(header.shape) > _MOST_AXES or min(header.shape, default=0) < 0:
+        raise ArchiveError(f"'{name}' has shape {header.shape}")
+    return header
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text: bool) -> np.ndarray:
+    with archive.open(member) as file:
+        shape, by_columns, dtype = header = _header(file, name, is_text)
+        # Not taken at once: the header may promise what the file does not have.
+        content = bytearray()
+        while len(content) < header.size:
+            chunk = file.read(min(_CHUNK, header.size - len(content)))
+            if not chunk:
+                raise ArchiveError(f"'{name}' ends too early")
+            content += chunk
+        if file.read(1):
+            raise ArchiveError(f"'{name}' does not end where its header says")
+    array = np.frombuffer(content, dtype) if content else np.zeros(prod(shape), dtype)
+    return array.reshape(shape, order="F" if by_columns else "C").astype(dtype.newbyteorder("="), copy=False)
