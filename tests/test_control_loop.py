@@ -1,6 +1,8 @@
 """A controller in a loop that somebody else runs: what it keeps, what it refuses, what it does in trouble."""
 
 import re
+import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command
-from rnc_pin.loop.velocity import FilteredVelocity, VelocityObserver
+from rnc_pin.loop.saved_state import write_state
+from rnc_pin.loop.velocity import FilteredVelocity, Motion, VelocityObserver
 from rnc_pin.plants import FaultyMachine
 from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import ReducedPlant
@@ -108,6 +111,177 @@ def test_a_state_of_another_controller_is_refused(tmp_path):
         loop.load(tmp_path / "text.npz")
     with pytest.raises(rnc.ConfigurationError, match=r"no file '.*gone\.npz'"):
         loop.load(tmp_path / "gone.npz")
+
+
+def limited(effort=3.0):
+    """The sleigh with actuators that have limits, under way in a loop."""
+    reduced, tracker = sleigh()
+    robot = reduced.robot
+    actuators = [rnc.FrameForce("sleigh", "x", limit=effort), rnc.FrameTorque("sleigh", "z", limit=effort)]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    return reduced, tracker
+
+
+def saved(loop, path, **changed):
+    """The state of a loop as a file, with some of it changed."""
+    write_state(loop.state._replace(**changed), path)
+    return path
+
+
+def changed_tracker(**fields):
+    return lambda state: {"controller": state.controller._replace(**fields)}
+
+
+FOREIGN = {
+    "T that is no number": (lambda state: {"T": np.full(2, np.nan)}, r"T\[0\] is nan"),
+    "T without bound": (lambda state: {"T": np.array([0.0, 1e300])}, r"T\[1\] is 1e\+300, expected at most 1e\+15"),
+    "T of text": (lambda state: {"T": "full speed"}, "T is no array of numbers: 'full speed'"),
+    "T of another size": (lambda state: {"T": np.zeros(3)}, r"T has shape \(3,\), expected \(2,\)"),
+    "one T": (lambda state: {"T": 1.0}, "T is no array of numbers: 1.0"),
+    "text as time": (lambda state: {"time": "noon"}, "time is not a finite number: 'noon'"),
+    "no time": (lambda state: {"time": np.nan}, "time is not a finite number: nan"),
+    "an endless number": (lambda state: {"begin": 10**400}, "begin is not a finite number"),
+    "truth as time": (lambda state: {"bad_since": True}, "bad_since is not a finite number: True"),
+    "no configuration": (lambda state: {"q": np.array([0.0, 0.0, 3.0, 4.0])}, "not of unit length"),
+    "a longer configuration": (lambda state: {"q": np.zeros(5)}, r"q has shape \(5,\)"),
+    "a block of velocities": (lambda state: {"v2": np.zeros((2, 2))}, r"v2 has shape \(2, 2\), expected \(2,\)"),
+    "integrals": (lambda state: {"integrals": np.array([np.inf, 0.0])}, r"integrals\[0\] is inf"),
+    "what was missing": (lambda state: {"missing": np.zeros(1)}, r"missing has shape \(1,\)"),
+    "an estimate": (lambda state: {"motion": Motion(state.q, np.zeros(2), np.zeros(3))}, r"motion\.v has shape"),
+    "no estimate": (lambda state: {"motion": (1.0,)}, "motion is no estimate of a velocity"),
+    "a reason": (lambda state: {"trouble": 3}, "trouble is no text: 3"),
+    "failure": (lambda state: {"failed": "perhaps"}, "failed is neither true nor false"),
+    "gains of NaN": (changed_tracker(g=np.full(2, np.nan)), "not finite"),
+    "gains of another size": (changed_tracker(g=np.zeros(3)), "the controller raises ValueError"),
+    "gains that fit by chance": (changed_tracker(C=np.zeros((1, 1))), r"C has shape \(1, 1\), expected \(2, 2\)"),
+    "gains of text": (changed_tracker(D="much"), "the controller raises"),
+    "the controller's time as text": (changed_tracker(time="noon"), "the controller raises TypeError"),
+    "a time to come": (changed_tracker(time=1e9), "time runs backwards"),
+    "no memory": (lambda state: {"controller": None}, "the controller raises AttributeError"),
+    "a memory that is one number": (lambda state: {"controller": 1.0}, "the controller raises AttributeError"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", FOREIGN)
+def test_a_state_that_no_loop_has_is_refused_and_changes_nothing(what, tmp_path):
+    change, reason = FOREIGN[what]
+    reduced, tracker = limited()
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, machine, DT * np.arange(3))
+    path, before = saved(loop, tmp_path / "loop.npz", **change(loop.state)), loop.state
+    with pytest.raises(rnc.ConfigurationError, match=reason) as caught:
+        loop.load(path)
+    assert str(caught.value).startswith(str(path))
+    assert loop.state is before
+    if "controller" not in change(loop.state):
+        with pytest.raises(rnc.InputError, match=reason):
+            loop.resume(loop.state._replace(**change(loop.state)))
+
+
+def test_nothing_beyond_the_limits_leaves_a_loop_that_was_loaded(tmp_path):
+    """A file's inputs are held when the next sample is bad: they are clipped, as is every safe command."""
+    reduced, tracker = limited(effort=3.0)
+    for limits in (True, False, np.array([2.0, 1.0])):
+        largest = limits if isinstance(limits, np.ndarray) else np.full(2, 3.0)
+        loop = rnc.ControlLoop(reduced, tracker, DT, limits=limits, patience=2 * DT)
+        machine = started(reduced)
+        drive(loop, machine, DT * np.arange(3))
+        loop.load(saved(loop, tmp_path / "loop.npz", T=np.array([500.0, -1e9]), missing=None))
+        assert np.array_equal(loop.state.T, largest * [1, -1])
+        assert np.array_equal(loop.state.missing, [500.0 - largest[0], -1e9 + largest[1]])
+        for sample in range(3, 9):  # held, then safe
+            assert np.array_equal(loop.step(sample * DT, np.full(4, np.nan), np.zeros(3)), largest * [1, -1])
+        loop.step(9 * DT, *machine.read())
+        loop.acted(np.array([40.0, 40.0]))  # what the machine says of itself is not held beyond the limits either
+        assert np.array_equal(loop.step(10 * DT, np.full(4, np.nan), np.zeros(3)), largest)
+
+
+def test_what_acted_has_a_size_and_is_finite():
+    reduced, tracker = sleigh()
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, machine, [0.0])
+    for T in (np.zeros(3), np.array([np.nan, 0.0]), np.zeros((2, 2))):
+        with pytest.raises(rnc.InputError, match="T h"):
+            loop.acted(T)
+
+
+class Diary:
+    """A controller of somebody else's, whose memory grows: plain tuples, arrays, text and flags."""
+
+    def initial_state(self, measurement):
+        return {"mood": "calm", "past": np.zeros((0, 2)), "last": None, "notes": (), "awake": False}
+
+    def step(self, t, measurement, state):
+        past = np.vstack([state["past"], measurement.x2])
+        notes = (*state["notes"], (t, "sample"))
+        mood = "calm" if len(past) % 2 else "busy"
+        memory = {"mood": mood, "past": past, "last": t, "notes": notes, "awake": True}
+        return rnc.control.Command(T=np.full(2, 0.1 * len(past))), memory
+
+
+def test_memories_that_grow_are_loaded_and_those_of_another_kind_are_not(tmp_path):
+    reduced, _ = sleigh()
+    loop, machine = rnc.ControlLoop(reduced, Diary(), DT), started(reduced)
+    drive(loop, machine, DT * np.arange(5))
+    loop.save(tmp_path / "loop.npz")
+    other = rnc.ControlLoop(reduced, Diary(), DT)
+    other.load(tmp_path / "loop.npz")
+    assert np.array_equal(other.step(5 * DT, *machine.read()), loop.step(5 * DT, *machine.read()))
+    memory = loop.state.controller
+    for key, value, reason in (
+        ("past", np.zeros((4, 3)), "raises ValueError"),
+        ("past", np.zeros(2), r"controller\.past has shape \(2,\)"),
+        ("past", np.full((4, 2), np.inf), r"controller\.past is not finite"),
+        ("mood", 3.0, r"controller\.mood is a number or an array, expected a str"),
+        ("last", "noon", r"controller\.last is text: 'noon'"),
+        ("awake", np.nan, r"controller\.awake is not finite"),
+        ("notes", "none", r"controller\.notes is text"),
+        ("notes", ((np.nan, "sample"),), r"controller\.notes\.0\.0 is not finite"),
+    ):
+        path = saved(loop, tmp_path / "changed.npz", controller={**memory, key: value})
+        with pytest.raises(rnc.ConfigurationError, match=reason):
+            other.load(path)
+
+
+@pytest.mark.parametrize("safe", ["zero", "brake"])
+@pytest.mark.parametrize("clock", [0.02, np.nan, "noon", None])
+def test_patience_ends_although_the_clock_stands_still(clock, safe):
+    reduced, tracker = sleigh()
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3 * DT), started(reduced)
+    drive(loop, machine, DT * np.arange(3))
+    held = loop.state.T
+    assert held.any()
+    q = machine.read()[0]
+    inputs = [loop.step(clock, q, np.zeros(3)) for _ in range(6)]
+    assert [bool(np.array_equal(T, held)) for T in inputs] == [True] * 4 + [False] * 2
+    assert not inputs[-1].any()  # at rest there is nothing to brake
+    assert "time" in loop.state.trouble
+    T = loop.step(0.08, *machine.read())
+    assert loop.state.trouble is None
+    assert T.any()
+    strict = rnc.ControlLoop(reduced, tracker, DT, on_trouble="raise")
+    strict.step(0.02, *machine.read())
+    with pytest.raises(rnc.InputError, match=r"time (is|stands still)"):
+        strict.step(clock, *machine.read())
+
+
+def test_an_archive_that_would_fill_memory_is_no_state(tmp_path):
+    reduced, tracker = sleigh()
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as file:
+        for name in ("structure", "a0"):
+            with file.open(f"{name}.npy", "w") as member:
+                head = {"descr": "<f8" if name == "a0" else "<U1", "fortran_order": False, "shape": (2**24,)}
+                np.lib.format.write_array_header_1_0(member, head)
+                for _ in range(2**27 // 2**20):
+                    member.write(bytes(2**20))
+    tracemalloc.start()
+    try:
+        with pytest.raises(rnc.ConfigurationError, match=r"bomb\.npz: not the state of a loop: its arrays take more"):
+            rnc.ControlLoop(reduced, tracker, DT).load(tmp_path / "bomb.npz")
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
 
 
 BAD = {

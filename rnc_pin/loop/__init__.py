@@ -1,6 +1,7 @@
 """Controllers in a loop that somebody else runs."""
 
-from rnc_pin.loop.control_loop import ControlLoop, Decision, LoopOptions
+from rnc_pin.loop.control_loop import ControlLoop, Decision
 from rnc_pin.loop.loop_state import LoopState
+from rnc_pin.loop.options import LoopOptions
 
 __all__ = ["ControlLoop", "Decision", "LoopOptions", "LoopState"]

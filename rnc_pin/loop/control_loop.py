@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypedDict
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.protocol import Command, Controller, State
-from rnc_pin.errors import (
-    ConfigurationError,
-    ConstraintError,
-    DivergenceError,
-    InputError,
-    RncError,
-    SingularityError,
-    printable,
-)
-from rnc_pin.loop.guard import Guard, ImpossibleError
+from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
+from rnc_pin.loop.command import inputs_of, read_answer
+from rnc_pin.loop.guard import Guard, ImpossibleError, is_time
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.saved_state import read_state, write_state
-from rnc_pin.loop.velocity import FilteredVelocity, Motion, VelocityEstimator, VelocityObserver
+from rnc_pin.loop.options import admit_controller, admit_limits, admit_model, check_choice, check_number
+from rnc_pin.loop.restoring import restored
+from rnc_pin.loop.saved_state import write_state
+from rnc_pin.loop.state_checks import check_state
+from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.admission import vector
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -33,19 +29,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 _A_LITTLE_MORE = 1 + 1e-9  # than a time that is a sum of steps
 _SAFE = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
-
-
-class LoopOptions(TypedDict, total=False):
-    """What a loop may be told besides; ``ControlLoop`` says what each means."""
-
-    velocity: Literal["measured", "filtered", "observer"]
-    cutoff: float | None
-    limits: bool | Float[Array, " p"]
-    on_trouble: Literal["hold", "brake", "zero", "raise"]
-    patience: float | None
-    fastest: float
-    margin: float
-    brake: float
 
 
 class Decision(NamedTuple):
@@ -82,7 +65,8 @@ class ControlLoop:
         velocity: "measured"; or from configurations alone, "filtered" (two low passes: smooth, late) or "observer" (a
             fading-memory filter: no lag while accelerations are steady).
         cutoff: of the velocity's estimate [rad/s]; 0.3 / dt by default.
-        limits: whether inputs are clipped to the effort limits of the actuators; or limits (p,).
+        limits: whether inputs are clipped to the effort limits of the actuators; or limits (p,). The safe command and
+            inputs that are held are always clipped: to these limits, or with False to those of the actuators.
         on_trouble: the safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``: reads the model's
             inertia), "zero", or "raise" the error.
         patience: how long the last inputs are held while measurements are no good [s]; five steps by default.
@@ -96,7 +80,7 @@ class ControlLoop:
         at_work: who was asked last, in words, for messages.
 
     Raises:
-        ConfigurationError: an option that is none.
+        ConfigurationError: an option that is none, or no controller.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -124,14 +108,17 @@ class ControlLoop:
         margin: float = 0.0,
         brake: float = 5.0,
     ) -> None:
-        if not 0 < dt < np.inf:
-            raise ConfigurationError(f"dt of a loop has to be positive, found {dt}")
-        self.reduced, self.dt = reduced, dt
-        self._given = controller
+        check_number("dt", dt)
+        self.reduced, self.dt = admit_model(reduced), dt
+        self._given = admit_controller(controller, of_measurement=True)
         self._controller: Controller | None = controller if isinstance(controller, Controller) else None
-        self._on_trouble = _one_of("on_trouble", on_trouble, _SAFE)
+        self._on_trouble = check_choice("on_trouble", on_trouble, _SAFE)
+        for option, value in (("fastest", fastest), ("margin", margin), ("brake", brake), ("patience", patience)):
+            if value is not None:
+                check_number(option, value, zero=option != "fastest")
         self._guard = Guard(reduced.robot, fastest, self._estimator(velocity, cutoff))
-        self._limits = _limits(reduced, limits)
+        self._limits = admit_limits(reduced, limits)
+        self._safe_limits = reduced.actuation.limits if self._limits is None else self._limits
         self._patience = 5 * dt if patience is None else patience
         self._margin, self._brake = margin, brake
         self.state = LoopState()
@@ -139,9 +126,9 @@ class ControlLoop:
         self.at_work = "the model"
 
     def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
-        _one_of("velocity", velocity, _VELOCITIES)
-        if cutoff is not None and not cutoff > 0:
-            raise ConfigurationError(f"cutoff of a loop has to be positive, found {cutoff}")
+        check_choice("velocity", velocity, _VELOCITIES)
+        if cutoff is not None:
+            check_number("cutoff", cutoff)
         if velocity == "measured":
             return None
         kind = FilteredVelocity if velocity == "filtered" else VelocityObserver
@@ -209,12 +196,13 @@ class ControlLoop:
         self.at_work = "the controller"
         begin, own = (t if before.begin is None else before.begin), before.controller
         if self._controller is None:
-            self._controller = self._given(measurement)  # type: ignore[operator]
+            self._controller = self._made(measurement)
         if before.begin is None and own is None:
             own = self._controller.initial_state(measurement)
-        command, own = self._controller.step(t - begin, measurement, own)
+        answer = self._controller.step(t - begin, measurement, own)
         self.at_work = "taking its command"
-        asked = _inputs(self.reduced, state, command)
+        command, own = read_answer(answer)
+        asked = inputs_of(self.reduced, state, command)
         T = asked if self._limits is None else np.clip(asked, -self._limits, self._limits)
         missing = None if T is asked else _missing(asked, T)
         self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, missing, own)
@@ -226,10 +214,15 @@ class ControlLoop:
 
         Args:
             T: that (p,).
+
+        Raises:
+            InputError: not p finite numbers.
         """
         if self.last is None or T is self.state.T:
             return
-        T = np.asarray(T, dtype=float)
+        T = vector(T, self.reduced.p, "T")
+        if T.ndim > 1:
+            raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
         self.state = self.state._replace(T=T, missing=_missing(self.last.asked, T))
         self.last = self.last._replace(T=T)
 
@@ -242,20 +235,30 @@ class ControlLoop:
 
     # ------------------------------------------------------------------ what goes out in trouble
 
-    def _not_taken(self, t: float, problem: str, v: Array | None) -> Array:
+    def _not_taken(self, t: Any, problem: str, v: Array | None) -> Array:
         if self._on_trouble == "raise":
-            raise InputError(f"measurement at t = {t:g} s: {problem}")
-        since = self.state.bad_since if self.state.bad_since is not None else t
-        self.state = self.state._replace(bad_since=since, trouble=problem)
-        if self.state.T is not None and not t - since > _A_LITTLE_MORE * self._patience:
-            return self.state.T.copy()
+            raise InputError(f"measurement at t = {t:g} s: {problem}" if is_time(t) else problem)
+        before, last = self.state, 0.0 if self.state.time is None else self.state.time
+        runs = is_time(t) and (before.time is None or t > last)
+        now = t if runs else last
+        since = now if before.bad_since is None else before.bad_since
+        if not runs and before.bad_since is not None:
+            since -= self.dt  # patience ends although the clock stands still
+        self.state = before._replace(bad_since=since, trouble=problem)
+        if before.T is not None and not now - since > _A_LITTLE_MORE * self._patience:
+            return self._clipped(before.T)
         return self._safe(v)
+
+    def _clipped(self, T: Array) -> Array:
+        """Inputs that somebody else may have put into the state, within the limits; a copy."""
+        clipped: Array = np.clip(T, -self._safe_limits, self._safe_limits)
+        return clipped
 
     def _safe(self, v: Any) -> Array:
         """The safe command."""
         T = np.zeros(self.reduced.p)
         if self._on_trouble == "hold" and self.state.T is not None:
-            T = self.state.T.copy()
+            T = self._clipped(self.state.T)
         elif self._on_trouble == "brake":
             T = self._braked(v)
         self.state = self.state._replace(T=T, missing=None)
@@ -272,7 +275,7 @@ class ControlLoop:
             T = state.allocate(-self._brake * np.diagonal(state.H) * state.v2)
         except (SingularityError, ConstraintError):
             return nothing
-        return T if self._limits is None else np.clip(T, -self._limits, self._limits)
+        return self._clipped(T)
 
     # ------------------------------------------------------------------ state
 
@@ -286,9 +289,18 @@ class ControlLoop:
         """Go on from a state of this loop, or of one with the same controller and model.
 
         Args:
-            state: that of the other.
+            state: that of the other; inputs in it that are beyond this loop's limits are clipped.
+
+        Raises:
+            InputError: sizes that are not this model's, or numbers that are not finite.
         """
+        check_state(state, self.reduced)
         self.state, self.last = state, None
+        if self.state.T is not None:
+            T = self._clipped(self.state.T)
+            if not np.array_equal(T, self.state.T):
+                asked = self.state.T if self.state.missing is None else self.state.T + self.state.missing
+                self.state = self.state._replace(T=T, missing=_missing(asked, T))
 
     def save(self, path: str | Path) -> None:
         """Write the state to an ``.npz`` file.
@@ -302,52 +314,26 @@ class ControlLoop:
         write_state(self.state, Path(path))
 
     def load(self, path: str | Path) -> None:
-        """Go on from what ``save`` wrote, to the bit.
+        """Go on from what ``save`` wrote, to the bit; whatever is wrong with the file, the loop stays as it was.
+
+        What the controller is said to remember is tried: it takes one step from there.
 
         Args:
             path: of the file.
 
         Raises:
-            ConfigurationError: not such a file, or one of another controller.
+            ConfigurationError: not such a file, one of another controller or model, or values that no loop has.
         """
-        self.resume(read_state(Path(path), (LoopState, Motion), self._template))
+        state, controller = restored(Path(path), self.reduced, self._made)
+        self.resume(state)
+        self._controller = self._controller if controller is None else controller
 
-    def _template(self, q: Array) -> State:
-        """A state of the controller's kind."""
-        measurement = self.reduced.measured(q, np.zeros(self.reduced.n), np.zeros(self.reduced.r))
-        if self._controller is None:
-            self._controller = self._given(measurement)  # type: ignore[operator]
-        return self._controller.initial_state(measurement)
-
-
-def _inputs(reduced: ReducedModel, state: Evaluation, command: Command) -> np.ndarray:
-    if (command.F is None) == (command.T is None):
-        raise InputError("a command has to give either F or T")
-    if command.T is None:
-        return state.allocate(command.F)
-    T = np.asarray(command.T, dtype=float)
-    if T.shape != (reduced.p,):
-        raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
-    if not isfinite(sum(T.tolist())):
-        raise DivergenceError("the controller asks for inputs without bound")
-    return T
+    def _made(self, measurement: Measurement) -> Controller:
+        """The controller, made of the first measurement if it has to be."""
+        made: Controller = self._given(measurement) if self._controller is None else self._controller
+        return made
 
 
 def _missing(asked: np.ndarray, T: np.ndarray) -> np.ndarray | None:
     missing = asked - T
     return missing if missing.any() else None
-
-
-def _limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray | None:
-    if isinstance(limits, bool):
-        return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
-    given = np.asarray(limits, dtype=float)
-    if given.shape != (reduced.p,) or not (given >= 0).all():
-        raise ConfigurationError(f"limits of a loop have to be {reduced.p} numbers that are not negative")
-    return given
-
-
-def _one_of(option: str, value: str, valid: tuple[str, ...]) -> str:
-    if value not in valid:
-        raise ConfigurationError(f"{option} of a loop: expected one of {', '.join(valid)}, found {value!r}")
-    return value

@@ -55,8 +55,8 @@ class Guard:
         Raises:
             ImpossibleError: it cannot be true.
         """
-        if not isfinite(t):
-            raise ImpossibleError(f"time is {t}")
+        if not is_time(t):
+            raise ImpossibleError(f"time is {t!r}")
         elapsed = None if before.time is None else t - before.time
         if elapsed is not None and elapsed <= 0:
             raise ImpossibleError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
@@ -89,6 +89,14 @@ class Guard:
         if not fastest < self._fastest:
             raise ImpossibleError(f"v reaches {fastest:.3g} rad/s or m/s, expected less than {self._fastest:g}")
         return v
+
+
+def is_time(t: Any) -> bool:
+    """Whether something is a finite number."""
+    try:
+        return isfinite(t)
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def _numbers(name: str, value: Any, size: int) -> Array:

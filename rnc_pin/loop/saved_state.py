@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.bounded_npz import ArchiveError, read_npz
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.plain import Json
 from rnc_pin.whole_files import written_whole
 
 _STRUCTURE = "structure"
+_ROOM = 64 * 2**20  # bytes of all arrays: what a controller remembers
 
 
 def write_state(state: Any, path: Path) -> None:
@@ -57,13 +59,11 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
 
     Raises:
         ConfigurationError: no such file, something else, or tuples of another controller.
+        RncError: what ``template`` raises of q.
     """
-    if path.exists() and not path.is_file():  # reading a pipe would wait for whoever writes into it
-        raise ConfigurationError(f"{path}: not the state of a loop: no plain file")
     kind = kinds[0]
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_npz(path, text=[_STRUCTURE], largest=_ROOM)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
         known = {"tuple": tuple, **{each.__qualname__: each for each in kinds}}
         fields = dict(zip(kind._fields, structure["items"], strict=True))  # type: ignore[attr-defined]
@@ -73,9 +73,13 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
         state = _value(structure, arrays, known)
     except FileNotFoundError:
         raise ConfigurationError(f"no file '{path}'") from None
+    except ArchiveError as error:
+        raise ConfigurationError(f"{path}: not the state of a loop: {error}") from None
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
-    except Exception:  # of broken files NumPy and the libraries below raise whatever they come across
+    except RncError:
+        raise
+    except Exception:  # of broken files the structure is anything
         raise ConfigurationError(f"{path}: not the state of a loop") from None
     if not isinstance(state, kind):
         raise ConfigurationError(f"{path}: not the state of a loop")
@@ -95,9 +99,11 @@ def _collect(value: Any, known: dict[str, type]) -> None:
 
 def _value(content: Any, arrays: dict[str, np.ndarray], known: dict[str, type]) -> Any:
     if "value" in content:
+        if not isinstance(content["value"], bool | int | str | None):
+            raise ValueError(content)
         return content["value"]
     if "number" in content:
-        return float(arrays[content["number"]])
+        return arrays[content["number"]].item()
     if "array" in content:
         return arrays[content["array"]]
     if "mapping" in content:

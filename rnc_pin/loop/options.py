@@ -1,0 +1,98 @@
+"""What a loop is made of, admitted or refused in one line."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.protocol import Controller
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.reduced_model import ReducedModel
+
+
+class LoopOptions(TypedDict, total=False):
+    """What a loop may be told besides; ``ControlLoop`` says what each means."""
+
+    velocity: Literal["measured", "filtered", "observer"]
+    cutoff: float | None
+    limits: bool | Float[Array, " p"]
+    on_trouble: Literal["hold", "brake", "zero", "raise"]
+    patience: float | None
+    fastest: float
+    margin: float
+    brake: float
+
+
+def admit_model(reduced: Any) -> ReducedModel:
+    """A reduced model.
+
+    Raises:
+        ConfigurationError: it is something else.
+    """
+    if isinstance(reduced, ReducedModel):
+        return reduced
+    hint = ": call reduce() of it" if hasattr(reduced, "reduce") else ""
+    raise ConfigurationError(f"expected a ReducedModel, found {named(reduced)}{hint}")
+
+
+def admit_controller(controller: Any, of_measurement: bool = False) -> Any:
+    """A controller, or with ``of_measurement`` a function that makes one of the first measurement.
+
+    Raises:
+        ConfigurationError: it is neither.
+    """
+    if isinstance(controller, type):
+        raise ConfigurationError(f"the controller is the class {controller.__name__}: make one of it")
+    if isinstance(controller, Controller) or (of_measurement and callable(controller)):
+        return controller
+    raise ConfigurationError(
+        f"expected a controller with initial_state and step, such as those of rnc.control, found {named(controller)}"
+    )
+
+
+def admit_limits(reduced: ReducedModel, limits: Any) -> np.ndarray | None:
+    """Largest inputs (p,); None where there are none.
+
+    Raises:
+        ConfigurationError: neither true, false, nor p numbers that are not negative.
+    """
+    if isinstance(limits, bool):
+        return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
+    try:
+        given = np.asarray(limits, dtype=float)
+    except (TypeError, ValueError):
+        given = np.full(1, np.nan)
+    if given.shape != (reduced.p,) or not (given >= 0).all():
+        raise ConfigurationError(f"limits of a loop have to be {reduced.p} numbers that are not negative")
+    return given
+
+
+def check_number(option: str, value: Any, zero: bool = False) -> None:
+    """Refuse what is no positive number; infinite is, but for dt.
+
+    Raises:
+        ConfigurationError: names the option.
+    """
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not (value > 0 or (zero and value == 0)) or (option == "dt" and value == np.inf):
+        wanted = "a number that is not negative" if zero else "positive"
+        raise ConfigurationError(f"{option} of a loop has to be {wanted}, found {value!r}")
+
+
+def check_choice(option: str, value: Any, valid: tuple[str, ...]) -> Any:
+    """The value, if it is one of those that are valid.
+
+    Raises:
+        ConfigurationError: names the option and what is valid.
+    """
+    if value not in valid:
+        raise ConfigurationError(f"{option} of a loop: expected one of {', '.join(valid)}, found {value!r}")
+    return value
+
+
+def named(thing: Any) -> str:
+    """Words for the kind of something."""
+    return "None" if thing is None else f"a {type(thing).__name__}"

@@ -1,0 +1,139 @@
+"""Checks of a loop's state before the loop goes on from it: it may come from a stranger's file."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.errors import InputError
+from rnc_pin.loop.loop_state import LoopState
+from rnc_pin.loop.velocity import Motion
+from rnc_pin.model.admission import Admission
+from rnc_pin.model.reduced_model import ReducedModel
+
+_LARGEST = 1e15
+"""Of any number: no time, velocity or input of a machine is larger."""
+
+
+def check_state(state: LoopState, reduced: ReducedModel) -> None:
+    """Refuse a state that no loop of this model can have; ``check_memory`` looks at what the controller remembers.
+
+    Args:
+        state: what a loop remembers.
+        reduced: the model of the loop.
+
+    Raises:
+        InputError: names the field, and what was expected.
+    """
+    if not isinstance(state, LoopState):
+        raise InputError(f"expected a LoopState, found {type(state).__name__}")
+    for name in ("begin", "time", "bad_since"):
+        value = getattr(state, name)
+        if value is not None and (isinstance(value, bool) or not _is_number(value)):
+            raise InputError(f"{name} is not a finite number: {_shown(value)}")
+    nq, nv = reduced.robot.nq, reduced.n
+    fields = [("v2", state.v2, reduced.r), ("integrals", state.integrals, reduced.r)]
+    fields += [("T", state.T, reduced.p), ("missing", state.missing, reduced.p), ("q", state.q, nq)]
+    if state.motion is not None:
+        if not isinstance(state.motion, Motion):
+            raise InputError(f"motion is no estimate of a velocity: {_shown(state.motion)}")
+        fields += [("motion.q", state.motion.q, nq), ("motion.v", state.motion.v, nv)]
+        fields += [("motion.other", state.motion.other, nv)]
+    for name, value, size in fields:
+        optional = not name.startswith("motion.")
+        if value is not None or not optional:
+            _check_vector(name, value, size)
+    admission = Admission(reduced.robot)
+    for q in (state.q, None if state.motion is None else state.motion.q):
+        if q is not None:
+            admission.configuration(q)
+    if state.trouble is not None and not isinstance(state.trouble, str):
+        raise InputError(f"trouble is no text: {_shown(state.trouble)}")
+    if not isinstance(state.failed, bool):
+        raise InputError(f"failed is neither true nor false: {_shown(state.failed)}")
+
+
+def _check_vector(name: str, value: Any, size: int) -> None:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+        raise InputError(f"{name} is no array of numbers: {_shown(value)}")
+    if value.shape != (size,):
+        raise InputError(f"{name} has shape {value.shape}, expected ({size},)")
+    wrong = np.flatnonzero(~(np.abs(value) <= _LARGEST))
+    if len(wrong):
+        raise InputError(f"{name}[{wrong[0]}] is {value[wrong[0]]:g}, expected at most {_LARGEST:g}")
+
+
+def check_memory(found: Any, initial: Any, after: Any, where: str = "controller") -> None:
+    """Refuse what a controller cannot remember.
+
+    Args:
+        found: what it is said to remember.
+        initial: what it remembers at first.
+        after: what it remembers after one step from ``found``. Where this has another shape than ``initial``, as
+            histories have, the first axis may have any length.
+        where: names the place, for messages.
+
+    Raises:
+        InputError: another kind or shape, or a number that is not finite.
+    """
+    models = [each for each in (initial, after) if each is not None]
+    if found is None or (not models and not isinstance(found, tuple | dict | np.ndarray | float | int | str)):
+        return
+    if isinstance(found, dict):
+        _check_kind(found, models, where)
+        for key, value in found.items():
+            check_memory(value, _item(initial, key), _item(after, key), f"{where}.{key}")
+    elif isinstance(found, tuple):
+        _check_kind(found, models, where)
+        for place, (name, value) in enumerate(zip(getattr(found, "_fields", range(len(found))), found, strict=True)):
+            check_memory(value, _item(initial, place), _item(after, place), f"{where}.{name}")
+    elif isinstance(found, str):
+        if models and not any(isinstance(each, str) for each in models):
+            raise InputError(f"{where} is text: {_shown(found)}")
+    else:
+        _check_numbers(found, initial, after, where)
+
+
+def _check_kind(found: Any, models: list[Any], where: str) -> None:
+    if models and not any(type(each) is type(found) for each in models):
+        raise InputError(f"{where} is a {type(found).__name__}, expected a {type(models[0]).__name__}")
+
+
+def _item(model: Any, key: Any) -> Any:
+    """Of a model what stands at a place; None where it has no such place."""
+    if isinstance(model, dict):
+        return model.get(key)
+    return model[key] if isinstance(model, tuple) and key < len(model) else None
+
+
+def _check_numbers(found: Any, initial: Any, after: Any, where: str) -> None:
+    given = [each for each in (initial, after) if each is not None]
+    models = [each for each in given if not isinstance(each, str | tuple | dict)]
+    if given and not models:
+        raise InputError(f"{where} is a number or an array, expected a {type(given[0]).__name__}")
+    unknown = any(each is initial and np.isnan(each).any() for each in models)  # NaN may stand for that at first
+    if not unknown and not _is_number(found):
+        raise InputError(f"{where} is not finite")
+    shapes = [np.shape(each) for each in models]
+    if not shapes or np.shape(found) in shapes:
+        return
+    varies = len({*shapes}) > 1
+    if not varies or np.ndim(found) != len(shapes[-1]) or np.shape(found)[1:] != shapes[-1][1:]:
+        raise InputError(f"{where} has shape {np.shape(found)}, expected {shapes[0]}")
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a number, or an array of them, is finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
+    try:
+        return isinstance(value, float | int) and isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:57]}..."
