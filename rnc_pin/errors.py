@@ -52,6 +52,14 @@ class RncError(Exception):
         """What is wrong; names from files may stand in it as they are."""
         return super().__str__()
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Workers hand errors back as pickles; one that cannot be unpickled would hang the pool that waits for it."""
+        return _rebuilt, (type(self), self.args), self.__dict__
+
+
+def _rebuilt(kind: type[RncError], arguments: tuple[object, ...]) -> RncError:
+    return kind.__new__(kind, *arguments)
+
 
 class ModelWarning(UserWarning):
     """A robot's file says something that is left out of the model, is read as it is meant, or that no machine can be.

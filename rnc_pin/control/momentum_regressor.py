@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -80,13 +81,13 @@ class MomentumRegressor:
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
         """A model whose unknown bodies have the estimated masses."""
         model = reduced.robot.model.copy()
-
-        def believe(p: np.ndarray) -> None:
-            for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
-                model.inertias[joint] = self.inertia(index, float(value))
-
+        believe = partial(self._believe, model)
         believe(np.ones(len(self.names)))
         return EstimatedModel(reduced, model, reduced.all_constraints, believe)
+
+    def _believe(self, model: pin.Model, p: np.ndarray) -> None:
+        for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
+            model.inertias[joint] = self.inertia(index, float(value))
 
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -188,18 +189,20 @@ class WheelRegressor:
         ]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.axle) for wheel in self._unknown]
-
-        def believe(p: np.ndarray) -> None:
-            for rows, radius, axle in wheels:
-                if radius is not None:
-                    rows.radius = float(p[radius])
-                if axle is not None:
-                    place = model.jointPlacements[axle.joint]
-                    origin = axle.middle + p[axle.column] * axle.side - axle.centre
-                    model.jointPlacements[axle.joint] = pin.SE3(place.rotation, origin)
-
+        believe = partial(_believe, model, wheels)
         believe(np.ones(len(self.names)))
         return EstimatedModel(reduced, model, RowStack(blocks), believe)
+
+
+def _believe(model: pin.Model, wheels: Sequence[tuple[RollingRows, int | None, _Axle | None]], p: np.ndarray) -> None:
+    """Let a model have estimated radii and tracks p."""
+    for rows, radius, axle in wheels:
+        if radius is not None:
+            rows.radius = float(p[radius])
+        if axle is not None:
+            place = model.jointPlacements[axle.joint]
+            origin = axle.middle + p[axle.column] * axle.side - axle.centre
+            model.jointPlacements[axle.joint] = pin.SE3(place.rotation, origin)
 
 
 def _kind(each: UnknownRadius | UnknownTrack) -> str:

@@ -51,7 +51,7 @@ class FrameVelocityRows(Rows):
         return at.acceleration(self._frame, self._axes, self._rows)
 
     def drift_gradient(self, at: Gradients) -> np.ndarray:
-        if self._axes is OWN_AXES:
+        if self._axes == OWN_AXES:
             return at.own_acceleration_gradient(self._frame)[self._rows]
         motion = at.frame_gradients(self._frame)
         return np.vstack([motion.acceleration, motion.angular_acceleration])[self._rows]

@@ -132,6 +132,7 @@ class Kinematics:
     """
 
     def __init__(self, robot: Robot, joints: Iterable[int] = ()) -> None:
+        self._robot = robot
         self.model, self.data = robot.model, robot.model.createData()
         self.nq, self.nv = robot.nq, robot.nv
         self.zero = np.zeros(robot.nv)
@@ -146,6 +147,10 @@ class Kinematics:
         self.v: np.ndarray | None = None
         self._rated: np.ndarray | None = None
         self._graded: np.ndarray | None = None
+
+    def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot, tuple[int, ...]]]:
+        """A copy, or what comes out of a pickle, has a workspace of its own: views are of this one's memory."""
+        return type(self), (self._robot, self.joints)
 
     def gradients(self, q: np.ndarray, v: np.ndarray) -> Gradients:
         """One state (nq,), (nv,), with its derivatives."""
@@ -285,7 +290,7 @@ class _OneMotion(_OnePosition, Motion):
         at = self._at
         if at.v is not self.v or at.q is not self.q:
             at.move_at(self.q, self.v)
-        getter = pin.getFrameClassicalAcceleration if axes is WORLD_AXES else pin.getFrameAcceleration
+        getter = pin.getFrameClassicalAcceleration if axes == WORLD_AXES else pin.getFrameAcceleration
         acceleration: np.ndarray = getter(at.model, at.data, frame, axes).vector
         return acceleration if rows is ALL else acceleration[rows]
 
@@ -417,7 +422,7 @@ class _ManyPositions(Position):
         wrenches = np.zeros((*x.shape, len(chosen), 6))
         for i, row in enumerate(chosen):
             wrench = wrenches[..., i, :]
-            along = _UNIT[row % 3] if axes is WORLD_AXES else rotation[..., :, row % 3]
+            along = _UNIT[row % 3] if axes == WORLD_AXES else rotation[..., :, row % 3]
             if row >= 3:
                 wrench[..., _ANGULAR] = along
                 continue
@@ -475,7 +480,7 @@ class _ManyMotions(_ManyPositions, Motion):
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         result = apply(self._wrenches(frame, axes, rows), self._twist_rates @ self._at.carriers(frame))
-        if axes is WORLD_AXES:  # of the origin as a point: it moves with the turning body
+        if axes == WORLD_AXES:  # of the origin as a point: it moves with the turning body
             velocity = components(self.velocity(frame))
             turned = cross(velocity[_ANGULAR], velocity[_LINEAR])
             for i, row in enumerate(range(*rows.indices(6)) if isinstance(rows, slice) else rows):
@@ -504,7 +509,7 @@ class _ManyRates(_ManyMotions, Rates):
         J, dJ = _about(place.translation, J), _about(place.translation, dJ)
         twist = apply(J, self.v)[..., None]  # of the frame, about its origin
         linear, angular = twist[..., _LINEAR, :], twist[..., _ANGULAR, :]
-        if axes is WORLD_AXES:  # the origin moves on
+        if axes == WORLD_AXES:  # the origin moves on
             dJ[..., _LINEAR, :] += _cross(J[..., _ANGULAR, :], linear)
             return dJ
         dJ[..., _LINEAR, :] -= _cross(angular, J[..., _LINEAR, :]) + _cross(linear, J[..., _ANGULAR, :])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import pinocchio as pin
 
@@ -22,9 +22,9 @@ class Locked:
         self._reference = configuration(model, lock)
         self.model = self._reduced(None)[0]
 
-    def geometry(self, full: pin.GeometryModel) -> pin.GeometryModel:
-        """Geometry of the whole robot, on what is left of it."""
-        return self._reduced(full)[1]
+    def geometry(self, load: Callable[[str], pin.GeometryModel], kind: str) -> pin.GeometryModel:
+        """Geometry of a kind of the whole robot, as ``load`` gives it, on what is left of it."""
+        return self._reduced(load(kind))[1]
 
     def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:
         apart = ToldApart(self._full)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -227,7 +228,7 @@ class Robot(Printed):
         else:
             locked = Locked(model, lock)
             robot = admitted(locked.model)
-            robot._load_geometry = lambda kind: locked.geometry(read.geometry(kind))
+            robot._load_geometry = partial(locked.geometry, read.geometry)
         robot.mimics = read.mimics
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # ball joints couple nothing
@@ -281,11 +282,7 @@ class Robot(Printed):
             raise ModelError(f"robot '{other.name}' has a base that moves: load it with base='fixed' to mount it")
         mounted = Mounted(self.model, other.model, index, placement)
         robot = Robot(mounted.model)
-
-        def load(kind: str) -> pin.GeometryModel:
-            return mounted.geometry(*(each._geometry_model(kind) or pin.GeometryModel() for each in (self, other)))
-
-        robot._load_geometry = load
+        robot._load_geometry = partial(_mounted_geometry, mounted, self, other)
         robot.mimics = (*self.mimics, *other.mimics)
         robot.locked = {**self.locked, **other.locked}
         robot.packages = {**other.packages, **self.packages}
@@ -397,12 +394,23 @@ class Robot(Printed):
             self._geometry[kind] = self._load_geometry(kind)
         return self._geometry[kind]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a pickle or a copy holds: of geometry that can be read again only how, for meshes are large."""
+        state = dict(self.__dict__)
+        if self._load_geometry is not None:
+            state["_geometry"] = dict.fromkeys(self._geometry)
+        return state
+
     # ------------------------------------------------------------------ print
 
     def _portrait(self) -> Portrait:
         base = _BASES.get(self.model.joints[1].shortname(), "fixed")
         title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
         return Portrait(title, [("joints", items(self.joint_names))])
+
+
+def _mounted_geometry(mounted: Mounted, carrier: Robot, other: Robot, kind: str) -> pin.GeometryModel:
+    return mounted.geometry(*(each._geometry_model(kind) or pin.GeometryModel() for each in (carrier, other)))
 
 
 def _check_base(base: object) -> None:

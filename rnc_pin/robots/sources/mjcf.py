@@ -7,6 +7,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -83,16 +84,16 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
             model.gravity.linear = read_numbers(option.attrib["gravity"])
         if any(flag.get("gravity") == "disable" for flag in option.findall("flag")):
             model.gravity.linear = np.zeros(3)
+    return Description(model, partial(_geometry, model, root, path), couplings(root, path))
 
-    def geometry(kind: str) -> pin.GeometryModel:
-        with geometry_errors(path), _written(root) as file:
-            full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
-        for shape in list(full.geometryObjects):
-            if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
-                full.removeGeometryObject(shape.name)
-        return full
 
-    return Description(model, geometry, couplings(root, path))
+def _geometry(model: pin.Model, root: ElementTree.Element, path: Path, kind: str) -> pin.GeometryModel:
+    with geometry_errors(path), _written(root) as file:
+        full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
+    for shape in list(full.geometryObjects):
+        if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
+            full.removeGeometryObject(shape.name)
+    return full
 
 
 def _understood(

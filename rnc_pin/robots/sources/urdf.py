@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -72,7 +73,7 @@ def read_urdf(
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
     bodies = bodies_of(root)
-    return Description(model, lambda kind: meshes.geometry(model, kind), mimics, bodies, packages.found, packages.far)
+    return Description(model, partial(meshes.geometry, model), mimics, bodies, packages.found, packages.far)
 
 
 def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
