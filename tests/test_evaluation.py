@@ -456,3 +456,45 @@ def test_the_null_space_is_that_of_the_rows():
             assert basis.shape[1] == reduced.r
             angle = scipy.linalg.subspace_angles(basis, state.R).max()
             assert angle < 1e-9 * np.linalg.cond(state.R)
+
+
+def answers(reduced, q, v2, T, v):
+    """What a model says of states, by name."""
+    state = reduced.at(q, v2)
+    found = {name: getattr(state, name) for name in QUANTITIES}
+    found |= vars(reduced.terms(q, v2)) | vars(reduced.lagrangian_terms(q, v2))
+    found |= reduced.measure(q, v2, v2)._asdict() | reduced.flow(q, v2, T, np.ones(reduced.n))._asdict()
+    found |= {f"measured {name}": each for name, each in reduced.measured(q, v)._asdict().items()}
+    found |= {
+        "forward": reduced.forward_dynamics(q, v2, T),
+        "inverse": reduced.inverse_dynamics(q, v2, v2),
+        "inputs": reduced.allocate(q, v2) if reduced.p >= reduced.r else T,
+        "multipliers": reduced.multipliers(q, v2, T),
+        "contact_forces": reduced.contact_forces(q, v2, T),
+        "energy": reduced.energy(q, v2),
+        "drive": reduced.drive_jacobian(q),
+        "gradient": reduced.kinematic_gradient(q, [0]),
+        "gradient of nothing": reduced.kinematic_gradient(q, []),
+        "determinant": reduced.log_determinant_gradient(q, [0]),
+        "condition": reduced.condition(q),
+        "singular value": reduced.smallest_singular_value(q),
+        "position": reduced.position_residual(q),
+    }
+    x1, x2 = reduced.outputs(q)
+    return found | {"x1 alone": x1, "x2 alone": x2}
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("lead", [(0,), (2, 0), (0, 3)])
+def test_no_states_have_answers_of_the_right_shapes(name, lead):
+    reduced = ALL[name]()
+    one = next(iter(random_states(reduced, 1)))[0]
+    sizes = (reduced.robot.nq, reduced.r, reduced.p, reduced.n)
+    q, v2, T, v = (np.zeros((2, size)) for size in sizes)
+    q[:] = one
+    expected = answers(reduced, q, v2, T, v)
+    for what, found in answers(reduced, *(np.zeros((*lead, size)) for size in sizes)).items():
+        if expected[what] is not None:
+            assert np.shape(found) == (*lead, *np.shape(expected[what])[1:]), what
+    assert reduced.at(one, np.zeros((*lead, reduced.r))).v.shape == (*lead, reduced.n)
+    assert reduced.at(np.zeros((*lead, reduced.robot.nq)), np.zeros(reduced.r)).v.shape == (*lead, reduced.n)

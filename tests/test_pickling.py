@@ -134,7 +134,7 @@ def test_functions_that_no_pickle_can_hold_are_named():
     row = np.array([[0.0, 1.0, 1.0, 1.0]])
     level = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, names=["level"])
     system = rnc.NonholonomicSystem(robot, [level], ["joint_1", "joint_2", "joint_3"])
-    with pytest.raises((pickle.PicklingError, AttributeError), match="test_functions.*<lambda>"):
+    with pytest.raises((pickle.PicklingError, AttributeError), match=r"test_functions.*<lambda>"):
         pickle.dumps(system.reduce())
     system = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(held, held_rate)], ["joint_1", "joint_2", "joint_3"])
     reduced = system.reduce()

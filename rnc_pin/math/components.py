@@ -55,5 +55,5 @@ def dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
 
 
 def smallest(value: Component) -> float:
-    """The smallest entry of a component over all states."""
-    return float(value.min()) if isinstance(value, np.ndarray) else value
+    """The smallest entry of a component over all states; infinite where there are none."""
+    return float(value.min(initial=np.inf)) if isinstance(value, np.ndarray) else value

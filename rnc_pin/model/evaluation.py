@@ -499,9 +499,9 @@ class Evaluation:
         if parts.p == parts.r:
             inverted = inverse(matrix)
             # How rounding is amplified, whatever the units of the inputs; how it fell may look well by chance.
-            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max() < _AMPLIFIED:
+            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
                 return apply(inverted, F)
-        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10)) if parts.p else 0
+        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=parts.r) if parts.p else 0
         if rank < parts.r:
             raise ConstraintError(
                 f"actuators {', '.join(parts.actuation.names) or '(none)'} reach rank {rank} of the {parts.r} "

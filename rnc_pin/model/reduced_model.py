@@ -240,7 +240,8 @@ class ReducedModel(Printed):
     def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[Evaluation], Array]) -> Array:
         """Something (s, ...) of the states in which one output after the other moves alone at unit rate."""
         here = self.at(q)
-        return np.stack([what(here.moving(here.R[..., j])) for j in along])
+        each = [what(here.moving(here.R[..., j])) for j in along]
+        return np.stack(each) if each else np.zeros((0, *what(here.moving(here.R[..., 0])).shape))
 
     # ------------------------------------------------------------------ measurements
 
