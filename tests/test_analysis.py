@@ -233,7 +233,7 @@ def test_first_bracket_is_the_commutator_of_flows():
             end = flow(end, column, duration)
         commutator = pin.difference(model, q, end) / h**2
         R = reduced.terms(q, np.zeros(reduced.r)).R
-        from rnc_pin.analysis.growth import frame_bracket
+        from rnc_pin.analysis.frame_bracket import frame_bracket
 
         along_0, along_1 = reduced.basis_rate(q, R.T[:2])[1]
         bracket = along_0[:, 1] - along_1[:, 0] + frame_bracket(model)(R[:, 0], R[:, 1])

@@ -1,4 +1,6 @@
-"""Lie brackets beside those in coordinates, and limits of what counts as a direction."""
+"""Growth vectors: limits of what counts as a direction, how deep brackets go, and which sample is generic."""
+
+from math import factorial
 
 import numpy as np
 import pinocchio as pin
@@ -6,18 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
-from rnc_pin.analysis.growth import (
-    _Brackets,
-    _derivative,
-    _first_brackets,
-    _found_twice,
-    _in_blocks,
-    _rest,
-    frame_bracket,
-    grow,
-)
-from test_analysis import trailers
+from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.analysis.growth import MARGIN, _rest, generic_growth, grow
 from test_singular_pinned import sliders
+from test_vehicles import trailers
 
 # ---------------------------------------------------------------------- the bracket of a joint's own axes
 
@@ -83,129 +77,17 @@ def test_a_joint_whose_bracket_is_not_known_is_named():
     assert frame_bracket(model)(np.ones(1), np.ones(1)).tolist() == [0.0]
 
 
-# ---------------------------------------------------------------------- brackets of fields
-
-
-def in_coordinates(p):
-    """A car with a trailer at (x, y, yaw, hitch): its q, and what takes entries of v to rates of these."""
-    c, s = np.cos(p[2]), np.sin(p[2])
-    turned = np.eye(4)
-    turned[:2, :2] = [[c, -s], [s, c]]
-    return np.array([p[0], p[1], c, s, p[3]]), turned
-
-
-def bracket_in_coordinates(X, Y, h):
-    """``DY X - DX Y`` of two fields of p, by differences."""
-
-    def value(p):
-        x, y = X(p), Y(p)
-        return (Y(p + h * x) - Y(p - h * x) - X(p + h * y) + X(p - h * y)) / (2 * h)
-
-    return value
-
-
-def test_brackets_are_those_in_coordinates():
-    """Of generators with each other, and of these with a generator again: at many points, other than where they are."""
-    reduced = trailers(1)
-    p_0, generator = np.array([0.4, -0.3, 0.7, 0.5]), np.random.default_rng(2)
-    brackets = _Brackets(reduced, in_coordinates(p_0)[0])
-    np.testing.assert_allclose(brackets.generators.T @ brackets.generators, np.eye(2), atol=1e-12)
-    scaling = np.linalg.lstsq(reduced.at(in_coordinates(p_0)[0]).R, brackets.generators, rcond=None)[0]
-    combinations = generator.normal(size=(3, 2))
-
-    def field(combination):
-        def value(p):
-            q, turned = in_coordinates(p)
-            return turned @ reduced.at(q).R @ scaling @ combination
-
-        return value
-
-    X, Y, Z = (field(each) for each in combinations)
-    once = bracket_in_coordinates(X, Y, 1e-4)
-    twice = bracket_in_coordinates(Z, bracket_in_coordinates(X, Y, 1e-3), 1e-3)
-    pair = brackets.of_pair(combinations[0], combinations[1])
-    nested = brackets.of(combinations[2], pair)
-    points = p_0 + 0.5 * generator.normal(size=(3, 4))
-    q = np.stack([in_coordinates(p)[0] for p in points])
-    for found, expected, accuracy in ((pair, once, 1e-6), (nested, twice, 1e-4)):
-        values = found(q, 0.01)
-        assert values.shape == (3, 4)
-        for p, value in zip(points, values, strict=True):
-            wanted = np.linalg.solve(in_coordinates(p)[1], expected(p))
-            assert np.abs(wanted).max() > 0.05
-            np.testing.assert_allclose(value, wanted, atol=accuracy * (1 + np.abs(wanted).max()))
-
-
-def test_a_derivative_is_of_eighth_order():
-    """Exact up to the eighth power; of the ninth ``4! 4! h^8`` is missing, whatever the length of the direction."""
-    model, step = sliders(2).model, 0.3
-    directions = np.array([[2.0, 0.0], [0.0, 0.0], [-0.3, 0.4], [0.0, -3.0]])
-    points = np.array([[0.0, 0.7], [0.3, 0.4], [0.0, 0.0], [0.5, 0.0]])
-
-    def powers(at, h):
-        assert h == step
-        return np.stack([at[:, 0] ** 9 + at[:, 1] ** 8, at[:, 1] ** 9 + 5.0], axis=-1)
-
-    found = _derivative(model, powers, points, directions, step)
-    missing = -576 * step**8
-    expected = [[2.0, 0.0], [0.0, 0.0], [-0.5 * 0.6**9, 0.5 * 0.8**9], [0.0, -3.0]]
-    np.testing.assert_allclose(found, missing * np.array(expected), atol=1e-12)
-
-
-def test_fields_are_asked_for_few_configurations_at_a_time():
-    sizes = []
-
-    def field(points, step):
-        sizes.append(len(points))
-        return step * points
-
-    points = np.random.default_rng(0).normal(size=(600, 3))
-    np.testing.assert_array_equal(_in_blocks(field)(points, 0.5), 0.5 * points)
-    assert sizes == [256, 256, 88]
-
-
-# ---------------------------------------------------------------------- what counts
-
-
-@pytest.mark.parametrize(("share", "found"), [(0.97, True), (1.03, False), (-0.97, True), (-1.03, False)])
-def test_a_direction_has_to_be_there_with_both_steps(share, found):
-    """Of 0.01 and 0.007: unit vectors a fifth apart are not the same."""
-    basis, q = np.eye(4)[:, :1], np.zeros(4)
-    apart = 2 * np.arcsin(0.1)
-
-    def field(points, step):
-        angle = share * apart * (0.01 - step) / 0.003
-        return np.array([[-4.0, 3.0 * np.cos(angle), 3.0 * np.sin(angle), 0.0]])
-
-    direction = _found_twice(basis, field, q)
-    if found:
-        np.testing.assert_allclose(direction, [0.0, 1.0, 0.0, 0.0], atol=1e-12)
-    else:
-        assert direction is None
-
-
-@pytest.mark.parametrize(
-    ("length", "out", "found"),
-    [(50.0, 0.97e-5, False), (50.0, 1.03e-5, True), (0.97e-10, 1.0, False), (1.03e-10, 1.0, True)],
-)
-def test_a_direction_has_to_lead_out(length, out, found):
-    """By a part in a hundred thousand, of what is not short itself."""
-    basis, q = np.eye(3)[:, :2], np.zeros(3)
-    inside = np.sqrt(1 - out**2)
-    direction = _found_twice(basis, lambda points, step: length * np.array([[inside, 0.0, out]]), q)
-    assert (direction is not None) == found
-    if found:
-        np.testing.assert_allclose(direction, [0.0, 0.0, 1.0], atol=1e-6)
-
-
 def test_what_leads_out_is_square_to_the_basis():
     """To rounding, however little it is."""
     generator = np.random.default_rng(1)
     basis, _ = np.linalg.qr(generator.normal(size=(6, 3)))
     out = np.linalg.qr(np.column_stack([basis, generator.normal(size=6)]))[0][:, 3]
-    rest = _rest(basis, 7.0 * (basis @ [0.6, -0.8, 0.0]) + 7e-8 * out)
-    assert np.linalg.norm(rest) == pytest.approx(1e-8, rel=1e-6)
+    rest = _rest(basis, 7.0 * (basis @ [[0.6], [-0.8], [0.0]]) + 7e-8 * out[:, None])
+    assert np.linalg.norm(rest) == pytest.approx(7e-8, rel=1e-6)
     assert np.abs(basis.T @ rest).max() < 1e-22
+
+
+# ---------------------------------------------------------------------- what counts
 
 
 def contact(A, A_dot):
@@ -269,62 +151,144 @@ def test_what_varies_fast_still_grows():
         np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(4), atol=1e-9)
 
 
-def test_the_first_brackets_that_lead_out_are_kept_as_fields():
-    """Three generators, of whose brackets one lies in their span and two are the same."""
+# ---------------------------------------------------------------------- how deep
+
+
+def monomials(exponents):
+    """``x_k' = x0^a x1^b x1'`` for pairs (a, b), exact rates included."""
 
     def A(q):
-        return [[0.0, 2.0 * q[0], 2.0 * q[0]], [0.0, 0.0, 0.0]]
+        return [[0.0, q[0] ** a * q[1] ** b] for a, b in exponents]
 
-    reduced, q = contact(A, lambda q, v: A(v)), np.array([0.3, 0.2, -0.1, 0.5, 0.4])
-    brackets = _Brackets(reduced, q)
-    basis, fields = _first_brackets(brackets, np.linalg.qr(brackets.generators)[0])
-    assert basis.shape == (5, 4)
-    (field,) = fields
-    (value,) = field(q[None], 0.01)
-    np.testing.assert_allclose(np.delete(value, 3), 0.0, atol=1e-12)
-    assert abs(value[3]) > 0.1
-    np.testing.assert_allclose(basis @ (basis.T @ value), value, atol=1e-12)
+    def A_dot(q, v):
+        return [
+            [0.0, a * q[0] ** max(a - 1, 0) * q[1] ** b * v[0] + b * q[0] ** a * q[1] ** max(b - 1, 0) * v[1]]
+            for a, b in exponents
+        ]
+
+    return contact(A, A_dot)
 
 
-# ---------------------------------------------------------------------- how deep, and how often
+@pytest.mark.parametrize("depth", [1, 4, 8])
+def test_a_chain_grows_by_one_a_level(depth):
+    """``x_k' = x0^k / k! x1'``, the chained form, whose k-th brackets are constant."""
+    scales = [1 / factorial(k) for k in range(1, depth + 1)]
+    reduced = contact(
+        lambda q: [[0.0, scale * q[0] ** k] for k, scale in enumerate(scales, start=1)],
+        lambda q, v: [[0.0, scale * k * q[0] ** (k - 1) * v[0]] for k, scale in enumerate(scales, start=1)],
+    )
+    found = grow(reduced, np.full(depth + 2, 0.3))
+    assert found.vector == tuple(range(2, depth + 3))
+    assert not found.doubtful
+    assert found.margin > MARGIN
 
 
-@pytest.fixture
-def draws(monkeypatch):
-    """Let each draw find what a list says: a new direction or none."""
-    seen = {"finds": [], "draws": 0}
-
-    def found(basis, field, q):
-        seen["draws"] += 1
-        if not (seen["finds"] and seen["finds"].pop(0)):
-            return None
-        return np.linalg.svd(basis)[0][:, basis.shape[1]]
-
-    monkeypatch.setattr(growth, "_found_twice", found)
-    return seen
+def test_a_level_may_bring_more_directions_than_a_flow_shows():
+    """All monomials of a degree: (2, 3, 5, 8, 12), the last level four at once, and three functions a flow."""
+    reduced = monomials([(a, degree - a) for degree in range(1, 5) for a in range(1, degree + 1)])
+    found = grow(reduced, np.linspace(-0.3, 0.4, 12))
+    assert found.vector == (2, 3, 5, 8, 12)
 
 
-def seven_more():
-    return contact(lambda q: [[0.0, q[0]], *[[0.0, 0.0]] * 11], lambda q, v: [[0.0, v[0]], *[[0.0, 0.0]] * 11])
+def test_a_level_that_nothing_leads_to_ends_the_growth():
+    reduced = monomials([(1, 0), (0, 1), (2, 0), (0, 2)])
+    found = grow(reduced, np.linspace(-0.3, 0.4, 6))  # x1' and x1 x1' can be integrated
+    assert (found.vector, found.doubtful) == ((2, 3, 4), False)
+    assert found.closure.shape == (6, 4)
 
 
-def test_a_field_is_done_after_two_draws_in_vain(draws):
-    draws["finds"] = [False, True, False, True, False, False, False, True, False, False]
-    found = grow(seven_more(), np.zeros(14))
-    # Four draws for the first bracket find two more, then two in vain; the first of these finds one, and so on.
-    assert found.vector == (2, 3, 5, 6)
-    assert draws["draws"] == 6 + 4 + 2 + 2
+@pytest.mark.parametrize(
+    ("x", "vector", "doubtful"),
+    [(0.3, (2, 3, 4), False), (1e-3, (2, 3, 4), False), (1e-9, (2, 3), True), (0.0, (2, 3), False)],
+)
+def test_next_to_a_singular_configuration_a_direction_is_in_doubt(x, vector, doubtful):
+    """``x2' = x0 x1'`` and ``x3' = x0^3 x1'``, whose second bracket ``6 x0`` vanishes at ``x0 = 0``."""
+    found = grow(monomials([(1, 0), (3, 0)]), np.array([x, 0.2, 0.1, -0.4]))
+    assert (found.vector, found.doubtful) == (vector, doubtful)
 
 
-def test_brackets_are_taken_seven_deep(draws):
-    draws["finds"] = [True, False, False] * 20
-    assert grow(seven_more(), np.zeros(14)).vector == (2, 3, 4, 5, 6, 7, 8, 9)
-    assert draws["draws"] == 3 * 6
+def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
+    """Next to singular configurations some levels are smaller, so that the vector is longer."""
+    told = {0: (2, 3, 3 + 1, 5), 1: (2, 3, 5), 2: (2, 3, 5), 3: (2, 3, 4)}
+
+    def vector_of(reduced, q):
+        return growth.Growth(told[int(q[0])], np.eye(5), 1e6 * (1 + q[0]), q[0] == 3)
+
+    monkeypatch.setattr(growth, "grow", vector_of)
+    evidence, agreeing = generic_growth(None, np.array([[0.0], [1.0], [2.0], [3.0]]))
+    assert [(each.vector, q[0]) for each, q in agreeing] == [((2, 3, 5), 1.0), ((2, 3, 5), 2.0)]
+    assert (evidence.samples, evidence.agreeing, evidence.doubtful) == (4, 2, 1)
+    assert dict(evidence.others) == {(2, 3, 4, 5): 1, (2, 3, 4): 1}
+    assert evidence.margin == 2e6
+    assert evidence.decided
+    assert not generic_growth(None, np.array([[3.0]]))[0].decided
+    assert str(evidence) == (
+        "2 of 4 samples agree, others: (2, 3, 4, 5) at 1, (2, 3, 4) at 1; at 1 a direction is in doubt"
+    )
 
 
-def test_nothing_is_drawn_where_everything_is_reached(draws):
-    """Nor for the rest of the fields once it is."""
-    draws["finds"] = [True] * 20
-    found = grow(seven_more(), np.zeros(14))
-    assert found.vector == (2, 3, 14)
-    assert draws["draws"] == 11
+def test_samples_are_taken_until_three_agree(monkeypatch):
+    looked = []
+
+    def rarely_generic(reduced, q):
+        looked.append(int(q[0]))
+        return growth.Growth((2, 3) if q[0] in (0, 9, 12) else (2,), np.eye(3)[:, :2], 1e4, False)
+
+    monkeypatch.setattr(growth, "grow", rarely_generic)
+    evidence, _ = generic_growth(None, np.arange(40.0)[:, None])
+    assert (looked, evidence.agreeing, evidence.samples) == ([*range(13)], 3, 13)
+
+
+# ---------------------------------------------------------------------- trailers
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
+    """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
+    reduced = trailers(n, tmp_path)
+    report = rnc.analyze(reduced, samples=32)
+    assert report.growth_vector == tuple(range(2, 5 + n))
+    assert report.completely_nonholonomic
+    evidence = report.growth_evidence
+    assert evidence.agreeing >= 3
+    assert evidence.margin >= MARGIN
+    assert report.to_dict()["growth_evidence"]["samples"] == evidence.samples
+    assert evidence.agreeing + sum(count for _, count in evidence.others) == evidence.samples
+
+
+@pytest.mark.parametrize(
+    ("apart", "last", "doubtful"), [(1e-2, 6, False), (1e-4, 6, False), (3e-6, 5, True), (1e-13, 5, False)]
+)
+def test_a_hitch_at_a_right_angle_is_singular(apart, last, doubtful, tmp_path):
+    """Any hitch but that of the last trailer: there one level brings nothing (Jean 1996)."""
+    reduced = trailers(2, tmp_path)
+    found = grow(reduced, reduced.robot.configuration({"hitch_1": np.pi / 2 - apart, "front_steering": 0.3}))
+    assert (found.vector, found.doubtful) == (tuple(range(2, last + 1)), doubtful)
+
+
+@pytest.mark.parametrize("hitch", [0.2, np.pi / 2])
+def test_the_hitch_of_the_last_trailer_may_be_at_a_right_angle(hitch, tmp_path):
+    reduced = trailers(2, tmp_path)
+    assert grow(reduced, reduced.robot.configuration({"hitch_2": hitch})).vector == (2, 3, 4, 5, 6)
+
+
+def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
+    """``x2' = 1e-6 x0 x1'`` and a deeper ``x3' = 1e-6 x0^2 x1'`` beside ``x4' = x0 x1'``."""
+    reduced = contact(
+        lambda q: [[0.0, 1e-6 * q[0]], [0.0, 1e-6 * q[0] ** 2], [0.0, q[0]]],
+        lambda q, v: [[0.0, 1e-6 * v[0]], [0.0, 2e-6 * q[0] * v[0]], [0.0, v[0]]],
+    )
+    assert grow(reduced, np.array([0.3, 0.2, -0.1, 0.4, 0.1])).vector == (2, 3)
+
+
+def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
+    reduced = trailers(3, tmp_path)
+    generator = np.random.default_rng(3)
+    near = [
+        reduced.robot.configuration({f"hitch_{k}": np.pi / 2 - gap for k in (1, 2, 3)}) for gap in (1e-3, 1e-5, 1e-8, 0)
+    ]
+    drawn = [reduced.random_configuration(generator, 0.8) for _ in range(6)]
+    evidence, agreeing = generic_growth(reduced, [*near, *drawn])
+    assert agreeing[0][0].vector == (2, 3, 4, 5, 6, 7)
+    assert evidence.agreeing >= 3
+    assert sum(count for _, count in evidence.others) == evidence.samples - evidence.agreeing > 0

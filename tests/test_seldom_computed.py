@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis.boundedness import _approach, _order
 from rnc_pin.analysis.differences import directional_derivative
-from rnc_pin.analysis.growth import frame_bracket
+from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.analysis.redundancy import _full_row_rank
 from rnc_pin.analysis.singularities import Singularity

@@ -3,7 +3,7 @@
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
 from rnc_pin.analysis.grip import Grip
-from rnc_pin.analysis.growth import growth_vector
+from rnc_pin.analysis.growth import GrowthEvidence, growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.linearization import Linearization, linearize
@@ -19,6 +19,7 @@ __all__ = [
     "Equilibrium",
     "Evidence",
     "Grip",
+    "GrowthEvidence",
     "Integrability",
     "Linearization",
     "Redundancy",

@@ -1,45 +1,90 @@
 """Complete nonholonomy: span(R) under Lie brackets, its growth vector and its involutive closure.
 
-A bracket is linear in each of the fields in it. So the brackets of all generators with a field span what its
-brackets with random combinations of them span, and a draw that brings nothing new says (with probability one)
-that no generator does: the cost of a level grows with the directions found, not with r.
+Dimensions are lower semicontinuous: near a singular configuration some are smaller, nowhere are they larger than the
+generic ones. So the generic growth vector is the largest dimension of each level over configurations, provided that no
+error counts as a direction. A singular value counts if it is a stated margin above whatever was taken for zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import scipy.linalg
 
-from rnc_pin.errors import ConstraintError
+from rnc_pin.analysis.bracket_jets import BracketJets, Jets
+from rnc_pin.errors import SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plain import Json
 
-_STEP = 0.01
-_OTHER = 0.7  # of that step: what is found has to be there with both
-_AGREE = 0.2  # relative difference between the two; noise points anywhere, and cut-off terms shrink with the step
-# Eighth-order central difference. Rates of R are exact, so only brackets of brackets need it.
-_HALF_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
-_STENCIL = tuple((sign * k, sign * weight) for k, weight in _HALF_STENCIL for sign in (1, -1))
-_TOLERANCE = 1e-5  # of unit vectors; nested differences lose two digits a level
-_DEEPEST = 8
-_EMPTY_DRAWS = 2  # in a row, before a field's brackets count as exhausted
-
-_BLOCK = 256  # configurations at a time: stencils of stencils are many
-
-Field = Callable[[np.ndarray, float], np.ndarray]
-"""Vectors (k, nv) at configurations (k, nq), by differences of a step."""
+MARGIN = 1e3  # a direction counts if its singular value is so many times that of error and of what was rejected
+_ZERO = 10.0  # times these: a singular value that is clearly none
+_FIRST = 1e-5  # of unit brackets of generators: shorter ones are the rounding of a file
+_ROUNDED, _SMALLEST = 1e-5, 1e-8  # of the brackets of its level, a tenth a level between: no direction counts below
+_NOTHING = 1e-11  # of them: the same as none
+_TIMES = (0.5, 0.2, 0.05, 0.0125)  # of flows, one after the other while the error is large
+_FADES = 0.2  # of the time: how much smaller than the level before a level is at most
+_ACCURATE = 1e-8  # error of a level, relative, below which no shorter time is tried
+_SHALLOW = 3  # order that is enough for most systems
+_DEEPEST = 12
+_FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: at least, at most, and how many have to agree before no more are taken
 
 
-class Growth(NamedTuple):
+@dataclass(frozen=True)
+class Growth:
     """The filtration of a distribution at a configuration."""
 
     vector: tuple[int, ...]
     """Dimensions of span(R), with its brackets, with theirs, ... until they grow no more."""
     closure: np.ndarray
     """Orthonormal basis (nv, dimension) of the last of them: where motion can lead."""
+    margin: float
+    """Smallest singular value that counts as a direction, over the largest that might be an error."""
+    doubtful: bool
+    """Whether a direction is neither clearly there nor clearly missing, as next to singular configurations."""
+
+
+@dataclass(frozen=True)
+class GrowthEvidence:
+    """The growth vectors of sampled configurations, and how clear they are.
+
+    Attributes:
+        samples: configurations at which the growth vector was computed.
+        agreeing: how many of them have the generic one.
+        doubtful: at how many a direction is neither clearly there nor clearly missing.
+        others: other growth vectors, and at how many samples.
+        margin: at the agreeing samples, the smallest singular value that counts as a direction over the largest that
+            might be an error; at least 1000.
+        decided: whether one of the agreeing samples is in no doubt; else the true dimensions may be larger.
+    """
+
+    samples: int
+    agreeing: int
+    doubtful: int
+    others: tuple[tuple[tuple[int, ...], int], ...]
+    margin: float
+    decided: bool
+
+    def to_dict(self) -> dict[str, Json]:
+        """Plain lists and numbers, ready for JSON."""
+        return {
+            "samples": self.samples,
+            "agreeing": self.agreeing,
+            "doubtful": self.doubtful,
+            "others": [{"growth_vector": list(vector), "samples": count} for vector, count in self.others],
+            "margin": self.margin,
+            "decided": self.decided,
+        }
+
+    def __str__(self) -> str:
+        text = f"{self.agreeing} of {self.samples} samples agree"
+        if self.others:
+            text += ", others: " + ", ".join(f"({', '.join(map(str, vector))}) at {k}" for vector, k in self.others)
+        if self.doubtful:
+            text += f"; at {self.doubtful} a direction is in doubt"
+        return text
 
 
 def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
@@ -52,12 +97,50 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
     return grow(reduced, q).vector
 
 
+def generic_growth(
+    reduced: ReducedModel, configurations: Sequence[np.ndarray] | np.ndarray
+) -> tuple[GrowthEvidence, list[tuple[Growth, np.ndarray]]]:
+    """Evidence for the generic growth vector, and the samples that have it, with their configurations.
+
+    Takes configurations (count, nq) in turn, 8 at least if there are as many, until three agree on the largest
+    dimensions, 32 at most.
+    """
+    found: list[tuple[Growth, np.ndarray]] = []
+    generic: tuple[int, ...] = ()
+    for q in configurations[:_MOST]:
+        found.append((grow(reduced, q), q))
+        generic = _largest([growth.vector for growth, _ in found])
+        if len(found) >= _FEWEST and sum(growth.vector == generic for growth, _ in found) >= _AGREEING:
+            break
+    agreeing = [each for each in found if each[0].vector == generic]
+    # The largest dimensions may come from several samples, none of which has all of them.
+    shown = agreeing or [each for each in found if each[0].vector[-1] == generic[-1]]
+    others = Counter(growth.vector for growth, _ in found if growth.vector != generic)
+    evidence = GrowthEvidence(
+        samples=len(found),
+        agreeing=len(agreeing),
+        doubtful=sum(growth.doubtful for growth, _ in found),
+        others=tuple(others.most_common()),
+        margin=min(growth.margin for growth, _ in shown),
+        decided=any(not growth.doubtful for growth, _ in agreeing),
+    )
+    whole = [(Growth(generic, growth.closure, growth.margin, growth.doubtful), q) for growth, q in shown]
+    return evidence, whole
+
+
+def _largest(vectors: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
+    """The largest dimension of each level; levels end where it grows no more."""
+    depth = max(map(len, vectors))
+    whole = [max(vector[min(level, len(vector) - 1)] for vector in vectors) for level in range(depth)]
+    return tuple(whole[: whole.index(whole[-1]) + 1])
+
+
 def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
     """The filtration of span(R) at q, and its involutive closure.
 
     Vector fields are written in the tangent space at q, in which the moving frames of planar, spherical
     and free-flying joints have a bracket of their own. Brackets of the columns of R are exact; deeper
-    ones take an eighth-order difference of those.
+    ones are jets along flows (``bracket_jets``).
 
     Where constraints are affine, ``v = R v2 + b``, brackets with the given motion b are left out: what span(R) reaches
     can be reached, and b may reach more.
@@ -70,149 +153,118 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
         ConstraintError: a joint whose tangent space has no known bracket.
         SingularityError: q is singular.
     """
-    brackets = _Brackets(reduced, q)
-    generator = np.random.default_rng(0)
-    basis = scipy.linalg.orth(brackets.generators)
-    dimensions = [basis.shape[1]]
-    basis, fields = _first_brackets(brackets, basis)
-    while fields:
-        dimensions.append(basis.shape[1])
-        if len(dimensions) == _DEEPEST:
+    jets = BracketJets(reduced, q)
+    basis, margin, rejected = _with_first_brackets(scipy.linalg.orth(jets.generators), jets.pairs())
+    first = (reduced.r, basis.shape[1])
+    deepest = min(reduced.n - first[1], _DEEPEST)
+    if first[0] == first[1] or not deepest:
+        doubtful = first[1] < reduced.n and rejected > _SMALLEST
+        return Growth(first[: 1 + (first[1] > first[0])], basis, margin, doubtful)
+    found = None
+    for order in sorted({min(_SHALLOW, deepest), deepest}):
+        found = _deeper(jets, basis, order, rejected)
+        if len(found.dimensions) < order or found.dimensions[-1] == reduced.n:
             break
-        deeper: list[Field] = []
-        for field in fields:
-            empty = 0
-            while basis.shape[1] < reduced.n and empty < _EMPTY_DRAWS:
-                candidate = brackets.of(generator.normal(size=reduced.r), field)
-                direction = _found_twice(basis, candidate, q)
-                if direction is None:
-                    empty += 1
-                else:
-                    empty = 0
-                    basis = np.column_stack([basis, direction])
-                    deeper.append(candidate)
-        fields = deeper
-    return Growth(tuple(dimensions), basis)
+    assert found is not None
+    vector = (*first, *found.dimensions)
+    cut = len(found.dimensions) == _DEEPEST and vector[-1] < reduced.n
+    return Growth(vector, found.basis, min(margin, found.margin), found.doubtful or cut)
 
 
-class _Brackets:
-    """Lie brackets with the generators: the columns of R, in a constant combination orthonormal at q."""
+@dataclass(frozen=True)
+class _Levels:
+    """Dimensions of the levels below the first brackets."""
 
-    def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
-        self.reduced, self.q = reduced, q
-        self.model = reduced.robot.model
-        self.algebra = frame_bracket(self.model)
-        R = reduced.at(q).R
-        self.scaling = np.linalg.inv(np.linalg.qr(R)[1])
-        self.generators = R @ self.scaling
-
-    def of_pair(self, first: np.ndarray, second: np.ndarray) -> Field:
-        """The bracket of two combinations of generators, exact."""
-        columns = self.scaling @ np.column_stack([first, second])
-
-        def value(points: np.ndarray, step: float) -> np.ndarray:
-            here = self.reduced.at(points)
-            x, y = np.moveaxis(here.R @ columns, -1, 0)
-            along_x, along_y = (here.moving(each).R_dot for each in (x, y))
-            return along_x @ columns[:, 1] - along_y @ columns[:, 0] + self.algebra(x, y)
-
-        return _in_blocks(value)
-
-    def of(self, combination: np.ndarray, field: Field) -> Field:
-        """The bracket of a combination of generators with any field."""
-        column = self.scaling @ combination
-
-        def value(points: np.ndarray, step: float) -> np.ndarray:
-            y = field(points, step)
-            here = self.reduced.at(points)
-            x, along_y = here.R @ column, here.moving(y).R_dot
-            return _derivative(self.model, field, points, x, step) - along_y @ column + self.algebra(x, y)
-
-        return _in_blocks(value)
+    dimensions: tuple[int, ...]
+    basis: np.ndarray
+    margin: float
+    doubtful: bool
+    error: float
+    crowded: bool
+    """Whether a level has as many directions as there are functions: more might show more."""
 
 
-def _in_blocks(field: Field) -> Field:
-    def value(points: np.ndarray, step: float) -> np.ndarray:
-        starts = range(0, len(points), _BLOCK)
-        return np.concatenate([field(points[start : start + _BLOCK], step) for start in starts])
+def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -> _Levels:
+    """Levels up to an order, from the first flows that are accurate, or the most accurate ones."""
+    best: _Levels | None = None
+    failure: SingularityError | None = None
+    for time in _TIMES:
+        generator = np.random.default_rng(0)
+        try:
+            drawn = [jets.draw(order, time, generator)]
+            found = _levels(drawn, basis, rejected, _FADES * time)
+            while found.crowded and len(drawn) < basis.shape[0]:
+                drawn.append(jets.draw(order, time, generator))
+                found = _levels(drawn, basis, rejected, _FADES * time)
+        except SingularityError as error:  # the flow leads there
+            failure = error
+            continue
+        if best is None or found.error < best.error:
+            best = found
+        if found.error < _ACCURATE:
+            break
+    if best is None:
+        assert failure is not None
+        raise failure
+    return best
 
-    return value
+
+def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float) -> _Levels:
+    """Levels from jets: their dimensions, with a margin over errors and over what was ``rejected`` so far.
+
+    Singular values are relative to the size of a level, or to ``fading`` times that of the level before: where hardly
+    anything depends on q, what is left of a level is rounding.
+    """
+    fine, coarse = (np.concatenate(each, axis=-1) for each in zip(*drawn, strict=True))
+    bases = [start, start]
+    dimensions: list[int] = []
+    margin, doubtful, error, crowded = np.inf, False, 0.0, False
+    size = float(np.linalg.norm(fine[0], 2))
+    for level in range(1, len(fine)):
+        size = max(float(np.linalg.norm(fine[level], 2)), fading * size, 1e-300)
+        rests = [_rest(basis, each[level] / size) for basis, each in zip(bases, (fine, coarse), strict=True)]
+        left, values, _ = np.linalg.svd(rests[0], full_matrices=False)
+        other_left = np.linalg.svd(rests[1], full_matrices=False)[0]
+        wrong = float(np.linalg.norm(rests[0] - rests[1], 2))
+        error = max(error, wrong)
+        room = start.shape[0] - bases[0].shape[1]
+        values = values[:room]
+        floor = max(wrong, rejected, np.finfo(float).eps)
+        count = int((values > max(MARGIN * floor, _SMALLEST, _ROUNDED * 0.1 ** (level - 1))).sum())
+        none = values[count:].max(initial=0.0)
+        doubtful = doubtful or bool(none > max(_ZERO * floor, _NOTHING))
+        rejected = max(rejected, none)
+        if not count:
+            break
+        margin = min(margin, float(values[count - 1] / max(floor, none)))
+        crowded = crowded or count == fine.shape[-1] < room
+        bases = [np.column_stack([basis, u[:, :count]]) for basis, u in zip(bases, (left, other_left), strict=True)]
+        dimensions.append(bases[0].shape[1])
+        if count == room:
+            break
+    return _Levels(tuple(dimensions), bases[0], margin, doubtful, error, crowded)
 
 
-def _first_brackets(brackets: _Brackets, basis: np.ndarray) -> tuple[np.ndarray, list[Field]]:
-    """Every bracket of two generators at once, and those that lead out of span(R)."""
-    reduced, r = brackets.reduced, brackets.reduced.r
-    X = brackets.generators
-    along = reduced.basis_rate(brackets.q, X.T)[1] @ brackets.scaling  # (r, nv, r): of column j along column i
-    first, second = np.triu_indices(r, 1)
-    moving = np.array([brackets.algebra(X[:, i], X[:, j]) for i, j in zip(first, second, strict=True)])
-    vectors = along[first, :, second] - along[second, :, first] + moving.reshape(len(first), reduced.n)
-    lengths = np.linalg.norm(vectors, axis=1)
+def _with_first_brackets(basis: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """A basis with the brackets (nv, pairs) of two generators, the margin of the last, and the largest left out."""
+    lengths = np.linalg.norm(vectors, axis=0)
     # A coupling may be weak, and a pair's bracket small beside another's: each is judged on its own.
-    long = lengths > _TOLERANCE
+    long = lengths > _FIRST
+    rejected = float(lengths[~long].max(initial=0.0))
     if not long.any():
-        return basis, []
-    units = vectors[long] / lengths[long, None]
+        return basis, np.inf, rejected
+    units = _rest(basis, vectors[:, long] / lengths[long])
+    Q, triangle, _ = scipy.linalg.qr(units, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    count = int((diagonal > _FIRST).sum())
+    rejected = max(rejected, float(diagonal[count:].max(initial=0.0)))
+    if not count:
+        return basis, np.inf, rejected
+    return np.column_stack([basis, Q[:, :count]]), float(diagonal[count - 1] / max(rejected, 1e-15)), rejected
+
+
+def _rest(basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """What of vectors (n, k) leads out of an orthonormal basis."""
     for _ in range(2):  # twice is enough
-        units = units - (units @ basis) @ basis.T
-    Q, triangle, order = scipy.linalg.qr(units.T, mode="economic", pivoting=True)
-    count = int((np.abs(np.diag(triangle)) > _TOLERANCE).sum())
-    chosen = np.flatnonzero(long)[order[:count]]
-    identity = np.eye(r)
-    fields = [brackets.of_pair(identity[first[k]], identity[second[k]]) for k in chosen]
-    return np.column_stack([basis, Q[:, :count]]), fields
-
-
-def _derivative(model: pin.Model, field: Field, points: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
-    """Rates (k, nv) of a field at configurations (k, nq) that move along x (k, nv)."""
-    length = np.linalg.norm(x, axis=1, keepdims=True)
-    along = x * (step / np.maximum(length, 1e-300))
-    moved = [pin.integrate(model, q, k * dq) for k, _ in _STENCIL for q, dq in zip(points, along, strict=True)]
-    around = field(np.stack(moved), step).reshape(len(_STENCIL), *x.shape)
-    total = np.tensordot([weight for _, weight in _STENCIL], around, axes=1)
-    return np.asarray(total * (length / step))
-
-
-def _found_twice(basis: np.ndarray, field: Field, q: np.ndarray) -> np.ndarray | None:
-    """The unit vector by which a field leads out of a basis at q (nq,), if differences of two steps say so."""
-    first = _rest(basis, *field(q[None], _STEP))
-    size = float(np.linalg.norm(first))
-    if size < _TOLERANCE:
-        return None
-    second = _rest(basis, *field(q[None], _OTHER * _STEP))
-    return first / size if np.linalg.norm(first - second) < _AGREE * size else None
-
-
-def _rest(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """What of a vector, scaled to one, leads out of a basis (n, k)."""
-    rest: np.ndarray = vector / max(float(np.linalg.norm(vector)), _TOLERANCE)
-    for _ in range(2):  # twice is enough
-        rest = rest - basis @ (basis.T @ rest)
-    return rest
-
-
-def frame_bracket(model: pin.Model) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Bracket of tangent vectors (..., nv) as left-invariant fields: that of SE(2), SO(3) and SE(3) joints."""
-    parts: list[tuple[slice, str]] = []
-    for joint in list(model.joints)[1:]:
-        kind = joint.shortname()
-        if kind in ("JointModelPlanar", "JointModelFreeFlyer", "JointModelSpherical"):
-            parts.append((slice(joint.idx_v, joint.idx_v + joint.nv), kind))
-        elif joint.nv > 1 and joint.nq != joint.nv:
-            raise ConstraintError(f"no growth vector for a robot with a joint of type {kind}")
-
-    def bracket(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        result = np.zeros_like(x)
-        for where, kind in parts:
-            a, b, out = x[..., where], y[..., where], result[..., where]
-            if kind == "JointModelPlanar":
-                out[..., 0] = b[..., 2] * a[..., 1] - a[..., 2] * b[..., 1]
-                out[..., 1] = a[..., 2] * b[..., 0] - b[..., 2] * a[..., 0]
-            elif kind == "JointModelSpherical":
-                out[...] = np.cross(a, b)
-            else:
-                out[..., :3] = np.cross(a[..., 3:], b[..., :3]) + np.cross(a[..., :3], b[..., 3:])
-                out[..., 3:] = np.cross(a[..., 3:], b[..., 3:])
-        return result
-
-    return bracket
+        vectors = vectors - basis @ (basis.T @ vectors)
+    return vectors

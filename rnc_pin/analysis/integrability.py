@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from rnc_pin.analysis.growth import Growth, grow
+from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
 
-_TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of nested differences
+_TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of brackets
+_CLEAR = 1e6  # margin above which a closure is known well enough to judge rows by it
 
 
 @dataclass(frozen=True)
@@ -51,24 +52,27 @@ class Integrability:
         integrable: rows that vanish on the involutive closure.
         nonholonomic: the others.
         combinations: all ``n - growth_vector[-1]`` independent integrable combinations, single rows among them.
+        evidence: at how many configurations the growth vector is this one, and by which margin.
     """
 
     growth_vector: tuple[int, ...]
     integrable: tuple[str, ...]
     nonholonomic: tuple[str, ...]
     combinations: tuple[Combination, ...]
+    evidence: GrowthEvidence
 
 
 def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | np.ndarray) -> Integrability:
-    """Sort the kept constraint rows, judged where the growth vector is the generic (the largest) one.
+    """Sort the kept constraint rows, judged where the growth vector is the generic one.
 
     Args:
         reduced: the model.
-        configurations: regular ones, (count, nq).
+        configurations: regular ones, (count, nq); as many of them are used as it takes (``generic_growth``).
     """
-    growths = [(grow(reduced, q), q) for q in configurations]
-    generic = max((growth.vector for growth, _ in growths), key=lambda vector: (vector[-1], vector))
-    growths = [(growth, q) for growth, q in growths if growth.vector == generic]
+    evidence, growths = generic_growth(reduced, configurations)
+    generic = growths[0][0].vector
+    clearest = max(growth.margin for growth, _ in growths)
+    growths = [(growth, q) for growth, q in growths if growth.margin >= min(_CLEAR, clearest)]
     names = reduced.constraints.names
     rows = [reduced.at(q).A for _, q in growths]
     leftover = np.array(
@@ -82,6 +86,7 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
         combinations=_combinations(
             rows, [growth for growth, _ in growths], np.argsort(leftover), names, reduced.n - generic[-1]
         ),
+        evidence=evidence,
     )
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
-from rnc_pin.analysis.growth import frame_bracket
+from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel

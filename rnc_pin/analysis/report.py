@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.analysis.boundedness import Boundedness, boundedness
+from rnc_pin.analysis.growth import GrowthEvidence
 from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import Redundancy, Spread, classify
@@ -18,7 +19,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json, plain_mapping
 
-_GROWTH_SAMPLES = 3
 _LEMMA_TOLERANCE = 1e-6
 _RANK = 1e-10  # of the largest singular value of R^T B
 _MISSING = 1e-6  # part of a unit force
@@ -36,7 +36,8 @@ class Report:
         nonholonomic_rows: the other kept rows.
         integrable_combinations: ``n - growth_vector[-1]`` independent combinations of rows that are integrable, in
             words; ``integrable_rows`` stand among them.
-        growth_vector: dimensions of span(R) and its brackets, level by level.
+        growth_vector: dimensions of span(R) and its brackets, level by level, the largest over the samples.
+        growth_evidence: how many samples agree on it, by which margin, and what the others say.
         completely_nonholonomic: whether they reach n.
         redundancy_class: "1", "2", "2s" or None for the task.
         redundancy: the class with x11 (``tracked``), x12 (``driven``), and the evidence.
@@ -71,6 +72,7 @@ class Report:
     nonholonomic_rows: tuple[str, ...]
     integrable_combinations: tuple[str, ...]
     growth_vector: tuple[int, ...]
+    growth_evidence: GrowthEvidence
     completely_nonholonomic: bool
     redundancy_class: str | None
     redundancy: Redundancy
@@ -86,7 +88,8 @@ class Report:
 
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
-        return plain_mapping({**asdict(self), "redundancy": self.redundancy.to_dict()}, "report")
+        own = {"redundancy": self.redundancy.to_dict(), "growth_evidence": self.growth_evidence.to_dict()}
+        return plain_mapping({**asdict(self), **own}, "report")
 
 
 def analyze(
@@ -139,8 +142,7 @@ def analyze(
     conditions = np.asarray(reduced.condition(configurations))
     # Next to a singular configuration differences say little: what holds is decided on the better half.
     good = configurations[conditions <= np.median(conditions)]
-    best = configurations[np.argsort(conditions)[:_GROWTH_SAMPLES]]
-    rows = integrability(reduced, best)
+    rows = integrability(reduced, configurations[np.argsort(conditions)])
     growth = rows.growth_vector
     redundancy = classify(reduced, task, good, seed)
     lemma = lemma_1_residuals(reduced, good, seed)
@@ -161,6 +163,7 @@ def analyze(
         nonholonomic_rows=rows.nonholonomic,
         integrable_combinations=tuple(str(each) for each in rows.combinations),
         growth_vector=growth,
+        growth_evidence=rows.evidence,
         completely_nonholonomic=growth[-1] == reduced.n,
         redundancy_class=redundancy.redundancy_class,
         redundancy=redundancy,

@@ -32,8 +32,11 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
     table.add_row("motion", f"{n} degrees of freedom less {less} leave {r}:\n{_list(reduced.reducing.names)}")
     table.add_row("constraint rows", _constraint_rows(report))
     growth = report.growth_vector
-    reach = "completely nonholonomic" if report.completely_nonholonomic else f"motion reaches {growth[-1]} of {n}"
-    table.add_row("growth vector", f"({', '.join(map(str, growth))}): {reach}")
+    least = "" if report.growth_evidence.decided else "at least "
+    reach = (
+        "completely nonholonomic" if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
+    )
+    table.add_row("growth vector", f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}")
     table.add_row("actuators", _actuation(reduced.actuation.names, report))
     table.add_row("redundancy", _redundancy(task, report.redundancy))
     table.add_row("singular", _singular(report))

@@ -1,0 +1,169 @@
+"""Iterated Lie brackets of the columns of R at a configuration, by jets instead of nested differences.
+
+Follow fields Y_1, Y_2, ... of span(R) in turn, each for a time t, and pull a field W back from the end. The result is
+
+    Z(t) = Ad(exp t Y_1) Ad(exp t Y_2) ... W = sum over a, b, ... of t^(a + b + ...) / (a! b! ...) ad_Y1^a ad_Y2^b ... W
+
+So the Taylor coefficients of Z at t = 0 are brackets of each depth with W, which runs through the brackets of two
+columns of R. Those are exact. Gauss-Legendre collocation of order 2 c integrates the flow and its derivative, with
+exact derivatives of R, so that no coefficient up to that order has an error of integration. A Chebyshev fit over a
+time of order one then gives the coefficients. It loses few digits; nested differences lose two or more a level.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import ceil, factorial
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import scipy.special
+from numpy.polynomial import chebyshev, legendre
+
+from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.model.reduced_model import ReducedModel
+
+PIECES = 3
+"""Fields that a flow follows in turn: their brackets with brackets of generators span a free Lie algebra up to degree 8
+and beyond (``tests/test_bracket_jets.py``); two fields do not."""
+_SPARE = 8  # degrees of the fit above the order that is asked for
+_SHORT = 1e-12  # functions this small all along are rounding
+
+
+class Jets(NamedTuple):
+    """Taylor coefficients, each scaled by the largest value of its function, and how well they are known."""
+
+    coefficients: np.ndarray
+    """(order + 1, nv, functions), times the power of the time that they belong to."""
+    coarser: np.ndarray
+    """The same from a fit of two degrees less: the difference is the error."""
+
+
+class BracketJets:
+    """Jets of brackets at a configuration.
+
+    Args:
+        reduced: the model.
+        q: a configuration (nq,), not singular.
+
+    Attributes:
+        generators: the columns of R in a constant combination that is orthonormal at q, (nv, r).
+    """
+
+    def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
+        self.reduced, self.q = reduced, q
+        self._model = reduced.robot.model
+        self._bracket = frame_bracket(self._model)
+        R = reduced.at(q).R
+        self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
+        self.generators: np.ndarray = R @ self._scaling
+        self._pairs = np.triu_indices(reduced.r, 1)
+
+    def pairs(self) -> np.ndarray:
+        """Brackets (nv, pairs) of two generators at q, exact."""
+        fields, gradient = self._fields(self.q[None])
+        return self._of_pairs(fields, gradient)[0]
+
+    def draw(self, order: int, time: float, generator: np.random.Generator) -> Jets:
+        """Coefficients up to an order of brackets pulled back along a random flow.
+
+        Args:
+            order: of the highest coefficient.
+            time: the flow is sampled up to this time either way; the generators have unit length at q.
+            generator: draws the fields.
+        """
+        degree = order + _SPARE
+        count = ceil(1.25 * (degree + 1))
+        nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+        values = self._pulled_back(time * nodes, order, generator)
+        values = values / np.maximum(np.abs(values).max(axis=(0, 1)), _SHORT)
+        fine, coarse = (_fit(nodes, values, each)[: order + 1] for each in (degree, degree - 2))
+        return Jets(fine, coarse)
+
+    def _pulled_back(self, times: np.ndarray, order: int, generator: np.random.Generator) -> np.ndarray:
+        """Brackets of generators at the ends of all pieces of a flow, pulled back to q, (times, nv, functions)."""
+        n, found = self.reduced.n, []
+        q = np.tile(self.q, (len(times), 1))
+        back = np.tile(np.eye(n), (len(times), 1, 1))
+        for _ in range(PIECES):
+            direction = generator.normal(size=self.reduced.r)
+            direction *= np.sqrt(self.reduced.r) / (PIECES * np.linalg.norm(direction))
+            q, step = self._flow(q, times, direction, order)
+            back = back @ np.linalg.inv(step)
+            fields, gradient = self._fields(q)
+            found.append(back @ self._of_pairs(fields, gradient))
+        return np.concatenate(found, axis=-1)
+
+    def _flow(
+        self, start: np.ndarray, times: np.ndarray, direction: np.ndarray, order: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (k, nq) of the flow of a combination of generators from k configurations, and its derivatives."""
+        k, n = len(start), self.reduced.n
+        weights, ends = _gauss_legendre(order // 2 + 1)
+        c = len(ends)
+        column, dt = self._scaling @ direction, times[:, None, None]
+        slopes = np.zeros((k, c, n))
+        for _ in range(order + 2):  # each sweep makes one more coefficient exact
+            moved = dt * (weights @ slopes)
+            points = self._moved(np.repeat(start, c, axis=0), moved.reshape(k * c, n))
+            velocities = (self.reduced.at(points).R @ column).reshape(k, c, n)
+            slopes = self._in_chart(moved, velocities, order)
+        fields, gradient = self._fields(points)
+        v = (fields @ direction).reshape(k * c, 1, n)
+        carried = np.moveaxis(self._bracket(np.broadcast_to(v, (k * c, n, n)), np.eye(n) + 0 * v), 1, 2)
+        rates = (np.einsum("pnrd,r->pnd", gradient, direction) - carried).reshape(k, c, n, n)
+        # Collocation of the linear equation for the derivative of the flow.
+        system = np.eye(c * n) - np.einsum("ij,p,pikl->pikjl", weights, times, rates).reshape(k, c * n, c * n)
+        stages = np.linalg.solve(system, rates.reshape(k, c * n, n)).reshape(k, c, n, n)
+        step = np.eye(n) + dt * np.einsum("i,pikl->pkl", ends, stages)
+        return self._moved(start, dt[:, 0] * np.einsum("j,pjk->pk", ends, slopes)), step
+
+    def _moved(self, q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+        return np.stack([pin.integrate(self._model, *each) for each in zip(q, tangents, strict=True)])
+
+    def _in_chart(self, xi: np.ndarray, v: np.ndarray, order: int) -> np.ndarray:
+        """Rates of ``xi`` in ``q = start (+) xi`` at a velocity v: the series of the inverse differential."""
+        total, term = v.copy(), v
+        for j, number in enumerate(scipy.special.bernoulli(order + 1)[1:], start=1):
+            term = self._bracket(xi, term)
+            if number and not term.any():
+                break
+            total += (-1) ** j * number / factorial(j) * term
+        return total
+
+    def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Generators (k, nv, r) and their derivatives (k, nv, r, nv), the last index that of the direction."""
+        k, n = len(points), self.reduced.n
+        R, rates = self.reduced.basis_rate(np.repeat(points, n, axis=0), np.tile(np.eye(n), (k, 1)))
+        gradient = np.moveaxis((rates @ self._scaling).reshape(k, n, n, -1), 1, -1)
+        return R[::n] @ self._scaling, gradient
+
+    def _of_pairs(self, fields: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Brackets (k, nv, pairs) of two generators."""
+        i, j = self._pairs
+        along = np.einsum("knrd,kds->knrs", gradient, fields)  # of column r along column s
+        first, second = (np.moveaxis(fields[..., each], -1, -2) for each in (i, j))
+        return along[..., j, i] - along[..., i, j] + np.moveaxis(self._bracket(first, second), -1, -2)
+
+
+@cache
+def _gauss_legendre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (c, c) and (c,) of the collocation method of order 2 c on [0, 1]."""
+    nodes, ends = legendre.leggauss(count)
+    nodes = (nodes + 1) / 2
+    powers = np.arange(1, count + 1)
+    integrals = nodes[:, None] ** powers / powers
+    return np.linalg.solve(np.vander(nodes, increasing=True).T, integrals.T).T, ends / 2
+
+
+def _fit(nodes: np.ndarray, values: np.ndarray, degree: int) -> np.ndarray:
+    """Coefficients (degree + 1, ...) of powers, from values (nodes, ...) at Chebyshev nodes of [-1, 1]."""
+    basis = chebyshev.chebvander(nodes, degree)
+    weights = np.full(degree + 1, 2.0 / len(nodes))
+    weights[0] /= 2  # the columns are orthogonal
+    series = weights[:, None] * (basis.T @ values.reshape(len(nodes), -1))
+    powers = np.zeros((degree + 1, degree + 1))
+    for k in range(degree + 1):
+        powers[: k + 1, k] = chebyshev.cheb2poly(np.eye(degree + 1)[k, : k + 1])
+    return (powers @ series).reshape(degree + 1, *values.shape[1:])
