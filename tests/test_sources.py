@@ -199,6 +199,8 @@ def names(robot):
 def test_a_package_is_found(package, file, options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / package / "meshes/t.obj", TRIANGLES)
+    if file == "ws/arm_description/urdf/arm.urdf":  # without it, the folder beside could be anybody's
+        write(tmp_path / package / "package.xml", "<package><name>shapes</name></package>")
     path = write(tmp_path / file, urdf(visual=MESH))
     if variable:
         monkeypatch.setenv(*variable)
@@ -236,6 +238,7 @@ def test_a_xacro_file_is_the_robot_it_stands_for(tmp_path):
 
 
 def test_xacro_finds_packages_and_includes(tmp_path):
+    write(tmp_path / "parts/package.xml", "<package><name>parts</name></package>")
     write(tmp_path / "parts/arm.xacro", urdf().replace("<robot ", f"<robot {XACRO} "))
     text = f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/arm.xacro"/></robot>'
     robot = rnc.Robot.from_urdf(write(tmp_path / "mine/robot.xacro", text))
@@ -244,6 +247,7 @@ def test_xacro_finds_packages_and_includes(tmp_path):
 
 def test_each_file_finds_its_own_packages(tmp_path):
     for number in (1, 2):
+        write(tmp_path / f"{number}/parts/package.xml", "<package><name>parts</name></package>")
         write(tmp_path / f"{number}/parts/arm.xacro", urdf(mass=number).replace("<robot ", f"<robot {XACRO} "))
         text = f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/arm.xacro"/></robot>'
         robot = rnc.Robot.from_urdf(write(tmp_path / f"{number}/mine/robot.xacro", text))

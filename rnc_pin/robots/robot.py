@@ -42,7 +42,7 @@ class Robot(Printed):
         locked: values of joints that were frozen [rad or m].
         packages: name to folder of the ROS packages that the file names and that were found.
         far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
-        folders: of the file and of those packages; pictures take textures from no others.
+        folders: whose files the description may name: its own, its packages' and those of ``package_dirs``.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -234,7 +234,7 @@ class Robot(Printed):
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
         robot.packages, robot.far_packages = read.packages, read.far_packages
-        robot.folders = (path.parent, *read.packages.values())
+        robot.folders = read.folders
         return robot
 
     @classmethod

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from rnc_pin.errors import ModelError, nearest
+from rnc_pin.regular_files import is_file
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -15,14 +16,6 @@ def shipped_directory() -> Path:
     """The folder of URDFs that come with rnc_pin (in a wheel, or in a checkout)."""
     inside = _PACKAGE / "urdf"
     return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that no file can have is none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def find_urdf(path: str | Path, beside: Path | None = None) -> Path:

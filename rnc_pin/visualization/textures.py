@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelWarning
 from rnc_pin.regular_files import read_bytes
+from rnc_pin.robots.sources.containment import is_below
 
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
 _TARGA = (1, 2, 3, 9, 10, 11)  # kinds of image, in the third byte of a file without a beginning of its own
@@ -20,16 +21,16 @@ def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
 
     Args:
         mesh: the file.
-        folders: that images may be in or below: of the robot's description, and of its packages.
+        folders: whose files the robot's description may name.
 
     Raises:
         OSError: the file cannot be read.
         xml.etree.ElementTree.ParseError: it is no XML.
     """
-    roots = [mesh.resolve().parent, *(folder.resolve() for folder in folders)]
+    roots = [mesh.resolve().parent, *folders]
     for name in _names(ElementTree.fromstring(read_bytes(mesh))):
-        places = [(mesh.parent / each).resolve() for each in {name, unquote(name)}]
-        if not any(_is_image(place) for place in places if any(place.is_relative_to(root) for root in roots)):
+        places = [mesh.parent / each for each in {name, unquote(name)}]
+        if not any(_is_image(place) for place in places if is_below(place, roots)):
             text = f"{mesh.name}: texture '{name[:120]}' is no image below the robot's own folders and is left out"
             warnings.warn(text, ModelWarning, stacklevel=2)
             return False

@@ -63,6 +63,7 @@ class Description:
         bodies: of a URDF its links, which can be given masses.
         packages: name to folder of the packages that the file names and that were found.
         far_packages: those of them that only the environment or the folders given lead to.
+        folders: whose files it may name, absolute and without links.
     """
 
     model: pin.Model
@@ -71,6 +72,7 @@ class Description:
     bodies: Mapping[str, Body] = field(default_factory=dict)
     packages: Mapping[str, Path] = field(default_factory=dict)
     far_packages: Mapping[str, Path] = field(default_factory=dict)
+    folders: tuple[Path, ...] = ()
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
@@ -92,7 +94,7 @@ def parse_xml(path: Path) -> ElementTree.Element:
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        return _tree(content)
+        return tree(content)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows among them
@@ -118,7 +120,13 @@ class _Shallow(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
-def _tree(content: str | bytes) -> ElementTree.Element:
+def tree(content: str | bytes) -> ElementTree.Element:
+    """The outermost element of an XML text.
+
+    Raises:
+        ModelError: elements are more than 400 deep.
+        xml.etree.ElementTree.ParseError: not well-formed.
+    """
     return ElementTree.fromstring(content, ElementTree.XMLParser(target=_Shallow()))
 
 
@@ -128,7 +136,7 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
     bare = _DECLARATION.sub(b"", content.strip(_BLANK), count=1)
     for encoding in ("utf-8", "latin-1"):
         try:
-            return _tree(bare.decode(encoding))
+            return tree(bare.decode(encoding))
         except (ElementTree.ParseError, ValueError):
             continue
     return None

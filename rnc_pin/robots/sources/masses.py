@@ -132,7 +132,7 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
 
 
 def _vertices(file: str) -> np.ndarray | None:
-    if not Path(file).is_file():
+    if not Path(file).is_absolute() or not Path(file).is_file():  # others were not found beside the description
         return None
     with contextlib.suppress(Exception), captured_stderr():  # Boost.Python raises whatever the C++ side threw
         vertices = coal.MeshLoader().load(file, np.ones(3)).vertices()

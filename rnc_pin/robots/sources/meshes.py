@@ -16,7 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelWarning, few
+from rnc_pin.errors import ModelError, ModelWarning, few
 from rnc_pin.robots.sources.description import GEOMETRY, captured_stderr, geometry_errors, read_numbers
 from rnc_pin.robots.sources.packages import Packages
 
@@ -35,19 +35,21 @@ class Meshes:
     Args:
         root: the outermost element; names of files in it become absolute where they are found.
         path: of the file, for messages.
-        packages: where packages are.
-        folders: where Pinocchio looks.
+        packages: where packages are, and which files may be named.
     """
 
-    def __init__(self, root: ElementTree.Element, path: Path, packages: Packages, folders: list[str]) -> None:
-        self._root, self._path, self._folders = root, path, folders
+    def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
+        self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # name to the package or folder that it should be in
         self._warned = False
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
                 continue
             name = element.attrib["filename"]
-            found = packages.file(name)
+            try:
+                found = packages.file(name)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
             if found is not None:
                 element.set("filename", str(found))
             elif element.tag == "mesh":
@@ -83,7 +85,7 @@ class Meshes:
     def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
         text = ElementTree.tostring(root, encoding="unicode")
         with captured_stderr():
-            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, self._folders)
+            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, [])  # names are absolute
 
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
         parts = []

@@ -4,36 +4,45 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
-from xml.etree import ElementTree
+
+from rnc_pin.regular_files import is_file
+from rnc_pin.robots.sources.containment import AllowedFolders, folders_above, package_name
 
 
 class Packages:
     """Finds ROS packages by name.
 
     Looked through, in this order: the folders given (a folder of packages, or a package itself), those of the
-    environment variables ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, and from the file's own folder upwards: each
-    folder that is the package, by its name or its ``package.xml``, and each that has the package in it.
+    environment variables ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, and from the file's own folder upwards
+    (``folders_above``): each folder that is the package, by its name or its ``package.xml``, and each that has the
+    package in it. Of the last ones only a folder with a ``package.xml`` is allowed as a whole.
 
     Args:
         beside: folder of the file that names packages.
         folders: given by the user.
+
+    Attributes:
+        allowed: folders whose files the description may name.
     """
 
     def __init__(self, beside: Path, folders: Sequence[str | Path] = ()) -> None:
         self._beside = beside.resolve()
         self._folders = [Path(folder).expanduser().resolve() for folder in folders]
         self._found: dict[str, Path] = {}
+        self.allowed = AllowedFolders(self._beside, self._folders)
 
     def candidates(self, name: str) -> Iterator[Path]:
         """Folders that can be this package, the likeliest first."""
         if name in ("", "..") or Path(name).name != name:
             return
-        for folder in (*self._folders, *_environment("ROS_PACKAGE_PATH")):
+        for folder in self._folders:
             yield from _at(folder, name)
-        for prefix in _environment("AMENT_PREFIX_PATH"):
-            yield from _at(prefix / "share", name)
+        prefixes = (prefix / "share" for prefix in _environment("AMENT_PREFIX_PATH"))
+        for folder in (*_environment("ROS_PACKAGE_PATH"), *prefixes):
+            for package in _at(folder, name):
+                self.allowed.add(package)
+                yield package
         yield from self._near(name)
 
     def folder(self, name: str) -> Path | None:
@@ -51,8 +60,11 @@ class Packages:
         return {name: folder for name, folder in self._found.items() if next(self._near(name), None) != folder}
 
     def _near(self, name: str) -> Iterator[Path]:
-        for folder in (self._beside, *self._beside.parents):
-            yield from _at(folder, name)
+        for folder in folders_above(self._beside):
+            for package in _at(folder, name):
+                if package_name(package) is not None and package.resolve().is_relative_to(folder):
+                    self.allowed.add(package)
+                yield package
 
     def _recorded(self, name: str, folder: Path | None) -> Path | None:
         if folder is not None:
@@ -60,19 +72,25 @@ class Packages:
         return folder
 
     def file(self, uri: str) -> Path | None:
-        """The file that ``package://name/path``, ``file://path`` or a relative path means, or None."""
+        """The file that ``package://name/path``, ``file://path`` or a relative path means, or None.
+
+        Raises:
+            ModelError: there is such a file, but not in the folders that the description may name files of.
+        """
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in ("package", "model"):
             name, _, inside = rest.partition("/")
             candidates = list(self.candidates(name))
-            folder = next((each for each in candidates if (each / inside).is_file()), None)
-            self._recorded(name, folder or next(iter(candidates), None))
-            return None if folder is None else folder / inside
-        path = Path(rest if separator and scheme == "file" else uri)
+            having = [each for each in candidates if is_file(each / inside)]
+            having.sort(key=lambda each: not self.allowed.has(each / inside))
+            self._recorded(name, next(iter([*having, *candidates]), None))
+            return self.allowed.admit(having[0] / inside, f"file '{uri}'") if having else None
         if separator and scheme != "file":
             return None
+        path = Path(rest if separator else uri)
         places = [folder / path for folder in (self._beside, *self._folders)]
-        return next((place for place in places if place.is_file()), None)
+        place = next((place for place in places if is_file(place)), None)
+        return None if place is None else self.allowed.admit(place, f"file '{uri}'")
 
 
 def _environment(variable: str) -> list[Path]:
@@ -80,15 +98,7 @@ def _environment(variable: str) -> list[Path]:
 
 
 def _at(folder: Path, name: str) -> Iterator[Path]:
-    if (folder.name == name or _declared_name(folder) == name) and folder.is_dir():
+    if (folder.name == name or package_name(folder) == name) and folder.is_dir():
         yield folder
     if (folder / name).is_dir():
         yield folder / name
-
-
-@lru_cache(maxsize=1024)
-def _declared_name(folder: Path) -> str | None:
-    try:
-        return (ElementTree.parse(folder / "package.xml").getroot().findtext("name") or "").strip()
-    except (OSError, ElementTree.ParseError, ValueError, LookupError):
-        return None

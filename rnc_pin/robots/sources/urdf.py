@@ -58,7 +58,7 @@ def read_urdf(
     packages = Packages(path.parent, package_dirs)
     root = _parsed(path, xacro_arguments, packages)
     notes = [*mend(root, path), *check_values(root, path)]
-    meshes = Meshes(root, path, packages, [str(path.parent), *map(str, package_dirs)])
+    meshes = Meshes(root, path, packages)
     if masses:
         give_masses(root, masses, path)
     _check_links(root, path)
@@ -73,7 +73,15 @@ def read_urdf(
     text = ElementTree.tostring(root, encoding="unicode")
     model = _build(text, path, base)
     bodies = bodies_of(root)
-    return Description(model, partial(meshes.geometry, model), mimics, bodies, packages.found, packages.far)
+    return Description(
+        model,
+        partial(meshes.geometry, model),
+        mimics,
+        bodies,
+        packages.found,
+        packages.far,
+        packages.allowed.folders,
+    )
 
 
 def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:

@@ -12,10 +12,11 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.plain import Json
+from rnc_pin.regular_files import is_file
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
-from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, is_file, shipped_directory
+from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot import RobotSource

@@ -233,6 +233,7 @@ class Expander:
             if optional and not path.is_file():
                 continue
             depth = self._deeper()
+            self._substitution.admitted(path)
             if not path.is_file():  # said in the file that includes it
                 read_document(path)
             files.append(path)
@@ -247,6 +248,7 @@ class Expander:
             return
         if any(sign in str(path.parent) for sign in _WILD):
             raise ModelError(f"cannot include '{name[:120]}': only the last part of a path may have wildcards")
+        self._substitution.admitted(path.parent)
         try:
             found = sorted(each for each in path.parent.iterdir() if fnmatchcase(each.name, path.name))
         except OSError as error:

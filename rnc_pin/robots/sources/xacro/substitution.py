@@ -13,7 +13,7 @@ import yaml
 
 from rnc_pin.bounded_yaml import load_bounded
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.regular_files import is_file, read_bytes
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
@@ -35,10 +35,12 @@ class Arguments(Mapping[str, Value]):
 
     Attributes:
         asked: names that the file declares or asks for.
+        given: texts of those that the user gives.
     """
 
     def __init__(self, given: Mapping[str, str]) -> None:
         self._texts = dict(given)
+        self.given = tuple(given.values())
         self.asked: set[str] = set()
 
     def declare(self, name: str, default: str | None) -> None:
@@ -93,6 +95,8 @@ class Substitution:
         self.budget = Budget()
         self.arguments = arguments
         self._packages = packages
+        for text in arguments.given:
+            self._chosen(text)
         self.symbols = builtins() | self._xacro()
         kinds = ("list", "dict", "map", "str", "float", "int")
         self._commands = mathematical() | {name: self.symbols[name] for name in kinds}
@@ -135,6 +139,10 @@ class Substitution:
         """A path as the file being read means it."""
         return self.files[-1].parent / name
 
+    def admitted(self, path: Path) -> Path:
+        """Return the absolute path of a file that the description may name; raises ModelError for others."""
+        return self._packages.allowed.admit(path, f"file '{path}'")
+
     def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
         value = evaluate(str(self.value(text, names)), names, self.budget)
         if isinstance(value, Function | Namespace):
@@ -171,12 +179,19 @@ class Substitution:
         _check_variable(name)
         if name not in os.environ:
             raise ModelError(f"environment variable '{name}' is not set")
-        return os.environ[name]
+        return self._chosen(os.environ[name])
 
     def _optional_variable(self, name: str, default: str = "") -> str:
         if any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
-            return os.environ.get(name, default)
+            return self._chosen(os.environ[name]) if name in os.environ else default
         return default
+
+    def _chosen(self, text: str) -> str:
+        """Allow the file that the user names in an argument or variable; a folder is not allowed so."""
+        path = Path(text)
+        if path.is_absolute() and is_file(path):
+            self._packages.allowed.add(path)
+        return text
 
     def _xacro(self) -> dict[str, Value]:
         functions = {
@@ -196,7 +211,7 @@ class Substitution:
         return {**functions, "xacro": Namespace("xacro", members)}
 
     def _load_yaml(self, name: str) -> Value:
-        path = self.path(name)
+        path = self.admitted(self.path(name))
         try:
             text = read_bytes(path).decode()
             return load_bounded(text, unit_loader(self.budget))
