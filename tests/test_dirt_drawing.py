@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import warnings
@@ -68,6 +69,7 @@ def chain(**links):
 def gaps(tmp_path):
     """A file whose meshes are missing and broken in every way."""
     path = tmp_path / "gaps.urdf"
+    shutil.copy(DIRT / "wedge.stl", tmp_path)
     (tmp_path / "broken.stl").write_text("rubbish")
     (tmp_path / "odd.step").write_text("rubbish")
     (tmp_path / "pointer.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 3\n")
@@ -78,7 +80,7 @@ def gaps(tmp_path):
             broken=INERTIAL + mesh("broken.stl"),
             pointer=INERTIAL + mesh("pointer.stl"),
             odd=INERTIAL + mesh("odd.step"),
-            whole=INERTIAL + mesh(f"{DIRT}/wedge.stl"),
+            whole=INERTIAL + mesh("wedge.stl"),
             massless=mesh("package://nowhere/small.stl"),
             far=INERTIAL,
         )
@@ -315,7 +317,8 @@ def test_a_run_without_drawing_reads_no_meshes(tmp_path, monkeypatch):
 def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     path = tmp_path / "arm.urdf"
     far = mesh("package://nowhere/meshes/arm.stl")
-    path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh(f"{DIRT}/wedge.stl")))
+    shutil.copy(DIRT / "wedge.stl", tmp_path)
+    path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
     scenario = tmp_path / "arm.yaml"
     called(monkeypatch, capfd, "init", path, "--out", scenario)
     status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rnc_pin.errors import ModelError
 from rnc_pin.regular_files import read_bytes
-from rnc_pin.robots.sources.description import tree
+from rnc_pin.robots.sources.description import parse_tree
 
 REMEDY = "give its folder in package_dirs (--package-dir) if you trust the description with it"
 _LEVELS = 8  # folders above a description in which packages are searched
@@ -113,7 +113,7 @@ def folders_above(folder: Path) -> Iterator[Path]:
 def package_name(folder: Path) -> str | None:
     """Name in the ``package.xml`` of a folder, or None if it is no ROS package."""
     try:
-        root = tree(read_bytes(folder / "package.xml", _LARGEST_MANIFEST))
+        root = parse_tree(read_bytes(folder / "package.xml", _LARGEST_MANIFEST))
     except (OSError, ModelError, SyntaxError, ValueError, LookupError):  # XML errors are SyntaxErrors
         return None
     return (root.findtext("name") or "").strip() if root.tag == "package" else None

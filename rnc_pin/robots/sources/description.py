@@ -94,7 +94,7 @@ def parse_xml(path: Path) -> ElementTree.Element:
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        return tree(content)
+        return parse_tree(content)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows among them
@@ -120,7 +120,7 @@ class _Shallow(ElementTree.TreeBuilder):
         return super().end(tag)
 
 
-def tree(content: str | bytes) -> ElementTree.Element:
+def parse_tree(content: str | bytes) -> ElementTree.Element:
     """The outermost element of an XML text.
 
     Raises:
@@ -136,7 +136,7 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
     bare = _DECLARATION.sub(b"", content.strip(_BLANK), count=1)
     for encoding in ("utf-8", "latin-1"):
         try:
-            return tree(bare.decode(encoding))
+            return parse_tree(bare.decode(encoding))
         except (ElementTree.ParseError, ValueError):
             continue
     return None

@@ -6,9 +6,8 @@ numbers in full, which the reader of MJCF then reads like any other file.
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,8 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
-from rnc_pin.regular_files import LARGEST
+from rnc_pin.robots.sources.containment import AllowedFolders
 from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml
+from rnc_pin.robots.sources.mjcf_assets import own_file
 from rnc_pin.robots.sources.mujoco_log import unlogged
 from rnc_pin.robots.sources.plain_mjcf import SIZES
 
@@ -40,7 +40,6 @@ _INERTIAS = {  # what the compiler does to inertias, which Pinocchio's parser do
 _LEFT = ("equality", "tendon")  # looked at as they are
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
-Folders = Sequence[Path]
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
 
@@ -70,7 +69,7 @@ def weighed(root: ElementTree.Element) -> str | None:
     return None
 
 
-def included(root: ElementTree.Element, path: Path, folders: Folders = ()) -> bool:
+def included(root: ElementTree.Element, path: Path, allowed: AllowedFolders) -> bool:
     """Put in what a file includes, each file once and from the folders that are its own; whether there was any.
 
     Raises:
@@ -81,41 +80,40 @@ def included(root: ElementTree.Element, path: Path, folders: Folders = ()) -> bo
     found = root.find(".//include")
     if found is not None:
         _mujoco(f'{path}: <include file="{found.get("file", "")}">')
-        _include(root, path, folders, seen)
+        _include(root, path, allowed, seen)
     return bool(seen)
 
 
-def _include(parent: ElementTree.Element, path: Path, folders: Folders, seen: set[Path]) -> None:
+def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, seen: set[Path]) -> None:
     for index, element in reversed(list(enumerate(parent))):
         if element.tag != "include":
-            _include(element, path, folders, seen)
+            _include(element, path, allowed, seen)
             continue
         name = element.get("file", "")
-        file = _own(path, folders, path.parent / name, f'<include file="{name}">')
+        file = own_file(path.parent / name, path, allowed, f'<include file="{name}">')
         if file in seen or file == path.resolve():
             raise ModelError(f'{path}: <include file="{name}"> is there twice')
         seen.add(file)
         inner = parse_xml(file)
-        _include(inner, path, folders, seen)
+        _include(inner, path, allowed, seen)
         parent[index : index + 1] = list(inner)
 
 
-def flattened(root: ElementTree.Element, path: Path, what: str, folders: Folders = ()) -> ElementTree.Element:
+def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.Element:
     """A file with every body written out.
 
     Args:
-        root: of the file.
-        path: of the file; everything that it names has to be in its folder or below.
+        root: of the file, whose assets name files that are allowed (``resolve_assets``).
+        path: of the file, for messages.
         what: makes it necessary, for messages.
-        folders: others that it may name files of.
 
     Raises:
-        ModelError: MuJoCo is not installed or refuses the file, it names a file elsewhere, or stands for too much.
+        ModelError: MuJoCo is not installed or refuses the file, or it stands for too much.
     """
     mujoco = _mujoco(f"{path}: {what}")
     if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
         raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
-    meshes = _own_meshes(root, path, folders)
+    meshes = _files_of_meshes(root)
     text = ElementTree.Element("mujoco")
     text.extend(element for element in root if element.tag in _KEPT)
     _strip(text)
@@ -128,20 +126,13 @@ def flattened(root: ElementTree.Element, path: Path, what: str, folders: Folders
     return _written(model, root, meshes)
 
 
-def _own_meshes(root: ElementTree.Element, path: Path, folders: Folders) -> dict[str, str]:
-    """Files of meshes by name, relative to the description; in the elements they are made absolute."""
-    folder, stripped = "", False
-    for compiler in root.findall("compiler"):
-        folder = compiler.get("meshdir", compiler.get("assetdir", folder))
-        stripped = compiler.attrib.pop("strippath", "false") == "true"
+def _files_of_meshes(root: ElementTree.Element) -> dict[str, str]:
+    """Absolute paths by the names of meshes."""
     meshes = {}
     for mesh in root.findall("asset/mesh"):
         file = mesh.get("file")
         if file:
-            place = path.parent / folder / (Path(file).name if stripped else file)
-            own = _own(path, folders, place, f'<mesh file="{file}">')
-            mesh.set("file", str(own))
-            meshes[mesh.get("name") or Path(file).stem] = os.path.relpath(own, path.parent.resolve())
+            meshes[mesh.get("name") or Path(file).stem] = file
     return meshes
 
 
@@ -163,26 +154,6 @@ def _mujoco(what: str) -> Any:
     except ImportError:
         raise ModelError(f"{what} {_NEEDED}") from None
     return mujoco
-
-
-def _own(path: Path, folders: Folders, file: Path, where: str) -> Path:
-    """A file that a description may name.
-
-    Raises:
-        ModelError: it is in no folder of the description or below, is no plain file, or too large.
-    """
-    try:
-        file = file.resolve()
-        within = any(file.is_relative_to(each.resolve()) for each in (path.parent, *folders))
-        good = within and file.is_file() and file.stat().st_size <= LARGEST
-    except (OSError, ValueError, RuntimeError):
-        good = False
-    if not good:
-        raise ModelError(
-            f"{path}: {where} is no file in the folder of the description or below; "
-            "name its own folder with package_dirs (--package-dir) if you trust it"
-        )
-    return file
 
 
 def _size(element: ElementTree.Element, path: Path) -> int:

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
 from rnc_pin.printing import counted
+from rnc_pin.robots.sources.containment import AllowedFolders
 from rnc_pin.robots.sources.description import (
     GEOMETRY,
     ROOT_JOINTS,
@@ -27,6 +28,7 @@ from rnc_pin.robots.sources.description import (
     read_numbers,
 )
 from rnc_pin.robots.sources.flattening import flattened, included, shorthand, weighed
+from rnc_pin.robots.sources.mjcf_assets import resolve_assets
 from rnc_pin.robots.sources.mjcf_joints import complete, couplings, in_radians
 from rnc_pin.robots.sources.mjcf_sites import place_sites
 from rnc_pin.robots.sources.plain_mjcf import make_plain
@@ -56,13 +58,13 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
-    root = _understood(root, path, base, package_dirs)
+    allowed = AllowedFolders(path.parent, package_dirs)
+    root = _understood(root, path, base, allowed)
     _check(root, path, base)
     _check_unknown(root, path)
     _clear_base(root, path, base)
     if snap:
         _snap(root, path)
-    _make_absolute(root, path)
     make_root = ROOT_JOINTS[base or "fixed"]
     with _written(root) as file:
         try:
@@ -84,7 +86,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
             model.gravity.linear = read_numbers(option.attrib["gravity"])
         if any(flag.get("gravity") == "disable" for flag in option.findall("flag")):
             model.gravity.linear = np.zeros(3)
-    return Description(model, partial(_geometry, model, root, path), couplings(root, path))
+    return Description(model, partial(_geometry, model, root, path), couplings(root, path), folders=allowed.folders)
 
 
 def _geometry(model: pin.Model, root: ElementTree.Element, path: Path, kind: str) -> pin.GeometryModel:
@@ -97,25 +99,27 @@ def _geometry(model: pin.Model, root: ElementTree.Element, path: Path, kind: str
 
 
 def _understood(
-    root: ElementTree.Element, path: Path, base: str | None, folders: Sequence[Path]
+    root: ElementTree.Element, path: Path, base: str | None, allowed: AllowedFolders
 ) -> ElementTree.Element:
     """A file with all said that it leaves to be understood, by MuJoCo what only MuJoCo knows.
 
     Raises:
-        ModelError: it includes, makes or weighs what is not read, or has no body.
+        ModelError: it includes, makes or weighs what is not read, names a file elsewhere, or has no body.
     """
     _check_makers(root, path)
-    what = "<include>" if included(root, path, folders) else shorthand(root)
+    what = "<include>" if included(root, path, allowed) else shorthand(root)
+    resolve_assets(root, path, allowed)
     if what is not None:
         _check_makers(root, path)
-        root = flattened(root, path, what, folders)
+        root = flattened(root, path, what)
     if not root.findall("worldbody/body"):
         raise ModelError(f"{path}: <worldbody> has no <body>")
     plain = copy.deepcopy(root)
     make_plain(plain, path, base)
+    resolve_assets(plain, path, allowed)  # a class may name files too
     what = weighed(plain)
     if what is not None:
-        plain = flattened(root, path, what, folders)
+        plain = flattened(root, path, what)
         make_plain(plain, path, base)
     return plain
 
@@ -210,16 +214,6 @@ def _snap(root: ElementTree.Element, path: Path) -> None:
         warnings.warn(f"{path.name}: {words}", ModelWarning, stacklevel=4)
 
 
-def _make_absolute(root: ElementTree.Element, path: Path) -> None:
-    """Let meshes be found from wherever the file is written to."""
-    compiler = root.find("compiler")
-    if compiler is None:
-        compiler = ElementTree.Element("compiler")
-        root.insert(0, compiler)
-    for key in ("meshdir", "texturedir"):
-        compiler.set(key, str(path.parent / (compiler.get(key) or compiler.get("assetdir") or "")))
-
-
 @contextmanager
 def _written(root: ElementTree.Element) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
@@ -259,17 +253,3 @@ def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
                         f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
                     )
                     raise ModelError(f"{path}: {where}: {key} takes {count} finite numbers, found '{text}'")
-    for mesh in _missing_meshes(root, path):
-        raise ModelError(f"{path}: no mesh '{mesh}'")
-
-
-def _missing_meshes(root: ElementTree.Element, path: Path) -> Iterator[Path]:
-    """Files of meshes that are not there; MuJoCo takes inertias from them."""
-    compiler = root.find("compiler")
-    folder = path.parent
-    if compiler is not None:
-        folder = folder / (compiler.get("meshdir") or compiler.get("assetdir") or "")
-    for mesh in root.findall("asset/mesh"):
-        file = mesh.get("file")
-        if file and not (folder / file).is_file():
-            yield folder / file
