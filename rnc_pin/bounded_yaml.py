@@ -13,7 +13,7 @@ _MERGE = "tag:yaml.org,2002:merge"
 
 
 class BoundedLoader(yaml.SafeLoader):
-    """Safe YAML that refuses a key given twice, where YAML would quietly keep the last, and what would not end."""
+    """Safe YAML that refuses what would not end; of a key given twice it keeps the last, as PyYAML does."""
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
@@ -22,7 +22,11 @@ class BoundedLoader(yaml.SafeLoader):
         return node
 
 
-def _mapping(loader: BoundedLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
+class UniqueKeyLoader(BoundedLoader):
+    """Bounded YAML that refuses a key given twice."""
+
+
+def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
     seen: set[Hashable] = set()
     for key_node, _ in node.value:
         if key_node.tag == _MERGE:
@@ -35,10 +39,10 @@ def _mapping(loader: BoundedLoader, node: yaml.MappingNode) -> dict[Hashable, ob
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
 
-BoundedLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
-def load_bounded(text: str, loader: type[BoundedLoader] = BoundedLoader) -> Any:
+def load_bounded(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
     """What a text says.
 
     Raises:

@@ -93,6 +93,15 @@ SETTINGS = (
     "arm:\n  length: 1.5\n  names: [a, b]\n  deep: {items: 3, key: {x: 2}}\nangle: !degrees 90\nfoot: !foot 2*1.5\n"
 )
 
+TWICE = """link:
+  inertia:
+  inertia: {xx: 0.5, yy: 1}
+mass: 1
+base: &base {a: 1, b: 2}
+merged: {<<: *base, b: 3, b: 4}
+mass: 2
+"""  # as in the inertials.yaml of Franka's FR3 and FP3
+
 WHOLE = {
     "arithmetic": '<a x="${1+2*3}" y="${-2**2}" z="${7//2} ${7%4} ${2/4}" w="${1e-3}" v="${0.1+0.2}" u="${1 if 2>1 else 3}"/>',
     "functions": '<a x="${sin(pi/2)}" y="${math.radians(180)}" z="${max(1,2.5)}" w="${python.sum([1,2])}" v="${round(1.25,1)}"/>',
@@ -156,6 +165,14 @@ WHOLE = {
     "no end": '<a x="${1"/>',
     "bad name": '<xacro:property name="1a" value="2"/>',
     "environment": '<a x="$(optenv NOT_THERE some thing)" y="$(optenv NOT_THERE)"/>',
+    "format": """<xacro:property name="t" value="{}_{:03d}"/><xacro:property name="u" value="{1:.2f} {0!r:>8} {{}} {k:+e}"/>
+        <a x="${t.format('joint', 7)}" y="${u.format('ab', 1/3, k=2.5)}" w="${'%s' % t.format(1, 2)}"/>""",
+    "format too few": """<xacro:property name="t" value="{}_{}"/><a x="${t.format('a')}"/>""",
+    "format mixed": """<xacro:property name="t" value="{}_{1}"/><a x="${t.format('a', 'b')}"/>""",
+    "format text as number": """<xacro:property name="t" value="{:d}"/><a x="${t.format('a')}"/>""",
+    "format conversion": """<xacro:property name="t" value="{!x}"/><a x="${t.format('a')}"/>""",
+    "key twice": """<xacro:property name="s" value="${xacro.load_yaml('twice.yaml')}"/><a x="${s.link.inertia.xx}" y="${s.mass}"
+        z="${s.merged}"/>""",
     "division": '<a x="${1/0}"/>',
 }
 
@@ -164,6 +181,7 @@ WHOLE = {
 def test_each_thing_that_xacro_does_is_done_as_by_the_library(name, tmp_path):
     (tmp_path / "parts.xacro").write_text(PARTS.replace("{XACRO}", XACRO))
     (tmp_path / "settings.yaml").write_text(SETTINGS)
+    (tmp_path / "twice.yaml").write_text(TWICE)
     path = tmp_path / "robot.xacro"
     path.write_text(f'<robot name="r" {XACRO}><xacro:arg name="k" default="v"/>{WHOLE[name]}</robot>')
     assert agree(path)
@@ -221,6 +239,23 @@ def test_no_file_runs_a_program(inside, tmp_path):
         "python._members",
         "'{0.real}'.format(1)",
         "'{0.real}'.format_map(dict())",
+        "'{.real}'.format(1)",
+        "'{0[0]}'.format([1])",
+        "'{k.real}'.format(k=1)",
+        "'{0!r.real}'.format(1)",
+        "'{:{}}'.format(1, 10**9)",
+        "'{:1000000000d}'.format(1)",
+        "'{:.1000000000f}'.format(1)",
+        "'{:1001}'.format(1)",
+        "('{}' * 9000).format(*['a' * 99999] * 9000)",
+        "('{0!r:.0}' * 9000).format([1] * 9000)",
+        "('{0}' * 20000).format('a' * 90000)",
+        "'{-1}'.format(1)",
+        "'{99999999999999999999}'.format(1)",
+        "'{'.format(1)",
+        "'}'.format(1)",
+        "'{!}'.format(1)",
+        "'{:%Y}'.format(1)",
         "f'{pi}'",
         "str.mro()",
         "(y := 3)",

@@ -6,11 +6,14 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from string import Formatter
 
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.xacro.values import ITEMS, LETTERS, Function, Namespace, Value, admit
 
 _NUMBER = (bool, int, float)
+_WIDEST = 1000  # letters of a field in a format
+_CONVERSIONS: Mapping[str, Callable[[Value], str]] = {"s": str, "r": repr, "a": ascii}
 _MATH = (
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
     *("dist", "erf", "erfc", "exp", "expm1", "fabs", "floor", "fmod", "fsum", "gamma", "gcd", "hypot", "isclose"),
@@ -165,6 +168,43 @@ def _replace(text: str, old: str, new: str, count: int = -1) -> str:
     return text.replace(old, new, count)
 
 
+def _format(text: str, *arguments: Value, **named: Value) -> str:
+    """``str.format`` with fields that name an argument and nothing of it: an attribute would lead to this process."""
+    parts: list[str] = []
+    length = automatic = 0
+    numbered = False
+    for literal, field, spec, conversion in Formatter().parse(text):
+        parts.append(literal)
+        if field is None:
+            continue
+        if not re.fullmatch(r"\w*", field, re.ASCII):
+            raise ModelError(f"field '{{{field}}}' of a format could do more than compute a value")
+        numbered |= field.isdigit()
+        automatic += not field
+        if numbered and automatic:
+            raise ValueError("a format has fields with and without numbers")
+        value = named[field] if field and not field.isdigit() else arguments[int(field or automatic - 1)]
+        length += 16 * admit(value)
+        _check_length(length)
+        parts.append(_formatted(value, spec or "", conversion))
+        length += len(parts[-1])
+        _check_length(length)
+    return "".join(parts)
+
+
+def _formatted(value: Value, spec: str, conversion: str | None) -> str:
+    """A value as the specification of a format has it."""
+    sizes = re.fullmatch(r"(?:.?[<>=^])?[-+ ]?z?#?0?(\d*)[,_]?(?:\.(\d+))?[a-zA-Z%]?", spec, re.ASCII | re.DOTALL)
+    if sizes is None:
+        raise ModelError(f"specification '{spec}' of a format is not known")
+    for size in sizes.groups():
+        if size and (len(size) > 4 or int(size) > _WIDEST):
+            raise ModelError(f"a format of more than {_WIDEST} letters")
+    if conversion is not None:
+        value = _CONVERSIONS[conversion](value)
+    return format(value, spec)
+
+
 def _padding(name: str) -> Callable[..., str]:
     def pad(text: str, width: int, *fill: str) -> str:
         _check_length(width)
@@ -174,6 +214,7 @@ def _padding(name: str) -> Callable[..., str]:
 
 
 _GROWING: Mapping[str, Callable[..., str]] = {
+    "format": _format,
     "join": _join,
     "replace": _replace,
     **{name: _padding(name) for name in ("center", "ljust", "rjust", "zfill")},
