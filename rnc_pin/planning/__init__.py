@@ -16,6 +16,7 @@ from rnc_pin.planning.references import (
     TaskReference,
     ViaPoints,
 )
+from rnc_pin.planning.steering_geometry import SteeringGeometry
 
 __all__ = [
     "CarPath",
@@ -30,6 +31,7 @@ __all__ = [
     "Reference",
     "ReferencePoint",
     "Slowed",
+    "SteeringGeometry",
     "TaskReference",
     "ViaPoints",
 ]

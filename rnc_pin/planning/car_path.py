@@ -15,6 +15,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning.car_planner import plan_legs
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.references import InTurn, Reference, ViaPoints
+from rnc_pin.planning.steering_geometry import SteeringGeometry
 
 _SAMPLES = 401  # of a leg
 
@@ -31,18 +32,19 @@ class CarPath:
         duration: [s].
         wheelbase: rear to front axle [m].
         via: poses to stop at on the way, in this order.
-        max_steering: largest angle of the front wheels [rad].
+        max_steering: largest angle of a front wheel in the middle [rad]; with the wheelbase, the smallest radius.
         forward_only: never back up.
+        geometry: of the steering, where the outputs are other than speed and the angle of a front wheel in the middle.
 
     Attributes:
         legs: one after the other.
         length: driven on all of them [m].
-        reference: of (signed distance driven, front steering angle).
+        reference: of (signed distance driven, front steering angle), or of the outputs that ``geometry`` steers.
         position: of (x, y) of the rear axle.
         times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
 
     Raises:
-        InfeasibleError: no such path is found.
+        InfeasibleError: no such path is found, or the vehicle cannot steer as tightly.
         ConfigurationError: an argument is out of its range.
     """
 
@@ -56,6 +58,7 @@ class CarPath:
         via: Sequence[ArrayLike] = (),
         max_steering: float = np.pi / 4,
         forward_only: bool = False,
+        geometry: SteeringGeometry | None = None,
     ) -> None:
         if not (duration > 0 and wheelbase > 0 and 0 < max_steering < np.pi / 2):
             raise ConfigurationError(
@@ -73,6 +76,9 @@ class CarPath:
         driven, heading = 0.0, stops[0][2]
         for leg, (begin, end) in zip(self.legs, pairwise(shares), strict=True):
             local, along, speeds, steering = leg.drive(end - begin, wheelbase, _SAMPLES)
+            if geometry is not None:
+                steering, ratios = geometry.outputs(np.tan(steering) / wheelbase)
+                speeds = speeds * ratios
             distance = driven + make_interp_spline(local, speeds, k=5).antiderivative()(local)
             along[:, 2] += heading - along[0, 2]  # a pose between legs may name the same heading a turn apart
             at = begin + local

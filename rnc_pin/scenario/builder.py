@@ -21,6 +21,7 @@ from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 from rnc_pin.planning import CarPath, Hold, Reference, Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.plants import Machine
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.machines import build_machine
@@ -227,8 +228,9 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
         return _Way()
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
-    if len(task.primary) != 2 or not reduced.reducing.quasi[task.primary[0]]:
+    if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
         raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
+    speed, steering = (int(index) for index in task.primary)
     start = frame_poses(reduced.robot, settings.frame, q0[None])[0]
     trailer, slithering = settings.trailer, None
     try:
@@ -240,6 +242,14 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
             via=settings.via,
             max_steering=settings.max_steering,
             forward_only=trailer is not None or bool(settings.forward_only),
+            geometry=SteeringGeometry(
+                reduced,
+                q0,
+                settings.frame,
+                speed=speed,
+                steering=steering,
+                largest=np.tan(settings.max_steering) / settings.wheelbase,
+            ),
         )
         if trailer is not None:
             slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)

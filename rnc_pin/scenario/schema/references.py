@@ -116,7 +116,9 @@ Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class PathSettings(Strict):
-    """A vehicle with front steering driven from where it is to a pose; gives the primary and vertical references."""
+    """A steered vehicle driven from where it is to a pose; gives the primary and vertical references. Of any steering
+    geometry: the angle of the steering output for each curvature follows from the constraints.
+    """
 
     frame: str
     """At the middle of the rear axle, x forward."""
@@ -129,7 +131,7 @@ class PathSettings(Strict):
     wheelbase: Positive
     """Rear axle to front axle [m]."""
     max_steering: Annotated[float, Field(gt=0, lt=np.pi / 2)] = np.pi / 4
-    """Of the front wheels [rad]."""
+    """Of a front wheel in the middle [rad]: with the wheelbase it gives the smallest turning radius."""
     forward_only: bool | None = None
     """Never back up; by default where there is a trailer, which cannot slither backwards."""
     trailer: TrailerSettings | None = None
