@@ -14,13 +14,16 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
+from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 
 _STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
-_CLOSED = 1e-8  # relative: how much of the motion may depend on what is left out
+_CLOSED = (
+    ROUNDING  # relative: how much of the motion may depend on what is left out, as a wheel that is not quite round
+)
 _INDEPENDENT = 1e-10
 
 Coordinate = str | OutputKind

@@ -44,6 +44,8 @@ class RollingWheel:
             to the left (the joint's axis is +y and the wheel heads along +x) it counts to the left, seen from above;
             turning the axle round does not change it. None for a wheel without rollers.
         lateral: whether the wheel resists sideways motion; False for one that skids.
+        vertical: whether the lowest point keeps its height. False on a planar base where the wheel is steered about an
+            axis that leans: steering would lift the base, which a planar one cannot do.
 
     Raises:
         ModelError: no such frame.
@@ -66,6 +68,7 @@ class RollingWheel:
     axis: Axis | None = None
     roller: float | None = None
     lateral: bool = True
+    vertical: bool = True
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
@@ -108,7 +111,7 @@ class RollingRows(Rows):
         parts, self._combination = _parts(kind)
         self.names = tuple(f"{part}({kind.frame})" for part in parts)
         self.units = ("m/s",) * len(parts)
-        self.holonomic = (*(False for _ in parts[:-1]), True)
+        self.holonomic = tuple(part == "vertical" for part in parts)
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
         self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
@@ -198,12 +201,17 @@ class RollingRows(Rows):
 
 def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
     """Names of the rows, and what they are of the rolling, lateral and vertical one (k, 3); None for just these."""
+    names: tuple[str, ...]
     if kind.roller is not None:
-        along = [float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]
-        return ("roller", "vertical"), np.array([along, [0.0, 0.0, 1.0]])
-    if not kind.lateral:
-        return ("rolling", "vertical"), np.eye(3)[[0, 2]]
-    return ("rolling", "lateral", "vertical"), None
+        names, rows = ("roller",), [[float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]]
+    elif kind.lateral:
+        names, rows = ("rolling", "lateral"), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    else:
+        names, rows = ("rolling",), [[1.0, 0.0, 0.0]]
+    if not kind.vertical:
+        return names, np.array(rows)
+    names, rows = (*names, "vertical"), [*rows, [0.0, 0.0, 1.0]]
+    return names, None if len(rows) == 3 else np.array(rows)
 
 
 def _drift(

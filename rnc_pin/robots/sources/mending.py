@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, few
 from rnc_pin.robots.sources.description import read_number, read_numbers
+from rnc_pin.robots.sources.rounding import PRECISION
 
 ENDLESS = 1e300
 """Stands for an infinite limit in the XML: urdfdom does not read ``inf``."""
@@ -70,6 +71,8 @@ def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
                     words = 3 * words
                 if key == "rgba" and len(words) == 3:
                     words = [*words, "1"]
+                if key == "rgba":
+                    words = [_opaque(word) for word in words]
                 if len(words) > count and read_numbers(" ".join(words)) is not None:
                     words = words[:count]
                     if key != "scale":
@@ -77,6 +80,12 @@ def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
                 element.set(key, " ".join(words))
     if cut:
         yield f"has numbers too many, the last of which are left out: {few(cut)}"
+
+
+def _opaque(word: str) -> str:
+    """A component of a colour that is above 1 by no more than rounding, made 1: urdfdom takes none above."""
+    value = read_number(word)
+    return "1" if value is not None and 1 < value <= 1 + PRECISION else word
 
 
 def _inertials(root: ElementTree.Element) -> Iterator[str]:

@@ -11,6 +11,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+PRECISION = 2e-6
+"""Relative error of any number in a file: programs that write single precision leave it, as does a unit conversion."""
 CLOSE = 1e-4
 """Within this of a multiple of pi/2 [rad], or of a coordinate axis, a value is meant to be it."""
 SAID = 1e-9
@@ -35,13 +37,22 @@ def decimals(text: str) -> int:
 
 
 def is_rounding(text: str, value: float) -> bool:
-    """Whether a number as it is written is ``value``, rounded or cut at its own number of decimals (two at least)."""
-    places = decimals(text)
-    if places < _DECIMALS:
-        return False
-    number, unit = float(text), 10.0**-places
+    """Whether a number as it is written is ``value``, rounded or cut at its own number of decimals (two at least).
+
+    Fewer decimals count too where the number is within ``PRECISION`` of what they give: ``1.5700012`` is ``1.57``.
+    """
+    number, own = float(text), decimals(text)
+    return any(
+        _off(number, value, places) < (1e-3 * 10.0**-places if places == own else PRECISION * abs(number))
+        for places in range(_DECIMALS, own + 1)
+    )
+
+
+def _off(number: float, value: float, places: int) -> float:
+    """How far a number is from another one that is rounded or cut at so many decimals."""
+    unit = 10.0**-places
     cut = math.copysign(math.floor(abs(value) / unit) * unit, value)
-    return min(abs(number - round(value, places)), abs(number - cut)) < 1e-3 * unit
+    return min(abs(number - round(value, places)), abs(number - cut))
 
 
 def snapped_angle(text: str) -> float:
@@ -80,7 +91,7 @@ def snapped_direction(texts: Sequence[str]) -> list[float]:
 def _cosine(text: str, number: float) -> float:
     for cosine in _COSINES:
         value = math.copysign(cosine, number) if cosine else 0.0
-        if abs(number - value) <= _UNIT or (cosine == 0 and abs(number) <= CLOSE) or is_rounding(text, value):
+        if abs(number - value) <= PRECISION or (cosine == 0 and abs(number) <= CLOSE) or is_rounding(text, value):
             return value
     return number
 

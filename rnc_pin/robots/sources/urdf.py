@@ -108,8 +108,16 @@ def _why_no_links(root: ElementTree.Element, path: Path) -> str:
 
 
 def _snap(root: ElementTree.Element) -> list[str]:
-    """Make the joints' angles and axes exact; geometry and inertias stay, for nothing has to be parallel to them."""
+    """Make angles and axes of joints exact, and angles of inertias: a wheel should be round about its axle.
+
+    Geometry stays, for nothing has to be parallel to it.
+    """
     roundings = Roundings()
+    for link in root.findall("link"):
+        origin = link.find("inertial/origin")
+        numbers = None if origin is None else read_numbers(origin.get("rpy", ""))
+        if origin is not None and numbers is not None and numbers.size == 3:
+            origin.set("rpy", roundings.angles_of(origin.get("rpy", ""), f"inertia of link '{link.get('name')}'"))
     for joint in root.findall("joint"):
         where = f"joint '{joint.get('name')}'"
         for tag, key, exact in (

@@ -10,6 +10,7 @@ import numpy as np
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.mobility import Entry, Mobility
+from rnc_pin.scenario.draft.tolerances import DRIVEN
 
 _UNPOWERED = "the file gives it no effort, or it would be carried along: CHECK"
 _UNTOLD = "stands for what the file does not tell of: CHECK"
@@ -79,4 +80,4 @@ def _forces(mobility: Mobility) -> list[Entry]:
 
 def _rank(input_matrix: np.ndarray) -> int:
     """How many reduced forces actuators can make."""
-    return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=1e-8)) if input_matrix.size else 0
+    return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=DRIVEN)) if input_matrix.size else 0

@@ -17,6 +17,7 @@ from rnc_pin.scenario.draft.on_rollers import has_rollers, in_any_direction, on_
 from rnc_pin.scenario.draft.on_wheels import on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.source import Source, Wishes
+from rnc_pin.scenario.draft.trial import FAR, LOST, Trial
 from rnc_pin.scenario.draft.wheels import find_wheels
 from rnc_pin.scenario.draft.without_wheels import held_fast, without_wheels
 
@@ -48,6 +49,7 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     site = Site(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
     first: RncError | None = None
+    best: tuple[Trial, str] | None = None
     for way in _ways(site, asked, source):
         mobility = way()
         if site.loose:
@@ -56,11 +58,25 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
         try:
             attempt = Attempt(mobility, source, site.start, folder)
             mobility.notes += source.remarks + failures
-            return attempt.text()
+            text = attempt.text()
         except RncError as error:
             first = first or error
             if not any(str(error) in each for each in failures):
                 failures.append(f"not '{mobility.kind}', which does not run: {error}")
+            continue
+        if best is None or attempt.trial.share < best[0].share:
+            best = attempt.trial, text
+        if attempt.trial.share < LOST:
+            break
+        failures.append(f"not '{mobility.kind}': its run {attempt.trial.complaint}")
+    if best is not None:
+        trial, text = best
+        if trial.share >= FAR:
+            said = (
+                f"the run of the draft for '{robot.name or source.name}' {trial.complaint}: CHECK actuators and gains"
+            )
+            warnings.warn(said, ModelWarning, stacklevel=2)
+        return text
     if asked and isinstance(first, ModelError):
         raise first  # the file cannot stand as it was asked to
     hint = "hold joints with --lock JOINT, or say how it stands with --base"

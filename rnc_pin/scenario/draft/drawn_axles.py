@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
 from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.tolerances import PLACED, SAME
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ def find_drawn_axles(site: Site) -> list[DrawnAxle]:
             radii = [_radius(each) for each in (one, other)]
             apart = np.linalg.norm(between)
             level = one.bottom - ground < NEAR * radii[0]
-            aligned = apart > radii[0] and abs(between @ axle) > 0.999 * apart
-            if not level or not aligned or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
+            aligned = apart > radii[0] and abs(between @ axle) > (1 - SAME) * apart
+            if not level or not aligned or abs(radii[0] - radii[1]) > SAME * radii[0]:
                 continue
             place = _frame_on(site, one.joint, one.points.mean(axis=0), axle)
             if place is not None and all(place[0] != each.frame for each in axles):
@@ -77,6 +78,6 @@ def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tu
         offset = site.data.oMf[index].translation - point
         along = np.abs(site.data.oMf[index].rotation.T @ axle)
         beside = across(offset, axle)
-        if np.hypot(beside[0], beside[1]) < 1e-3 and along.max() > 0.999:
+        if np.hypot(beside[0], beside[1]) < 10 * PLACED and along.max() > 1 - SAME:
             best = (str(frame.name), "xyz"[int(along.argmax())])
     return best

@@ -11,6 +11,7 @@ from rnc_pin.scenario.draft.joints import turning_axis
 from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.tolerances import SAME
 from rnc_pin.scenario.draft.wheels import Wheel
 
 _OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
@@ -100,7 +101,8 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> flo
     middle = np.mean([each.center for each in wheels], axis=0)
     heading, across = wheels[0].heading, np.cross([0.0, 0.0, 1.0], wheels[0].heading)
     offset = wheel.center - middle
-    side = np.sign((offset @ heading) * (offset @ across))
+    beside = [float(offset @ each) for each in (heading, across)]
+    side = np.sign(np.prod([each if abs(each) > SAME * wheel.radius else 0.0 for each in beside]))
     return float(-_MECANUM * (side or 1.0))
 
 

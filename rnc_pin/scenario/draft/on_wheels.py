@@ -9,7 +9,8 @@ from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel, in_l
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, Mobility, measured, rolls
 from rnc_pin.scenario.draft.site import Site
-from rnc_pin.scenario.draft.wheels import Wheel
+from rnc_pin.scenario.draft.tolerances import SAME, first_smallest
+from rnc_pin.scenario.draft.wheels import UPRIGHT, Wheel
 
 
 def on_wheels(chassis: Chassis, site: Site) -> Mobility:
@@ -33,7 +34,7 @@ def on_wheels(chassis: Chassis, site: Site) -> Mobility:
         result.outputs.append(({"frame_yaw": site.frame}, TURNED))
     for carriage in chassis.casters:
         for wheel in carriage.wheels:
-            result.constraints.append((rolls(wheel), f"a caster, not driven; {measured(wheel)}"))
+            result.constraints.append((_turned(wheel), f"a caster, not driven; {measured(wheel)}"))
         result.passive |= set(carriage.joints)
     for carriage in chassis.trailers:
         _tow(result, carriage)
@@ -115,7 +116,7 @@ def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
     guide = axles[0]
     if len(axles) > 1:
         distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
-        guide = axles[int(np.argmin(np.round(distances, 6)))]
+        guide = axles[first_smallest(distances, SAME * guide[0].radius)]
         nearby = min(distances) < 0.1 * guide[0].radius
         if not chassis.steered and not nearby:
             guide = []
@@ -142,7 +143,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
     beside = [each for each in others if _side_by_side(first, each, axle)]
     leader = site.leader(first.pivot.joint)
     for wheel in first.wheels:
-        result.constraints.append((rolls(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
+        result.constraints.append((_turned(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
     result.actuators.append((leader, "steering"))
     result.outputs.append(({"joint": leader}, BENT))
     result.passive |= set(first.joints) - {leader}
@@ -155,7 +156,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
             ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
             result.constraints.append(({"ackermann": ackermann}, "both steered wheels turn about one point"))
         for wheel in other.wheels:
-            entry = rolls(wheel, lateral=False) if together else rolls(wheel)
+            entry = _turned(wheel, lateral=False) if together else _turned(wheel)
             result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
         result.passive |= set(other.joints) - {leader}
     straight = [each for each in others if each not in beside[:1]]
@@ -165,6 +166,12 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
         result.passive |= {wheel.joint for wheel in each.wheels}
     pivots = (each.pivot.joint for each in straight)
     result.hold(pivots, site.start, "one pair of wheels steers; held straight are")
+
+
+def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
+    """The entry of a wheel on a pivot: one that leans would lift the wheel, while a planar base keeps its height."""
+    leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
+    return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
 
 def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
@@ -178,7 +185,7 @@ def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
 def _tow(result: Mobility, carriage: Carriage) -> None:
     guides = {wheel.joint for wheel in in_line(carriage.wheels)[0]}
     for wheel in carriage.wheels:
-        entry = rolls(wheel) if wheel.joint in guides else rolls(wheel, lateral=False)
+        entry = _turned(wheel) if wheel.joint in guides else _turned(wheel, lateral=False)
         what = "" if wheel.joint in guides else ", skids sideways"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
     result.notes.append(

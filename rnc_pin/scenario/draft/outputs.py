@@ -17,9 +17,9 @@ from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.joints import joint_limits, turns
 from rnc_pin.scenario.draft.mobility import BENT, Mobility
+from rnc_pin.scenario.draft.tolerances import DRIVEN, SAME
 from rnc_pin.scenario.schema.outputs import OutputItem
 
-_APART = 1e-3  # sine of the angle from the rows before it, below which an output adds no motion; wheels are small
 _SLID = 0.05  # how far a slide's reference goes [m]
 
 
@@ -77,7 +77,7 @@ def choose(wanted: Iterable[tuple[Mapping[str, Json], float]], system: Nonholono
 def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
     for row in added:
         rest = row - (np.linalg.lstsq(rows.T, row, rcond=None)[0] @ rows if len(rows) else 0.0)
-        if np.linalg.norm(rest) < _APART:
+        if np.linalg.norm(rest) < DRIVEN:
             return False
         rows = np.vstack([rows, row])
     return True
@@ -88,4 +88,4 @@ def _step(robot: Robot, name: str, value: float) -> float:
     low, high = joint_limits(robot, name)
     above, below = high - value, value - low  # both infinite where nothing ends
     length = min(BENT if turns(robot, name) else _SLID, 0.3 * max(above, below))
-    return round(length if above >= below - 1e-12 else -length, 4)
+    return round(length if above >= (1 - SAME) * below else -length, 4)

@@ -11,6 +11,7 @@ import pinocchio as pin
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.joints import body_frame, sliding_axis, turning_axis
 from rnc_pin.scenario.draft.shapes import Shape, shapes
+from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Site:
             if model.joints[index].nv != 1:
                 return ()
             axis = turning_axis(model, self.data, index)
-            slides += not axis.any() and abs(sliding_axis(model, self.data, index)[2]) < 1e-3
+            slides += not axis.any() and abs(sliding_axis(model, self.data, index)[2]) < ALIGNED
             turns += abs(axis[2]) > 0.999
             joints.append(str(model.names[index]))
         return tuple(joints) if (slides, turns) == (2, 1) else ()
@@ -126,7 +127,7 @@ class Site:
 
     def along(self, direction: np.ndarray) -> str:
         """Which of the base's own axes lies nearest to a direction (3,), "x" where that is a tie."""
-        return "xyz"[int(np.argmax(np.round(np.abs(self.placement.rotation.T @ direction), 6)))]
+        return "xyz"[first_smallest(-np.abs(self.placement.rotation.T @ direction), ALIGNED)]
 
     def own_point(self, point: np.ndarray) -> list[float]:
         """A point of the world (3,) in the base's own axes [m]."""

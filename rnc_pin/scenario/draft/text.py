@@ -44,13 +44,14 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(name: str, scenario: Drafted, remark: str, mobility: Mobility) -> str:
+def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility: Mobility) -> str:
     """The text of a scenario file.
 
     Args:
         name: of the robot.
         scenario: its parts.
         remark: on the controller.
+        tried: what became of its run.
         mobility: what was assumed of the base.
     """
     outputs = scenario["outputs"]
@@ -84,6 +85,7 @@ def write_draft(name: str, scenario: Drafted, remark: str, mobility: Mobility) -
     lines += [
         *_remark(remark),
         f"controller: {_flow(scenario['controller'])}",
+        *_remark(tried),
         f"simulation: {_flow(scenario['simulation'])}",
         f"view: {_flow(scenario['view'])}",
     ]

@@ -12,8 +12,10 @@ import pinocchio as pin
 from rnc_pin.scenario.draft.joints import body_frame, joint_limits, turning_axis
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, round_about
 from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
 
-_UPRIGHT = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
+UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is upright but for rounding
+_STEERS = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
 _TURNS = 4 * np.pi  # a joint that turns farther than a wrist does is a wheel like a continuous one
 _WIDEST = 8.0  # width of a wheel in radii
 _ROLLERS = 4  # so many joints on a rim are rollers
@@ -158,7 +160,7 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
             if not named:
                 continue
             rollers = []  # gears and hubs that a wheel carries
-        turns_on = _travel(site, index) > _TURNS + 1e-6
+        turns_on = _travel(site, index) > (1 + SAME) * _TURNS
         if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
             continue
         behind = {index, *rollers}
@@ -177,7 +179,7 @@ def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]
     origin = site.data.oMi[joint].translation
     for index, frame in enumerate(site.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
-        if called and np.abs(across(site.data.oMf[index].translation - origin, axle)).max() < 1e-6:
+        if called and np.abs(across(site.data.oMf[index].translation - origin, axle)).max() < PLACED:
             return str(frame.name), site.data.oMf[index].translation.copy()
     return body_frame(site.robot, joint), origin.copy()
 
@@ -259,10 +261,11 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
     while parent > site.root and model.joints[parent].nv == 1:
         axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
-        if axis.any() and max(np.abs(across(axis, candidate.axle)).max(), np.abs(across(along, axis)).max()) < 1e-6:
+        parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
+        if parallel and np.abs(across(along, axis)).max() < SAME * size.radius:
             pass  # a gear on its axle turns it and does not move it
-        elif springs and abs(axis[2]) > _UPRIGHT:
-            free = _travel(site, parent) >= 2 * np.pi - 1e-3
+        elif springs and abs(axis[2]) > _STEERS:
+            free = _travel(site, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
             point = data.oMi[parent].translation.copy()
             pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
         else:
