@@ -87,9 +87,11 @@ def test_actuators():
     machine.apply(np.array([5.0, -0.3, -7.0, 1.0]))
     assert np.array_equal(machine.applied, [2.0, -0.3, -2.0, 1.0])  # the loop knows limits, not dead zones
     assert np.array_equal(machine.machine.applied, [2.0, 0.0, -2.0, 1.0])
+    assert machine.external[2] == pytest.approx(0.3)  # what does not arrive, of a torque about the vertical
     rubbing = faulty(friction=1.5)
     rubbing.apply(np.zeros(4))
-    assert rubbing.machine.applied == pytest.approx([-1.5, -1.5, -1.5, 1.5])  # against what moves
+    assert not rubbing.applied.any()  # nor friction
+    assert rubbing.external[[0, 2, 3, 4]] == pytest.approx([-1.5, -1.5, -1.5, 1.5])  # against what moves
 
 
 def test_slip_shows_in_what_is_measured_and_recorded():
@@ -106,6 +108,72 @@ def test_slip_shows_in_what_is_measured_and_recorded():
     assert run.constraint_residual.max() == pytest.approx(0.17)
     assert run.constraint_residual[~slipping].max() < 1e-9
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) == pytest.approx(0.17 * 0.05, rel=0.15)
+
+
+def balance_of(machine, reduced, target, duration=0.3):
+    """Energy less work over a run, and how far energy moves."""
+    controller = rnc.control.ComputedTorque(reduced, target)
+    start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+    run = rnc.simulate(reduced, controller, start, duration, DT, v2_0=[0.3, 0.1, 0.2, 0.1], machine=machine)
+    return run, run.energy - run.work, np.ptp(run.energy)
+
+
+def heavier(factor):
+    """The same mobile manipulator with all bodies heavier."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    for joint, inertia in enumerate(robot.model.inertias):
+        robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives).reduce()
+
+
+@pytest.mark.parametrize(
+    "kind", ["other masses", "slip", "slip of other masses", "dead zone", "friction", "load in mid-run"]
+)
+def test_energy_less_work_is_constant_whatever_is_wrong(kind):
+    """By the plant's own masses, with the work of pushes and of loads that are taken up."""
+    reduced, other = mobile_manipulator(), heavier(1.4)
+    faults = {
+        "slip": {"slip_time": 0.095, "slip_speed": 0.17},
+        "slip of other masses": {"slip_time": 0.095, "slip_speed": 0.17},
+        "dead zone": {"dead_zone": 0.4},
+        "friction": {"friction": 0.3},
+    }.get(kind, {})
+    plant = ReducedPlant(other if "masses" in kind else reduced)
+    if kind == "load in mid-run":
+        plant = ChangingMachine(plant, ReducedPlant(other), 0.1)
+    machine = FaultyMachine(plant, rnc.Faults(**faults), reduced, DT)
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
+    run, balance, moved = balance_of(machine, reduced, target)
+    assert moved > 1e-2
+    np.testing.assert_allclose(balance, balance[0], atol=1e-7 * moved)
+    expected = [other.at(q, v=v).energy for q, v in zip(run.q, run.v, strict=True)]
+    own = {"other masses": slice(None), "slip of other masses": slice(None), "load in mid-run": slice(10, None)}
+    if kind in own:
+        np.testing.assert_allclose(run.energy[own[kind]], expected[own[kind]], rtol=1e-12)
+
+
+def test_forces_at_contacts_are_those_of_the_masses_that_move():
+    """A plant 1.4 times as heavy under 1.4 times the inputs moves alike, and its side forces are 1.4 times as large."""
+    reduced, other = mobile_manipulator(), heavier(1.4)
+    start, v2 = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.3, 0.1, 0.2, 0.1])
+
+    class Push:
+        def __init__(self, T):
+            self.T = np.array(T)
+
+        def initial_state(self, measurement):
+            return 0
+
+        def step(self, t, measurement, state):
+            return rnc.control.Command(T=self.T), state
+
+    push = np.array([2.0, 1.0, 0.5, -0.5])
+    light = rnc.simulate(reduced, Push(push), start, 0.1, DT, v2_0=v2)
+    heavy = rnc.simulate(reduced, Push(1.4 * push), start, 0.1, DT, v2_0=v2, machine=ReducedPlant(other))
+    np.testing.assert_allclose(heavy.q, light.q, atol=1e-12)
+    np.testing.assert_allclose(heavy.multipliers, 1.4 * light.multipliers, atol=1e-9)
+    np.testing.assert_allclose(heavy.contact_forces, 1.4 * light.contact_forces, atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [{"dropped": 2.0}, {"position_noise": -1.0}, {"counts": 0}, {"effort": np.nan}])

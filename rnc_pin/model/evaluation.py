@@ -439,14 +439,17 @@ class Evaluation:
 
     # ------------------------------------------------------------------ forces
 
-    def flow(self, T: ArrayInput, damping: Array | None = None) -> Flow:
+    def flow(self, T: ArrayInput, damping: Array | None = None, external: Array | None = None) -> Flow:
         """What an integrator needs: full velocity, reduced acceleration and power.
 
         Args:
             T: actuator inputs (..., p) [N or N m].
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
+            external: generalized forces (..., nv) beside inputs and damping.
         """
         force = self._force(vector(T, self._parts.p, "T"), damping)
+        if external is not None:
+            force = force + external
         v2_dot = self._accelerated(force)
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._parts.affine:  # constraints that move do work
@@ -468,6 +471,10 @@ class Evaluation:
     def _force(self, T: Array, damping: Array | None) -> Array:
         force = apply(self.B, T)
         return force if damping is None else force - damping * self.v
+
+    def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
+        force = self._force(vector(T, self._parts.p, "T"), None)
+        return force if external is None else force + external
 
     @once
     def _unforced(self) -> Array:
@@ -509,13 +516,17 @@ class Evaluation:
             )
         return apply(np.linalg.pinv(matrix), F)
 
-    def multipliers(self, T: ArrayInput) -> Float[Array, "*batch m"]:
-        """Multipliers lambda of the rows in A, in ``B T = H* vdot + C* v + g* + A^T lambda``.
+    def multipliers(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch m"]:
+        """Multipliers lambda of the rows in A, in ``B T + external = H* vdot + C* v + g* + A^T lambda``.
 
         The rows are those kept by default; at states where others had to be chosen these have no multipliers of their
         own, and are NaN: ``contact_forces`` says what acts there.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
         """
-        force = self._force(vector(T, self._parts.p, "T"), None)
+        force = self._total_force(T, external)
         found = self._multipliers(force, self._accelerated(force))
         if not self._by_default:
             found[(self._broad_kept != np.array(self._parts.kept, dtype=int)).any(axis=-1)] = np.nan
@@ -529,13 +540,17 @@ class Evaluation:
         """``A^T lambda``: what the constraints have to take up."""
         return force - self.bias - apply(self.M, self.v_dot(v2_dot))
 
-    def contact_forces(self, T: ArrayInput) -> Float[Array, "*batch k"]:
+    def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
         """Multipliers of all constraint rows, dropped ones included: the smallest (in the sum of squares) that do it.
 
         Where rows depend on each other, as two wheels of one axle do, mechanics of rigid bodies does not say how they
         share the force; the least norm shares it evenly.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
         """
-        force = self._force(vector(T, self._parts.p, "T"), None)
+        force = self._total_force(T, external)
         unbalanced = self._unbalanced(force, self._accelerated(force))
         # Rows that are dependent but for rounding are so here too: no more directions than rows are kept.
         left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)

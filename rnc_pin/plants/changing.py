@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.plants.protocol import Machine
+from rnc_pin.plants.protocol import Machine, energy_less_work
 
 
 class ChangingMachine:
@@ -32,12 +32,12 @@ class ChangingMachine:
 
     def __init__(self, before: Machine, after: Machine, time: float) -> None:
         self._before, self._after, self._change = before, after, time
-        self._now, self._time = before, 0.0
+        self._now, self._time, self._shifted = before, 0.0, 0.0
         self._T: np.ndarray | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Start again as the first."""
-        self._now, self._time, self._T = self._before, 0.0, None
+        self._now, self._time, self._T, self._shifted = self._before, 0.0, None, 0.0
         self._now.reset(q, v)
         self._turn()
 
@@ -58,14 +58,26 @@ class ChangingMachine:
 
     def __getattr__(self, name: str) -> Any:
         """What else the machine has to tell."""
-        if name in ("applied", "friction_used", "wheel_names"):
+        if name in ("applied", "friction_used", "wheel_names", "reduced", "external"):
             return getattr(self._now, name)
         raise AttributeError(name)
+
+    @property
+    def work(self) -> float:
+        """Done so far, the change itself included: a load brings the energy that it has, an impact takes some [J]."""
+        return float(self._now.work) + self._shifted  # type: ignore[attr-defined]
+
+    def set_actuator_friction(self, limit: float) -> None:
+        """Let dry friction of this size work against every actuator of both [N or N m]."""
+        for machine in (self._before, self._after):
+            machine.set_actuator_friction(limit)  # type: ignore[attr-defined]
 
     def _turn(self) -> None:
         if self._now is self._before and self._time >= self._change - 1e-9:
             q, v = self._now.read()
+            balance = energy_less_work(self._now)
             self._now = self._after
             self._now.reset(q, v)
             if self._T is not None:
                 self._now.apply(self._T)
+            self._shifted += energy_less_work(self._now) - balance

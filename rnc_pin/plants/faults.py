@@ -10,11 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.protocol import Machine
-
-_AT_REST = 1e-2  # speed over which Coulomb friction grows to its full size [rad/s or m/s]
+from rnc_pin.plants.protocol import Machine, energy_less_work
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class Faults:
         garbage: share of samples that are NaN.
         effort: largest input of every actuator [N or N m]; the loop knows it.
         dead_zone: input below which an actuator does nothing [N or N m]; the loop does not know it.
-        friction: Coulomb friction that works against every actuator [N or N m].
+        friction: Coulomb friction that works against every actuator, with stiction [N or N m].
         slip_time: time at which the machine is pushed against its constraints [s].
         slip_speed: speed at which it slips then, along each constraint row [m/s or rad/s].
         slip_duration: for how long [s].
@@ -87,6 +84,9 @@ class FaultyMachine:
         dt: sampling period, of which ``jitter`` is a share [s].
         seed: of the noise: the same numbers in the same order, whatever runs beside it.
 
+    Raises:
+        ConfigurationError: friction is asked for, and the machine has no ``set_actuator_friction``.
+
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
@@ -100,12 +100,19 @@ class FaultyMachine:
     def __init__(self, machine: Machine, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
         self.machine, self.faults, self._reduced, self._dt, self._seed = machine, faults, reduced, dt, seed
         self._model = reduced.robot.model
+        if faults.friction:
+            if not hasattr(machine, "set_actuator_friction"):
+                raise ConfigurationError(
+                    f"fault friction: {type(machine).__name__} has no method 'set_actuator_friction(limit)'; "
+                    "friction is part of the motion, so the plant has to integrate it"
+                )
+            machine.set_actuator_friction(faults.friction)
         self._forget()
 
     def _forget(self) -> None:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._under_way: deque[tuple[np.ndarray, np.ndarray]] = deque()
-        self._slip = np.zeros(self._model.nv)
+        self._slip, self._pushed = np.zeros(self._model.nv), 0.0
         self.applied = self._given = np.zeros(self._reduced.p)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -120,9 +127,29 @@ class FaultyMachine:
 
     def __getattr__(self, name: str) -> Any:
         """What else the machine has to tell."""
-        if name in ("work", "friction_used", "wheel_names"):
+        if name in ("friction_used", "wheel_names", "reduced"):
             return getattr(self.machine, name)
         raise AttributeError(name)
+
+    @property
+    def work(self) -> float:
+        """Work done on the machine so far, by what pushes it against its constraints as well [J]."""
+        done = float(self.machine.work) + self._pushed  # type: ignore[attr-defined]
+        if self._slip.any():
+            q, v = self.machine.read()
+            moving: ReducedModel = self.machine.reduced  # type: ignore[attr-defined]
+            done += float(moving.at(q, v=v + self._slip).energy - moving.at(q, v=v).energy)
+        return done
+
+    @property
+    def external(self) -> np.ndarray | None:
+        """Generalized forces (nv,) beside ``applied``: damping, friction, and what the actuators do not pass on."""
+        inner: np.ndarray | None = self.machine.external  # type: ignore[attr-defined]
+        passed = getattr(self.machine, "applied", self._given) - self.applied
+        if not passed.any():
+            return inner
+        lost: np.ndarray = self._reduced.at(self.machine.read()[0]).B @ passed
+        return lost if inner is None else inner + lost
 
     # ------------------------------------------------------------------ sensors
 
@@ -164,10 +191,6 @@ class FaultyMachine:
         faults = self.faults
         self.applied = np.clip(T, -faults.effort, faults.effort)
         given = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
-        if faults.friction:
-            q, v = self.machine.read()
-            rate = apply_transposed(self._reduced.at(q).B, v)
-            given = given - faults.friction * np.tanh(rate / _AT_REST)
         self.machine.apply(given)
         self.applied = self.applied + (getattr(self.machine, "applied", given) - given)  # its own limits are known too
         self._given = given
@@ -182,7 +205,9 @@ class FaultyMachine:
             q, v = self.machine.read()
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
+            balance = energy_less_work(self.machine)
             self.machine.reset(pin.integrate(self._model, q, dt * self._slip), v)
             self.machine.apply(self._given)
+            self._pushed += energy_less_work(self.machine) - balance
         else:
             self._slip = np.zeros(self._model.nv)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -33,3 +34,12 @@ class Machine(Protocol):
 
     def advance(self, dt: float) -> None:
         """Let time pass [s]."""
+
+
+def energy_less_work(machine: Machine) -> float:
+    """The energy of a plant that is a reduced model, less the work done on it [J]; NaN where it does not say."""
+    reduced, work = getattr(machine, "reduced", None), getattr(machine, "work", np.nan)
+    if reduced is None:
+        return np.nan
+    q, v = machine.read()
+    return float(reduced.at(q, v=v).energy) - float(work)

@@ -37,9 +37,9 @@ def build_machine(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, fol
     simulated = plant is not None and plant.type == "mujoco"
     if faults is None and not simulated:
         return None
-    if simulated and (settings.joint_damping or settings.substeps > 1):
+    if simulated and (settings.joint_damping or settings.joint_friction or settings.substeps > 1):
         raise ConfigurationError(
-            "simulation: joint_damping and substeps are of our own plant; MuJoCo's stand in 'plant'"
+            "simulation: joint_damping, joint_friction and substeps are of our own plant; MuJoCo's stand in 'plant'"
         )
 
     def made(true: ReducedModel) -> Machine:

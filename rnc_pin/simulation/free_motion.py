@@ -80,6 +80,8 @@ def free_motion(
         raise InputError(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
+    if plant.joint_friction:
+        raise InputError("dry friction is not smooth, so free_motion has none; simulate has: joint_friction=True there")
     moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
     feedback = inputs if callable(inputs) else None
     constant = moving.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
@@ -115,6 +117,7 @@ def free_motion(
                     state = moving.seen(q_t, y_t)
                     watch.check(t, state)
                     T = at(t, state)
+                    record.moves(reduced, moving.damping_force(state))
                     record.add(t, state, moving.integrals(y_t), Command(T=T), T, y_t[-1])
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED

@@ -49,10 +49,23 @@ class LieRungeKutta4:
         u_sum, y_sum = slope, y_slope
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             u = (fraction * h) * slope
-            if not u.dot(u) < _FARTHEST:  # nor is infinity or NaN
-                raise DivergenceError(f"one step of {h:g} s would move by {np.sqrt(u.dot(u)):.3g} rad or m")
+            check_reach(u, h)
             v, y_slope = rate(pin.integrate(self._model, q, u), y + (fraction * h) * y_slope)
             slope = self._coordinates.rate(q, u, v)
             u_sum = u_sum + weight * slope
             y_sum = y_sum + weight * y_slope
         return pin.integrate(self._model, q, (h / 6) * u_sum), y + (h / 6) * y_sum
+
+
+def check_reach(u: np.ndarray, h: float) -> None:
+    """Refuse a step that goes farther than any chart reaches.
+
+    Args:
+        u: coordinates that it leads to (nv,) [rad or m].
+        h: its duration [s].
+
+    Raises:
+        DivergenceError: it goes too far, or is not finite.
+    """
+    if not u.dot(u) < _FARTHEST:  # nor is infinity or NaN
+        raise DivergenceError(f"one step of {h:g} s would move by {np.sqrt(u.dot(u)):.3g} rad or m")

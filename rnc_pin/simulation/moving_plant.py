@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
@@ -37,6 +39,9 @@ class MovingPlant:
         reduced: the model whose outputs are looked at.
         plant: what takes part beside the model itself.
 
+    Attributes:
+        damping: viscous coefficients (nv,) that act; None where nothing is damped.
+
     Raises:
         ConstraintError: damping would act on a momentum that is said to be conserved.
     """
@@ -45,11 +50,11 @@ class MovingPlant:
         self.reduced = reduced
         model = reduced.robot.model
         self._limits = reduced.actuation.limits if plant.actuator_limits else None
-        self._damping: np.ndarray | None = None
+        self.damping: np.ndarray | None = None
         if plant.joint_damping and np.any(model.damping):
-            self._damping = np.array(model.damping)
+            self.damping = np.array(model.damping)
             for block, *_ in reduced.constraints.places:
-                if block.conserved is not None and self._damping[block.conserved].any():
+                if block.conserved is not None and self.damping[block.conserved].any():
                     raise ConstraintError(f"joint damping acts on {block.names[0]}, which is said to be conserved")
         self._r, x2 = reduced.r, reduced.reducing
         self.carries = integrated(reduced)
@@ -68,13 +73,24 @@ class MovingPlant:
         """Integrals of the reducing velocities, (r,)."""
         return y[self._r : 2 * self._r]
 
+    def at(self, q: np.ndarray, y: np.ndarray) -> Evaluation:
+        """The state in the present chart."""
+        return self._chart.at(q, y[: self._r])
+
+    def integral_rows(self, state: Evaluation) -> np.ndarray:
+        """Rows (r, nv) of what is integrated besides, zero where nothing is."""
+        rows = np.zeros((self._r, self.reduced.n))
+        if self._carried.size:
+            rows[self._where] = self._carried.jacobian(state.position)
+        return rows
+
     def seen(self, q: np.ndarray, y: np.ndarray) -> Evaluation:
         """The state as the model's outputs see it."""
-        return self._chart.at(q, y[: self._r]).as_seen_by(self.reduced.parts)
+        return self.at(q, y).as_seen_by(self.reduced.parts)
 
     def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[Evaluation, np.ndarray]:
         """The state as the model's outputs see it, and y in a chart that suits it."""
-        here = self._chart.at(q, y[: self._r])
+        here = self.at(q, y)
         if self._chart.is_left(here):
             v = here.v
             self._chart = VelocityChart(self.reduced.parts, q)
@@ -83,21 +99,38 @@ class MovingPlant:
 
     # ------------------------------------------------------------------ motion
 
+    def damping_force(self, state: Evaluation) -> np.ndarray | None:
+        """Generalized force (nv,) of damping; None where nothing is damped."""
+        return None if self.damping is None else -self.damping * state.v
+
     def saturate(self, T: np.ndarray) -> np.ndarray:
         """Inputs that the actuators can give."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
     def first_slope(self, state: Evaluation, T: np.ndarray) -> Slope:
         """How (q, y) begins to change at a state that the model's outputs have seen: nothing is evaluated again."""
-        v, v2_dot, power = state.flow(T, self._damping)
+        v, v2_dot, power = state.flow(T, self.damping)
         return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
 
-    def rate(self, T: np.ndarray) -> Rate:
-        """How (q, y) changes under constant inputs, for an integrator."""
+    def rate(
+        self,
+        T: np.ndarray,
+        external: np.ndarray | None = None,
+        held: Callable[[Evaluation], Evaluation] | None = None,
+    ) -> Rate:
+        """How (q, y) changes under constant forces, for an integrator.
+
+        Args:
+            T: actuator inputs (p,).
+            external: generalized forces (nv,) beside inputs and damping.
+            held: gives a state without the motion that something holds; by default nothing is held.
+        """
 
         def rate(q: np.ndarray, y: np.ndarray) -> Slope:
             state = self._chart.at(q, y[: self._r])
-            v, w_dot, power = state.flow(T, self._damping)
+            if held is not None:
+                state = held(state)
+            v, w_dot, power = state.flow(T, self.damping, external)
             return v, self._y_dot(w_dot, state, v, power)
 
         return rate

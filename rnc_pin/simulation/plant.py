@@ -13,6 +13,8 @@ class Plant:
         joint_damping: viscous damping of the robot's file acts on its joints.
         actuator_limits: inputs are clipped to the effort limits of the robot's file, and to those of the actuators.
 
+        joint_friction: dry friction of the robot's file acts on its joints, with stiction; in ``simulate`` only.
+
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
@@ -24,6 +26,7 @@ class Plant:
 
     joint_damping: bool = False
     actuator_limits: bool = False
+    joint_friction: bool = False
 
 
 NOTHING_BESIDE = Plant()

@@ -15,7 +15,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
@@ -50,6 +50,22 @@ class Record:
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
         self._first_word: int | None = None  # sample of the first goal: before it nothing could be measured
         self._integrals, self._carries = np.zeros((capacity, r)), carries
+        self._models: list[tuple[int, ReducedModel | None]] = []  # what moves, from which sample on
+        self._external: np.ndarray | None = None
+
+    def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
+        """Tell of the sample to be added next what moves.
+
+        Args:
+            model: the reduced model that moves; None where no model is known, and the controller's stands for it.
+            external: generalized forces (nv,) beside the inputs, if any.
+        """
+        if not self._models or self._models[-1][1] is not model:
+            self._models.append((self.count, model))
+        if external is not None:
+            if self._external is None:
+                self._external = np.zeros((self.capacity, self.reduced.n))
+            self._external[self.count] = external
 
     def add(
         self,
@@ -135,16 +151,36 @@ class Record:
             "singular_value": (),
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
-        for block in _blocks(N, _MATRICES * reduced.n**2):
-            for name, values in _block(reduced, q[block], v[block], T[block]).items():
-                derived[name][block] = values
+        for start, end, plant in self._stretches(N):
+            for inner in _blocks(end - start, _MATRICES * reduced.n**2):
+                block = slice(start + inner.start, start + inner.stop)
+                external = None if self._external is None else self._external[block]
+                for name, values in _block(reduced, plant, q[block], v[block], T[block], external).items():
+                    derived[name][block] = values
         return derived
 
+    def _stretches(self, samples: int) -> Iterator[tuple[int, int, ReducedModel]]:
+        """First sample, end and model of each stretch in which one model moves."""
+        told = self._models or [(0, None)]
+        ends = [start for start, _ in told[1:]] + [samples]
+        for (start, model), end in zip(told, ends, strict=True):
+            if start < end:
+                yield start, end, self.reduced if model is None else model
 
-def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
+
+def _block(
+    reduced: ReducedModel,
+    plant: ReducedModel,
+    q: np.ndarray,
+    v: np.ndarray,
+    T: np.ndarray,
+    external: np.ndarray | None,
+) -> dict[str, np.ndarray]:
+    """Outputs as the controller's model sees them; forces and energy are those of the plant."""
     seen = Evaluation(reduced.parts, q, v=v)
     # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
-    moved = seen.as_seen_by(reduced.parts.in_entries(best_entries(seen.A[0], reduced.r), free=True))
+    own = seen if plant is reduced else Evaluation(plant.parts, q, v=v)
+    moved = own.as_seen_by(plant.parts.in_entries(best_entries(own.A[0], plant.r), free=True))
     regular = seen.regular
     F = np.full((len(q), reduced.r), np.nan)
     if regular.any():
@@ -152,14 +188,23 @@ def _block(reduced: ReducedModel, q: np.ndarray, v: np.ndarray, T: np.ndarray) -
         F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
     return {
         "F": F,
-        "multipliers": moved.multipliers(T),
-        "contact_forces": moved.contact_forces(T),
-        "energy": seen.energy,
+        "multipliers": _by_name(reduced.constraints, plant.constraints, moved.multipliers(T, external)),
+        "contact_forces": _by_name(reduced.all_constraints, plant.all_constraints, moved.contact_forces(T, external)),
+        "energy": own.energy,
         "slip": seen.residual,
         "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
         "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
         "singular_value": seen.smallest_singular_value,
     }
+
+
+def _by_name(wanted: RowStack, known: RowStack, values: np.ndarray) -> np.ndarray:
+    """Of values (N, k) of known rows those of the wanted ones; NaN for rows that the plant does not have."""
+    if wanted.names == known.names:
+        return values
+    columns = {name: column for column, name in enumerate(known.names)}
+    nothing = np.full(len(values), np.nan)
+    return np.stack([values[:, columns[name]] if name in columns else nothing for name in wanted.names], axis=-1)
 
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:

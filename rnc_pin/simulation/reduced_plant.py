@@ -7,6 +7,8 @@ import numpy as np
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.simulation.dissipative_step import DissipativeStep
+from rnc_pin.simulation.dry_friction import DryFriction
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.moving_plant import MovingPlant
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
@@ -40,6 +42,7 @@ class ReducedPlant:
         self.reduced = reduced
         self._moving, self._substeps = MovingPlant(reduced, plant), substeps
         self._integrator = LieRungeKutta4(reduced.robot)
+        self._dissipative = DissipativeStep(self._moving, DryFriction(reduced, plant.joint_friction))
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
@@ -70,7 +73,7 @@ class ReducedPlant:
 
     @property
     def work(self) -> float:
-        """Work of actuators and of constraints that move, less what damping took [J]."""
+        """Work of actuators and of constraints that move, less what damping and friction took [J]."""
         return float(self._y[-1])
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -81,16 +84,35 @@ class ReducedPlant:
         """Hold these inputs (p,), or what the actuators can give of them: ``applied``."""
         self.applied = self._moving.saturate(T)
 
+    def set_actuator_friction(self, limit: float) -> None:
+        """Let dry friction of this size work against every actuator [N or N m]; ``applied`` does not count it."""
+        self._dissipative.friction.set_actuators(limit)
+
+    @property
+    def external(self) -> np.ndarray | None:
+        """Generalized forces (nv,) of damping and friction now; None where nothing dissipates."""
+        if not self._dissipative.needed:
+            return None
+        damped = self._moving.damping_force(self.state)
+        force = np.zeros(self.reduced.n) if damped is None else damped
+        if len(self._dissipative.friction.limits):
+            force += self._dissipative.rubbing(self._q, self._y, self.applied)
+        return force
+
     def advance(self, dt: float) -> None:
         """Let time pass [s].
 
         Raises:
             DivergenceError: velocities or accelerations have no bound.
         """
-        state, q, y = self.state, self._q, self._y
-        rate, first = self._moving.rate(self.applied), self._moving.first_slope(state, self.applied)
-        for substep in range(self._substeps):
-            q, y = self._integrator.step(rate, q, y, dt / self._substeps, None if substep else first)
+        state, q, y, h = self.state, self._q, self._y, dt / self._substeps
+        if self._dissipative.needed:
+            for _ in range(self._substeps):
+                q, y = self._dissipative.advance(q, y, self.applied, h)
+        else:
+            rate, first = self._moving.rate(self.applied), self._moving.first_slope(state, self.applied)
+            for substep in range(self._substeps):
+                q, y = self._integrator.step(rate, q, y, h, None if substep else first)
         if self.reduced.assembly.size and np.isfinite(q).all():  # else diverged, which the next look says
             q = self.reduced.assembly.project(q)
         self._q, self._y, self._seen = q, y, None

@@ -18,7 +18,8 @@ class SeenMachine:
     """Any machine, looked at through the outputs of a model.
 
     Of what a machine may say besides, this is read: ``actual()``, configuration and velocity where ``read()`` gives
-    what sensors say; ``applied``, the inputs that act; ``work`` done so far; ``friction_used()``, of ``wheel_names``.
+    what sensors say; ``applied``, the inputs that act; ``work`` done so far; ``friction_used()``, of ``wheel_names``;
+    ``reduced``, the model that moves, where it is one; ``external``, generalized forces beside the inputs.
 
     Args:
         machine: that moves.
@@ -67,6 +68,16 @@ class SeenMachine:
     def work(self) -> float:
         """Done so far [J]; NaN where the machine does not say."""
         return float(getattr(self.machine, "work", np.nan))
+
+    @property
+    def model(self) -> ReducedModel | None:
+        """The reduced model that moves; None where the machine is none."""
+        return self._reduced if self._exact is not None else getattr(self.machine, "reduced", None)
+
+    @property
+    def external(self) -> np.ndarray | None:
+        """Generalized forces (nv,) beside the inputs; None where there are none."""
+        return getattr(self.machine, "external", None)
 
     @property
     def friction_used(self) -> np.ndarray:

@@ -161,6 +161,7 @@ def simulate(
                     T = seen.act(control, T)
                     measurement, command = _decided(control, state)
                     integrals = control.state.integrals if control.state.integrals is not None else nothing
+                    record.moves(seen.model, seen.external)
                     record.add(t, state, integrals, command, T, seen.work, seen.v_measured, seen.friction_used)
                     if observer is not None:
                         culprit = "the observer"

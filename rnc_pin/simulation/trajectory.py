@@ -77,9 +77,12 @@ class Trajectory(Printed):
     contact_forces: Float[Array, "N c"]
     """Of all constraint rows, dropped ones included: the smallest where they are not unique."""
     energy: Float[Array, " N"]
-    """[J]"""
+    """Of the plant, with its own masses [J]."""
     work: Float[Array, " N"]
-    """Work of actuators and of constraints that move, less what damping took [J]: ``energy - work`` is constant."""
+    """Work of actuators, of constraints that move and of faults, less what damping and friction took [J].
+
+    ``energy - work`` is constant.
+    """
     constraint_residual: Float[Array, " N"]
     """Largest entry of ``A v - mu``, of the velocity as it is: of the order of rounding on our own plant."""
     slip: Float[Array, "N m"]

@@ -227,6 +227,11 @@ class Joints:
             part.read(State(qpos, qvel), here)
         return here
 
+    def dof(self, index: int) -> int | None:
+        """Place in MuJoCo's velocities of an entry of v that both write alike; None for the others."""
+        found = np.flatnonzero(self._v == index)
+        return int(self._dof[found[0]]) if len(found) else None
+
     def push(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
         """A generalized force (nv,), added to MuJoCo's."""
         applied[self._dof] += force[self._v]

@@ -31,6 +31,7 @@ _SOLVERS = {
     "PGS": mujoco.mjtSolver.mjSOL_PGS,
 }
 _CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
+_SLOW = 1e-2  # speed over which friction on frames grows to its full size [rad/s or m/s]
 _WHOLE = 1e-9  # of a step: what a time may be off a whole number of them
 
 
@@ -102,6 +103,8 @@ class MuJoCoPlant:
         self.casters = tuple(each.name for each in standing.casters)
         self.wheel_driven = self._inputs.by_wheels
         self._limits = reduced.actuation.limits
+        self._rubbed: list[int] = []
+        self._friction = 0.0
         self.applied = np.zeros(reduced.p)
 
     def _set_options(self, option: mujoco.MjOption) -> None:
@@ -150,6 +153,23 @@ class MuJoCoPlant:
             raise InputError(f"T is not finite: {T.tolist()}")
         self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
+    def set_actuator_friction(self, limit: float) -> None:
+        """Let dry friction of this size work against every actuator [N or N m].
+
+        On joints it is MuJoCo's own ``frictionloss``, which sticks. On frames, and on actuators that move several
+        joints, it is evaluated at every step of MuJoCo and grows with speed below 0.01 m/s or rad/s.
+        """
+        matrix, frames = self._reduced.actuation.constant, {column for column, *_ in self._reduced.actuation.frames}
+        self._friction, self._rubbed = limit, []
+        B = self._reduced.at(self._reduced.robot.configuration()).B if matrix is None else matrix
+        for column, entries in enumerate(B.T):
+            alone = np.flatnonzero(entries)
+            dof = self._joints.dof(int(alone[0])) if len(alone) == 1 and column not in frames else None
+            if dof is None:
+                self._rubbed.append(column)
+            else:
+                self.model.dof_frictionloss[dof] = limit * abs(entries[alone[0]])
+
     def advance(self, dt: float) -> None:
         """Let time pass [s].
 
@@ -171,6 +191,10 @@ class MuJoCoPlant:
     def _step(self, force: np.ndarray, wanted: np.ndarray) -> None:
         applied = self.data.qfrc_applied
         applied[:] = 0.0
+        if self._rubbed:
+            q, v = self.read()
+            rubbed = self._reduced.at(q).B[:, self._rubbed]
+            force = force - rubbed @ (self._friction * np.tanh(v @ rubbed / _SLOW))
         self._joints.push(self.data.qpos, force, applied)
         self._ground.prepare(wanted)
         for coupling in self._couplings:

@@ -21,6 +21,8 @@ class SimulationSettings(Strict):
     """Integration steps in a period."""
     joint_damping: bool = False
     """Viscous damping of the robot's file acts."""
+    joint_friction: bool = False
+    """Dry friction of the robot's file acts on its joints, with stiction."""
     actuator_limits: bool = False
     """Inputs are cut off at their limits."""
     position_limits: bool = False
@@ -29,7 +31,7 @@ class SimulationSettings(Strict):
     @property
     def plant(self) -> Plant:
         """What a real machine has beside the model."""
-        return Plant(self.joint_damping, self.actuator_limits)
+        return Plant(self.joint_damping, self.actuator_limits, self.joint_friction)
 
     @property
     def stop(self) -> Stop:

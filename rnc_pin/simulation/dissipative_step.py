@@ -1,0 +1,165 @@
+"""Steps of a plant with viscous damping and dry friction."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.simulation.dry_friction import DryFriction, FrictionForces
+from rnc_pin.simulation.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
+from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.simulation.moving_plant import MovingPlant
+
+_SHORT = 1e-6  # share of a step below which a row that stops has stopped
+_INSTANT = 1e-6  # horizon of the friction at an instant [s]
+
+
+class DissipativeStep:
+    """Integration steps with friction: rows stick or slide for a step, which ends early where one comes to rest.
+
+    While rows slide and stick the motion is smooth, and an exponential Runge-Kutta method integrates it, damping
+    included. Rows that stick are kept at rest exactly, at every stage, by the impulses that the inertia asks for. Work
+    counts the kinetic energy that each impulse takes, so that ``energy - work`` stays constant.
+
+    Args:
+        moving: what moves.
+        friction: dry friction.
+    """
+
+    def __init__(self, moving: MovingPlant, friction: DryFriction) -> None:
+        self._moving, self.friction = moving, friction
+        self._explicit = LieRungeKutta4(moving.reduced.robot)
+        self._integrator = ExponentialRungeKutta4(moving.reduced.robot)
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything dissipates."""
+        return self._moving.damping is not None or len(self.friction.limits) > 0
+
+    def rubbing(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """Generalized forces (nv,) of dry friction at an instant."""
+        state = self._moving.at(q, y)
+        linear, w_dot = self._linear(state, T)
+        chosen = self.friction.choose(state, w_dot, linear, _INSTANT)
+        return chosen.forces @ self.friction.rows(state)
+
+    def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """State after a time h under inputs T.
+
+        Raises:
+            DivergenceError: velocities or accelerations are not finite.
+        """
+        limits = self.friction.limits
+        if not len(limits):
+            state = self._moving.at(q, y)
+            linear, _ = self._linear(state, T)
+            return self._smooth(q, y, T, None, None, linear, h)
+        events, left = 2 * len(limits), h
+        while True:
+            state = self._moving.at(q, y)
+            linear, w_dot = self._linear(state, T)
+            chosen = self.friction.choose(state, w_dot, linear, left)
+            first = float(chosen.stops.min())
+            if events == 0 or first >= left:
+                y = self._stopped(state, y, chosen.sticking)
+                return self._sliding(q, y, T, chosen.forces, chosen.sticking, linear, left)
+            events -= 1
+            stopping = chosen.stops <= (1.0 + _SHORT) * first
+            if first < _SHORT * h:
+                y = self._stopped(state, y, chosen.resting | stopping)
+                continue
+            q, y = self._sliding(q, y, T, self._against(chosen), chosen.resting, linear, first)
+            y = self._stopped(self._moving.at(q, y), y, chosen.resting | stopping)
+            left -= first
+
+    def _against(self, chosen: FrictionForces) -> np.ndarray:
+        """Forces until the first row comes to rest."""
+        return np.where(np.isinf(chosen.stops), chosen.forces, -self.friction.limits * np.sign(chosen.speeds))
+
+    def _stopped(self, state: Evaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Y after rows (k,) were brought to rest; the energy that this takes is work of friction."""
+        after = self.friction.stopped(state, which)
+        if after is state:
+            return y
+        y = y.copy()
+        y[: len(after.v2)] = after.v2
+        y[-1] += after.kinetic_energy - state.kinetic_energy
+        return y
+
+    def _sliding(
+        self,
+        q: np.ndarray,
+        y: np.ndarray,
+        T: np.ndarray,
+        forces: np.ndarray,
+        sticking: np.ndarray,
+        linear: LinearPart,
+        h: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        friction = self.friction
+        inputs, external = T + friction.inputs(forces), friction.external(forces)
+        q, y = self._smooth(q, y, inputs, external, sticking, linear, h)
+        return q, self._stopped(self._moving.at(q, y), y, sticking)
+
+    def _smooth(
+        self,
+        q: np.ndarray,
+        y: np.ndarray,
+        T: np.ndarray,
+        external: np.ndarray | None,
+        sticking: np.ndarray | None,
+        linear: LinearPart,
+        h: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One step without events.
+
+        The integrator sees work less the kinetic energy ``|a|^2 / 2`` of the frozen inertia: damping cancels in that
+        difference, which would otherwise be a quadrature of decays faster than the step.
+        """
+        r, moving = len(linear.decay), self._moving
+
+        def held(state: Evaluation) -> Evaluation:
+            return state if sticking is None else self.friction.stopped(state, sticking)
+
+        smooth = moving.rate(T, external, held)
+        if moving.damping is None:
+            return self._explicit.step(smooth, q, y, h)
+
+        def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            v, y_dot = smooth(p, x)
+            y_dot[-1] -= (linear.inverse @ x[:r]).dot(linear.inverse @ y_dot[:r])
+            return v, y_dot
+
+        start = y.copy()
+        start[-1] -= _half_square(linear.inverse @ y[:r])
+        q, end = self._integrator.step(rate, linear, q, start, h)
+        end[-1] += _half_square(linear.inverse @ end[:r])
+        return q, end
+
+    def _linear(self, state: Evaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
+        """The linear part of the motion at a state, and accelerations (r,) without dry friction."""
+        R, H, damping = state.R, state.H, self._moving.damping
+        if damping is None:
+            modes = scipy.linalg.solve_triangular(np.linalg.cholesky(H), np.eye(len(H)), lower=True).T
+            decay = np.zeros(len(H))
+        else:
+            decay, modes = scipy.linalg.eigh(R.T @ (damping[:, None] * R), H)
+            decay = np.maximum(decay, 0.0)
+        inverse = modes.T @ H
+        flow = state.flow(T, damping)
+        if damping is None:
+            return LinearPart(modes, inverse, decay, R @ modes, np.zeros((1 + len(H), len(H)))), flow.v2_dot
+        force = state.B @ T - damping * state.v
+        others = np.vstack(
+            [
+                self._moving.integral_rows(state) @ R @ modes,
+                modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power beside that of changing speed
+            ]
+        )
+        return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
+
+
+def _half_square(a: np.ndarray) -> float:
+    return 0.5 * float(a.dot(a))

@@ -1,0 +1,126 @@
+"""Exponential Runge-Kutta on the configuration manifold: damping of any size is integrated by matrix exponentials."""
+
+from __future__ import annotations
+
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation.exponential import ExponentialCoordinates
+from rnc_pin.simulation.lie_runge_kutta import Rate, check_reach
+
+_SERIES_BELOW = 1.0  # the recurrence of the phi functions cancels below
+_TERMS = 18
+_SERIES = [[1.0 / factorial(k + last) for k in reversed(range(_TERMS))] for last in range(5)]
+
+
+class LinearPart(NamedTuple):
+    """What is linear in the velocities w and frozen during a step: their decay, and what follows them.
+
+    Attributes:
+        modes: (r, r), ``w = modes @ a``; kinetic energy is ``|a|^2 / 2`` at the start of the step.
+        inverse: (r, r), ``a = inverse @ w``.
+        decay: rates (r,) [1/s], none negative: ``adot = -decay a`` beside what is smooth.
+        u: (nv, r), rate of the configuration's coordinates for each mode.
+        others: (s, r), rate of the other integrals for each mode.
+    """
+
+    modes: np.ndarray
+    inverse: np.ndarray
+    decay: np.ndarray
+    u: np.ndarray
+    others: np.ndarray
+
+
+class ExponentialRungeKutta4:
+    """The method ETD4RK (Cox and Matthews 2002, eq. 26 to 29) in the coordinates ``q = q0 (+) u`` of one step.
+
+    The state is (u, y) with ``y = [w, others]``, ``zdot = L z + N(z)``. L is frozen at the start of the step and holds
+    the damping, so that a step has no bound that depends on it. Motion under constant forces is exact for a constant L,
+    the steady speed included; otherwise the order is four, while ``decay h`` is moderate.
+
+    Args:
+        robot: whose configurations they are.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.model
+        self._coordinates = ExponentialCoordinates(robot)
+
+    def step(
+        self, rate: Rate, linear: LinearPart, q: np.ndarray, y: np.ndarray, h: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """State after a time h.
+
+        Args:
+            rate: ``rate(q, y) -> (v, ydot)``.
+            linear: the linear part, at (q, y).
+            q: configuration (nq,).
+            y: velocities w (r,), and everything else that moves (s,), in a linear space.
+            h: step [s].
+
+        Raises:
+            DivergenceError: a step that goes farther than any chart reaches.
+        """
+        n, r = len(linear.u), len(linear.decay)
+        follow = np.vstack([linear.u, linear.others])
+        half, whole = phi_functions(-0.5 * h * linear.decay, 2), phi_functions(-h * linear.decay, 4)
+
+        def slope(x: np.ndarray) -> np.ndarray:
+            u, a = x[:n], x[n : n + r]
+            check_reach(u, h)
+            v, y_dot = rate(pin.integrate(self._model, q, u), np.concatenate([linear.modes @ a, x[n + r :]]))
+            return np.concatenate([self._coordinates.rate(q, u, v), linear.inverse @ y_dot[:r], y_dot[r:]])
+
+        def linear_slope(x: np.ndarray) -> np.ndarray:
+            a = x[n : n + r]
+            following = follow @ a
+            return np.concatenate([following[:n], -linear.decay * a, following[n:]])
+
+        def phi(k: int, values: list[np.ndarray], time: float, x: np.ndarray) -> np.ndarray:
+            """``time phi_k(time L) x``."""
+            a = x[n : n + r]
+            others = np.concatenate([x[:n], x[n + r :]]) / factorial(k) + time * (follow @ (values[k + 1] * a))
+            return time * np.concatenate([others[:n], values[k] * a, others[n:]])
+
+        start = np.concatenate([np.zeros(n), linear.inverse @ y[:r], y[r:]])
+        first, flows = slope(start), linear_slope(start)
+        N = first - flows
+        at_a = start + phi(1, half, 0.5 * h, first)
+        N_a = slope(at_a) - linear_slope(at_a)
+        at_b = start + phi(1, half, 0.5 * h, flows + N_a)
+        N_b = slope(at_b) - linear_slope(at_b)
+        at_c = at_a + phi(1, half, 0.5 * h, linear_slope(at_a) + 2.0 * N_b - N)
+        N_c = slope(at_c) - linear_slope(at_c)
+        end = (
+            start
+            + phi(1, whole, h, first)
+            + phi(2, whole, h, 2.0 * (N_a + N_b) - 3.0 * N - N_c)
+            + phi(3, whole, h, 4.0 * (N - N_a - N_b + N_c))
+        )
+        check_reach(end[:n], h)
+        return pin.integrate(self._model, q, end[:n]), np.concatenate([linear.modes @ end[n : n + r], end[n + r :]])
+
+
+def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
+    """Functions ``phi_0(x) = exp(x)``, ``phi_k+1(x) = (phi_k(x) - 1/k!) / x`` up to ``last``, for x <= 0.
+
+    Upwards the recurrence cancels near zero, so there the last function is a series and the others follow downwards.
+    """
+    far = x < -_SERIES_BELOW
+    near = np.where(far, 0.0, x)
+    series = np.zeros_like(x)
+    for coefficient in _SERIES[last]:
+        series = series * near + coefficient
+    values = [series]
+    for k in reversed(range(last)):
+        values.insert(0, near * values[0] + 1.0 / factorial(k))
+    if far.any():
+        values[0] = np.where(far, np.exp(x), values[0])
+        divisor = np.where(far, x, 1.0)
+        for k in range(last):
+            values[k + 1] = np.where(far, (values[k] - 1.0 / factorial(k)) / divisor, values[k + 1])
+    return values

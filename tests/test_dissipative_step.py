@@ -1,0 +1,254 @@
+"""Damping of any size and dry friction with stiction: against closed forms and finely integrated smooth laws."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import rnc_pin as rnc
+from rnc_pin.plants import FaultyMachine
+from rnc_pin.simulation import ReducedPlant
+from rnc_pin.simulation.exponential_runge_kutta import phi_functions
+from systems import mobile_manipulator
+
+MASS = 2.0
+DAMPED, RUBBED = rnc.Plant(joint_damping=True), rnc.Plant(joint_friction=True)
+BOTH = rnc.Plant(joint_damping=True, joint_friction=True)
+
+
+class Inputs:
+    """Actuator inputs as a function of time: a controller that looks at nothing."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def initial_state(self, measurement):
+        return 0
+
+    def step(self, t, measurement, state):
+        return rnc.control.Command(T=np.asarray(self.function(t), dtype=float)), state
+
+
+def slider(damping=0.0, friction=0.0):
+    """A mass on a slide."""
+    model = pin.Model()
+    model.name = "slider"
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.damping, model.upperDryFrictionLimit = np.array([damping]), np.array([friction])
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
+
+
+def run_slider(reduced, push, plant, dt, v=0.0, duration=2.0):
+    return rnc.simulate(reduced, Inputs(lambda t: [push(t)]), np.zeros(1), duration, dt, v2_0=[v], plant=plant)
+
+
+@pytest.mark.parametrize("damping", [0.5, 40.0, 1e5, 1e9])
+def test_damping_of_any_size_gives_the_closed_form(damping):
+    """Of rates up to 5e8 / s at a step of 0.1 s: decay, steady speed, distance and energy."""
+    run = run_slider(slider(damping), lambda t: 3.0, DAMPED, 0.1, v=1.0)
+    t, steady, rate = run.time, 3.0 / damping, damping / MASS
+    np.testing.assert_allclose(run.v[:, 0], steady + (1.0 - steady) * np.exp(-rate * t), atol=1e-13)
+    gone = steady * t - (1.0 - steady) * np.expm1(-rate * t) / rate
+    np.testing.assert_allclose(run.q[:, 0], gone, atol=1e-13)
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-7)
+
+
+def damped_manipulator(damping):
+    reduced = mobile_manipulator()
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    robot.model.damping = np.array([0.0, 0.0, 0.0, *damping])
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives)
+    kinds = [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
+    return system.reduce(kinds), reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
+
+
+V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
+
+
+def errors_of(reduced, q0, steps, duration=0.5):
+    """Distance from an adaptive method of order eight, for each number of steps."""
+    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=DAMPED)
+    errors = []
+    for count in steps:
+        run = rnc.simulate(reduced, Inputs(lambda t: PUSH), q0, duration, duration / count, v2_0=V2, plant=DAMPED)
+        gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
+        errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
+    return np.array(errors), run
+
+
+def test_moderate_damping_keeps_the_order_four():
+    errors, run = errors_of(*damped_manipulator([3.0, 2.0]), (16, 32, 64))
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 4.0, atol=0.35)
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
+
+
+def test_stiff_damping_converges_too():
+    """Rates times steps from 53 down to 7, where explicit steps are bounded by 2.8: of order one, then more."""
+    reduced, q0 = damped_manipulator([2e3, 2e3])
+    rate = np.linalg.eigvals(np.linalg.solve(reduced.inertia(q0), np.diag([0.0, 0.0, 2e3, 2e3]))).real.max()
+    assert rate * 0.5 / 5 > 30
+    errors, run = errors_of(reduced, q0, (5, 10, 20, 40))
+    assert errors[0] < 1e-2
+    assert (errors[:-1] / errors[1:] > 2.0).all()
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-2 * np.ptp(run.energy))
+
+
+@pytest.mark.parametrize("x", [-1e-9, -1e-3, -0.999, -1.001, -30.0, -1e12])
+def test_phi_functions_are_the_integrals_that_define_them(x):
+    """``phi_k(x)`` is the integral of ``exp((1 - s) x) s^(k-1) / (k-1)!`` over s from 0 to 1; ``phi_0`` is exp."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    s, values = (nodes + 1) / 2, phi_functions(np.array([x]), 4)
+    assert values[0][0] == pytest.approx(np.exp(x), rel=1e-14)
+    for k, factorial in ((1, 1.0), (2, 1.0), (3, 2.0), (4, 6.0)):
+        if x > -100:
+            expected = (weights / 2) @ (np.exp((1 - s) * x) * s ** (k - 1)) / factorial
+        else:
+            expected = -1.0 / (x * factorial)
+        assert values[k][0] == pytest.approx(expected, rel=1e-11)
+
+
+# ---------------------------------------------------------------------- dry friction
+
+
+@pytest.mark.parametrize("dt", [0.5, 0.1, 0.02, 0.003])
+def test_a_mass_slides_to_rest_and_stays_there(dt):
+    """It stops after v m / mu at v^2 m / 2 mu, in the middle of a step."""
+    run = run_slider(slider(friction=4.0), lambda t: 0.0, RUBBED, dt, v=1.3, duration=60 * dt if dt < 0.1 else 3.0)
+    t = np.minimum(run.time, 1.3 * MASS / 4.0)
+    np.testing.assert_allclose(run.q[:, 0], 1.3 * t - 4.0 / MASS * t**2 / 2, atol=1e-13)
+    assert (np.abs(run.v[run.time > 0.65]) == 0).all()
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-13)
+
+
+def test_friction_holds_what_is_below_it_and_lets_go_above():
+    """Held for a second by 3.9 N, pulled by 6, then pushed back by 8 through a stop at which it does not stick."""
+    push = lambda t: 3.9 if t < 0.99 else 6.0 if t < 1.99 else -8.0  # noqa: E731
+    run = run_slider(slider(friction=4.0), push, RUBBED, 0.2, duration=4.0)
+    assert not run.q[:6].any()
+    assert run.q[10, 0] == pytest.approx(0.5, abs=1e-13)
+    back = 2.0 - 1.0 / 6.0  # it stops 1/6 s later, and goes back with -8 + 4
+    assert run.q[-1, 0] == pytest.approx(0.5 + 1.0 / 12.0 - back**2, abs=1e-12)
+    assert run.v[-1, 0] == pytest.approx(-2.0 * back, abs=1e-12)
+
+
+@pytest.mark.parametrize("dt", [1.0, 0.1])
+def test_damping_and_friction_together(dt):
+    """``m vdot = -d v - mu`` stops after ``m/d log(1 + d v / mu)``."""
+    reduced, rate = slider(damping=30.0, friction=4.0), 30.0 / MASS
+    run = run_slider(reduced, lambda t: 0.0, BOTH, dt, v=2.0)
+    t = np.minimum(run.time, np.log1p(30.0 * 2.0 / 4.0) / rate)
+    expected = -(2.0 + 4.0 / 30.0) * np.expm1(-rate * t) / rate - 4.0 / 30.0 * t
+    np.testing.assert_allclose(run.q[:, 0], expected, atol=1e-12)
+    np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-12)
+
+
+def differential_drive(damping=0.0):
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    robot.model.damping = np.array([0.0, 0.0, 0.0, damping, damping])
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.02, 0.3])
+def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
+    """They swung by 0.06 rad/s at 20 ms for ever, as friction was evaluated once a period."""
+    reduced = differential_drive()
+    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(friction=0.6), reduced, dt)
+    machine.reset(reduced.robot.configuration(), reduced.velocity(reduced.robot.configuration(), [3.0, -1.0]))
+    for _ in range(round(3.0 / dt)):
+        machine.apply(np.array([0.2, -0.29]))
+        machine.advance(dt)
+    q, v = machine.read()
+    assert np.abs(v).max() < 1e-14
+    for _ in range(20):
+        machine.advance(dt)
+    np.testing.assert_allclose(machine.read()[0], q, atol=1e-14)
+
+
+def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
+    """A manipulator of which some joints slide, reverse and stick while the others move, at steps of 10 ms."""
+    reduced, q0 = damped_manipulator([0.0, 0.0])
+    limit, duration, width = 0.4, 1.5, 1e-5
+    push = lambda t: np.array([1.5 * np.cos(4 * t), 0.3, -0.9 * np.sin(3 * t), 0.35])  # noqa: E731
+    dt = 0.01
+    plant = ReducedPlant(reduced)
+    plant.set_actuator_friction(limit)
+    plant.reset(q0, reduced.velocity(q0, V2))
+    balance = plant.state.energy
+    for k in range(round(duration / dt)):
+        plant.apply(push(k * dt))
+        plant.advance(dt)
+
+    def rate(t, y, T):
+        q = pin.integrate(reduced.robot.model, q0, y[:5])
+        rates = apply_inputs(reduced, q, y[5:])
+        state = reduced.at(q, y[5:])
+        slope = pin.dDifference(reduced.robot.model, q0, q, pin.ArgumentPosition.ARG1) @ state.v
+        return np.concatenate([slope, state.v2_dot(T - limit * np.tanh(rates / width))])
+
+    y = np.concatenate([np.zeros(5), V2])
+    for k in range(round(duration / dt)):
+        y = solve_ivp(rate, (0, dt), y, "LSODA", args=(push(k * dt),), rtol=1e-8, atol=1e-9).y[:, -1]
+    expected = pin.integrate(reduced.robot.model, q0, y[:5])
+    np.testing.assert_allclose(plant.read()[0], expected, atol=2e-3)
+    np.testing.assert_allclose(plant.state.v2, y[5:], atol=5e-3)
+    assert plant.state.energy - plant.work == pytest.approx(balance, abs=1e-6)
+
+
+def apply_inputs(reduced, q, v2):
+    """Speeds of the actuators."""
+    return reduced.at(q).B.T @ reduced.velocity(q, v2)
+
+
+def test_friction_of_a_conserved_momentum_is_refused():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    robot.model.upperDryFrictionLimit = np.ones(4)
+    joints = ["joint_1", "joint_2", "joint_3"]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints).reduce()
+    with pytest.raises(rnc.ConstraintError, match="joint friction acts on momentum"):
+        rnc.simulate(reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=RUBBED)
+
+
+def test_an_adaptive_method_has_no_dry_friction():
+    with pytest.raises(rnc.InputError, match="dry friction is not smooth"):
+        rnc.free_motion(slider(friction=1.0), np.zeros(1), [1.0], 1.0, plant=RUBBED)
+
+
+def test_a_plant_that_cannot_rub_is_named():
+    class Elsewhere:
+        pass
+
+    with pytest.raises(rnc.ConfigurationError, match="Elsewhere has no method 'set_actuator_friction"):
+        FaultyMachine(Elsewhere(), rnc.Faults(friction=1.0), slider(), 0.01)
+
+
+# ---------------------------------------------------------------------- the record
+
+
+def test_contact_forces_count_damping_and_friction():
+    """At constant speed nothing is left for the ground: the drives give what the axles take."""
+    reduced = differential_drive(damping=0.48)
+    q0, v2 = reduced.robot.configuration(), np.array([2.0, 2.0])
+    run = rnc.simulate(reduced, Inputs(lambda t: 0.48 * v2), q0, 0.2, 0.02, v2_0=v2, plant=DAMPED)
+    np.testing.assert_allclose(run.v2, 2.0, atol=1e-12)
+    np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-10)
+    np.testing.assert_allclose(run.multipliers, 0.0, atol=1e-10)
+    idle = rnc.simulate(reduced, Inputs(lambda t: np.zeros(2)), q0, 0.2, 0.02, v2_0=v2, plant=DAMPED)
+    rolling = [name.startswith("rolling") for name in idle.info.outputs.contact_forces]
+    pushing = idle.contact_forces[:, rolling].sum(axis=1)  # of both wheels, with the sign of multipliers
+    mass = sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
+    slowing = np.gradient(idle.v[:, 0], idle.time)
+    np.testing.assert_allclose(pushing[1:-1], -mass * slowing[1:-1], rtol=1e-2)
+    machine = FaultyMachine(ReducedPlant(differential_drive()), rnc.Faults(friction=0.3), reduced, 0.02)
+    rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, machine=machine)
+    np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)
+    np.testing.assert_allclose(rubbed.contact_forces, 0.0, atol=1e-10)
+
+
+def test_contact_forces_of_a_damped_free_motion():
+    reduced = differential_drive(damping=0.48)
+    v2 = np.array([2.0, 2.0])
+    run = rnc.free_motion(reduced, reduced.robot.configuration(), v2, 0.2, 0.02, 0.48 * v2, plant=DAMPED)
+    np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-9)
