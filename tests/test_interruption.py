@@ -224,7 +224,7 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):
 
 
 def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
-    monkeypatch.setattr(pictures, "plot_overview", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(pictures, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
     arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
     for _ in range(2):  # the second time there is something to replace
         status, _, error = call(*arguments)

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from matplotlib import image
 from matplotlib.colors import to_rgb
+from matplotlib.path import Path as MarkerPath
 from matplotlib.text import Text
 
 import rnc_pin as rnc
@@ -19,8 +20,10 @@ from browsing import PATIENCE, changed, opened, visit
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.visualization import capture, plot_style
 from rnc_pin.visualization.interactive import write_plots
-from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview, plot_run
+from rnc_pin.visualization.panels import learnt, panels, split
+from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.top_view import GroundPath, ground_paths
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +43,7 @@ def test_no_title_of_a_scenario_is_cut_off(run):
     """The longest, broken into lines, is within the picture."""
     builtin = Path(rnc.__file__).parent / "scenario" / "builtin"
     titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
-    figure = plot_overview(run, max(titles, key=len))
+    figure = plot_run(run, max(titles, key=len))
     figure.draw_without_rendering()
     shown = figure.axes[0].get_title(loc="left")
     assert shown.replace("\n", " ").replace("\\", "") == max(titles, key=len)
@@ -50,13 +53,13 @@ def test_no_title_of_a_scenario_is_cut_off(run):
 
 def test_a_plot_of_outputs(run, tmp_path):
     path = plot_style.save(plot_outputs(run, ["tip_x", "tip_y", "platform"], "Tip & platform"), tmp_path / "plot.png")
-    assert image.imread(path).shape[:2] == (720, 1280)
+    assert image.imread(path).shape[1] == 1600
     assert 0.02 < ink(path) < 0.5
 
 
 def test_an_overview(run, tmp_path):
-    path = plot_style.save(plot_overview(run, "All"), tmp_path / "overview.png")
-    assert image.imread(path).shape[:2] == (1280, 1280)
+    path = plot_style.save(plot_run(run, "All"), tmp_path / "overview.png")
+    assert image.imread(path).shape[1] == 2800
     assert 0.02 < ink(path) < 0.5
 
 
@@ -73,13 +76,13 @@ def test_every_comparison_is_drawn(run, tmp_path):
 def test_any_run_plots_itself(run):
     figure = run.plot("Space robot", {"slower": run})
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["position [m]", "angle [rad]", "tracking error", "input [N, N m]", "singularity\nmargin [-]"]
+    over_time = ["position [m]", "angle [rad]", "error [m]", "error [rad]", "torque [N m]", "singularity\nmargin [-]"]
+    assert labels == ["y [m]", *over_time]
     assert figure.axes[-1].get_xlabel() == "time [s]"
-    drawn = {line.get_label(): line for line in figure.axes[0].get_lines()}
-    np.testing.assert_array_equal(drawn["tip x"].get_ydata(), run.x2[:, 0])
+    np.testing.assert_array_equal(figure.axes[1].get_lines()[0].get_ydata(), run.x2[:, 0])
     assert figure._repr_png_().startswith(b"\x89PNG")
-    labelled = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labelled == ["tip x", "tip y", "desired", "slower"]
+    labelled = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
+    assert labelled == ["tip x", "tip y", "slower", "desired"]
 
 
 def test_a_run_plots_itself_with_another_library(run):
@@ -100,9 +103,9 @@ def test_what_is_learnt_is_plotted():
 
 def test_series_differ_without_colour(run):
     """In grey, and for people who see colours differently: marker and lightness tell series apart."""
-    lines = [line for line in plot_outputs(run, ["tip_x", "tip_y", "platform"]).axes[0].get_lines() if
-             line.get_marker() != "None"]  # fmt: skip
-    assert len({line.get_marker() for line in lines}) == len(lines) == 3
+    arm = replace(run, info=replace(run.info, goals=()))
+    lines = [line for axes in plot_outputs(arm, ["tip_x", "tip_y", "platform"]).axes for line in axes.get_lines()]
+    assert [line.get_marker() for line in lines] == ["o", "s", "o"]
     grey = [float(np.dot(to_rgb(color), [0.299, 0.587, 0.114])) for color in plot_style.COLORS]
     assert min(abs(one - other) for one, other in pairwise(grey)) > 0.05
 
@@ -126,10 +129,145 @@ def test_interactive_plots_work_offline(run, tmp_path):
     with opened() as browser:
         page, problems = visit(browser, path.as_uri(), offline=True)
         page.wait_for_selector(".main-svg", timeout=1000 * PATIENCE)
-        names = page.evaluate("[...document.querySelectorAll('.legendtext')].map(each => each.textContent)")
+        entries = """[...document.querySelectorAll('[class^="legend"][class$="text"]')]"""
+        names = page.evaluate(f"{entries}.map(each => each.textContent)")
         assert {"tip x", "tip x, desired", "tip x (other)", "input joint 1"} <= set(names)
         assert page.evaluate("document.querySelectorAll('.scatterlayer .trace').length") >= 10
         assert problems == []
+
+
+# ---------------------------------------------------------------------- what a run shows by default
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A second and a half of three trailers that turn off, and the same with another path."""
+    options = {"simulation.dt": 0.01, "simulation.duration": 1.5, "reference.path.duration": 3.0}
+    short = execute(plan("tractor-trailers", options)).trajectory
+    return short, execute(plan("tractor-trailers", {**options, "reference.path.to": [5, 3, 0]})).trajectory
+
+
+def column(run, kind, name):
+    outputs = run.info.outputs.of(kind.removesuffix("_desired").replace("v2", "x2"))
+    return getattr(run, kind)[:, outputs.names.index(name)]
+
+
+def test_a_speed_is_no_position(drive):
+    """What a speed adds up to is a distance, and the speed itself is shown with its reference."""
+    run, _ = drive
+    axes = {each.get_ylabel(): each for each in run.plot().axes}
+    np.testing.assert_array_equal(axes["speed [m/s]"].get_lines()[0].get_ydata(), column(run, "v2", "tractor_speed_x"))
+    (driven, desired) = axes["distance [m]"].get_lines()
+    np.testing.assert_array_equal(driven.get_ydata(), column(run, "x2", "tractor_speed_x"))
+    np.testing.assert_array_equal(desired.get_ydata(), column(run, "x2_desired", "tractor_speed_x"))
+    named = [text.get_text() for text in axes["distance [m]"].get_legend().get_texts()]
+    assert named == ["integral of tractor speed x", "desired"]
+    position = [text.get_text() for text in axes["position [m]"].get_legend().get_texts()]
+    assert not any("speed" in name for name in position)
+
+
+def test_outputs_stand_with_their_references(drive):
+    run, _ = drive
+    drawn = [line.get_ydata() for axes in run.plot().axes for line in axes.get_lines()]
+    for kind in ("x1", "x2"):
+        for name in getattr(run.info.outputs, kind).names:
+            for wanted in (kind, f"{kind}_desired") if name in run.info.goals else (kind,):
+                values = column(run, wanted, name)
+                assert any(np.array_equal(line, values) for line in drawn), (wanted, name)
+
+
+def test_vehicles_are_seen_from_above_with_their_headings(drive):
+    """Marks lie on the path and point where the body looks, which its output of yaw knows too."""
+    run, _ = drive
+    axes = plot_top_view(run).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x [m]", "y [m]", 1.0)
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert named == ["tractor", "trailer 1", "trailer 2", "trailer 3", "desired"]
+    x, y = column(run, "x1", "axle_3_x"), column(run, "x1", "axle_3_y")
+    last = next(line for line in axes.get_lines() if np.allclose(line.get_xdata(), x) and len(line.get_xdata()) > 1)
+    np.testing.assert_allclose(last.get_ydata(), y, atol=1e-12)
+    marks = [line for line in axes.get_lines() if isinstance(line.get_marker(), MarkerPath)]
+    own = [mark for mark in marks if mark.get_color() == last.get_color()]
+    assert len(own) > 5
+    for mark in own:
+        sample, *_ = np.flatnonzero((x == mark.get_xdata()[0]) & (y == mark.get_ydata()[0]))
+        tip = mark._marker.get_user_transform().transform((1.0, 0.0))
+        yaw = column(run, "x1", "trailer_3_yaw")[sample]
+        np.testing.assert_allclose(tip, [np.cos(yaw), np.sin(yaw)], atol=1e-12)
+
+
+def test_what_turns_on_the_spot_shows_it():
+    headings = np.linspace(0.0, 3.0, 50)
+    turning = GroundPath("cart", np.zeros((50, 2)), headings)
+    assert np.ptp(headings[turning.marks()]) == 3.0
+    assert len(turning.marks()) > 5
+
+
+def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
+    flying = rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
+    reduced = rnc.NonholonomicSystem(flying).reduce()
+    drift = rnc.free_motion(reduced, flying.configuration(), np.zeros(reduced.r), duration=0.1)
+    assert ground_paths(drift) == []
+    with pytest.raises(rnc.InputError, match="nothing of this run is seen from above"):
+        plot_top_view(drift)
+
+
+def test_legends_show_the_lines_as_they_are(drive):
+    """Colour and dashes of every entry are those of lines in the axes, also of runs that are compared."""
+    run, other = drive
+    for figure in (run.plot(None, {"further": other}), plot_top_view(run, None, {"further": other})):
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            drawn = {(line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) for line in axes.lines}
+            shown = axes.get_legend().get_lines()
+            assert len(shown) >= len(axes.get_legend().get_texts())
+            for line in shown:
+                assert (line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) in drawn
+
+
+def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
+    run, other = drive
+    for others in ({}, {"one": other}, {"one": other, "two": other}):
+        for panel in panels(run, others):
+            assert 1 <= len(panel.series) <= 6
+            assert len(panel.series) * (1 + len(panel.series[0].compared)) <= 6
+            assert len({each.name for each in panel.series}) == len(panel.series)
+
+
+def test_joints_of_a_limb_stay_together():
+    arms = [f"arm_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 6)]
+    legs = [f"leg_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 4)]
+    assert split([*arms, *legs]) == [arms[:5], arms[5:], legs]
+    assert split(["a", "b"]) == [["a", "b"]]
+    assert split([]) == []
+
+
+def test_inputs_have_a_unit_each(drive):
+    run, _ = drive
+    labels = [axes.get_ylabel() for axes in run.plot().axes]
+    assert "force [N]" in labels
+    assert "torque [N m]" in labels
+
+
+def test_estimates_are_in_si_units():
+    """The paper counts masses in units of 10 kg."""
+    options = {"simulation.duration": 0.1, "simulation.dt": 0.01, "comparisons": {}}
+    learning = execute(plan("space-robot-uncertain", options)).trajectory
+    (panel,) = learnt(learning, {}, "estimates")
+    assert panel.label == "estimate [kg]"
+    np.testing.assert_array_equal(panel.series[1].values, 10.0 * learning.estimates[:, 1])
+
+
+def test_the_interactive_plots_are_the_same(drive):
+    pytest.importorskip("plotly")
+    run, other = drive
+    figure = run.plot("Run", {"further": other}, backend="plotly")
+    rows = sorted((name for name in figure.layout if name.startswith("yaxis")), key=lambda name: (len(name), name))
+    titles = [figure.layout[name].title.text for name in rows]
+    assert titles == ["y [m]", *(panel.label.replace("\n", "<br>") for panel in panels(run, {"further": other}))]
+    headings = [trace for trace in figure.data if trace.name == "heading of trailer 3"]
+    marked = GroundPath("", run.ground_poses[:, 9:11], run.ground_poses[:, 11]).marks()
+    np.testing.assert_allclose(headings[0].marker.angle, 90.0 - np.rad2deg(run.ground_poses[marked, 11]))
 
 
 # ---------------------------------------------------------------------- pictures and videos

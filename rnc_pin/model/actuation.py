@@ -75,12 +75,14 @@ class Actuation:
 
     Attributes:
         names: one for each input, (p,).
+        units: "N" or "N m" of each input, (p,); empty where a matrix does not say.
         limits: largest magnitudes (p,) [N or N m]; those of joints are the URDF's effort limits.
         frames: of forces and torques on frames: the column of B, the frame's index, and the row of its Jacobian.
     """
 
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
         self.names: tuple[str, ...]
+        self.units: tuple[str, ...]
         self._function: MatrixFunction | None = None
         self.frames: list[tuple[int, int, int]] = []
         if callable(actuators) or isinstance(actuators, np.ndarray):
@@ -98,12 +100,14 @@ class Actuation:
         self._function = matrix if callable(matrix) else None
         self._constant = array
         self.names = tuple(f"T[{i}]" for i in range(array.shape[1]))
+        self.units = ("",) * array.shape[1]
         self.limits = np.full(array.shape[1], np.inf)
 
     def _read_list(self, actuators: list[Actuator], robot: Robot) -> None:
         self._constant = np.zeros((robot.nv, len(actuators)))
         self.limits = np.full(len(actuators), np.inf)
         names: list[str] = []
+        units: list[str] = []
         for column, actuator in enumerate(actuators):
             if isinstance(actuator, FrameForce | FrameTorque):
                 offset, word = (0, "force") if isinstance(actuator, FrameForce) else (3, "torque")
@@ -111,6 +115,7 @@ class Actuation:
                 self.frames.append((column, robot.frame_id(actuator.frame), row))
                 self.limits[column] = actuator.limit
                 names.append(f"{word}({actuator.frame}.{actuator.axis})")
+                units.append("N m" if offset else "N")
             elif isinstance(actuator, str):
                 index = robot.velocity_indices(actuator)
                 if index.stop - index.start != 1:
@@ -122,6 +127,8 @@ class Actuation:
                 limit = float(robot.model.upperEffortLimit[index.start])
                 self.limits[column] = limit if limit > 0 else np.inf  # 0: the URDF says nothing
                 names.append(actuator)
+                slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
+                units.append("N" if slides else "N m")
             else:
                 raise ConstraintError(
                     f"actuator {actuator!r} is not one: expected a joint's name, FrameForce or FrameTorque"
@@ -129,7 +136,7 @@ class Actuation:
         if len(set(names)) != len(names):
             twice = next(name for name in names if names.count(name) > 1)
             raise ConstraintError(f"actuator '{twice}' is listed twice")
-        self.names = tuple(names)
+        self.names, self.units = tuple(names), tuple(units)
 
     @property
     def constant(self) -> np.ndarray | None:

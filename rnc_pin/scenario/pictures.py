@@ -16,8 +16,9 @@ from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result
 from rnc_pin.scenario.schema.scenario import PlotSettings
 from rnc_pin.visualization.plot_style import save
-from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_overview
+from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.top_view import ground_paths
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ def _pictures(plan: Plan, result: Result) -> Iterator[tuple[str, Callable[[Path]
     for name, settings in plan.experiment.scenario.plots.items():
         yield f"{name}.png", partial(_plot, result, settings)
     yield "overview.png", partial(_overview, plan, result)
+    yield "top_view.png", partial(_top_view, plan, result)
     yield "animation.html", partial(_animation, plan, result)
 
 
@@ -85,7 +87,14 @@ def _plot(result: Result, settings: PlotSettings, path: Path) -> bool:
 
 
 def _overview(plan: Plan, result: Result, path: Path) -> bool:
-    save(plot_overview(result.trajectory, plan.experiment.scenario.title), path)
+    save(plot_run(result.trajectory, plan.experiment.scenario.title), path)
+    return True
+
+
+def _top_view(plan: Plan, result: Result, path: Path) -> bool:
+    if not ground_paths(result.trajectory):
+        return False
+    save(plot_top_view(result.trajectory, plan.experiment.scenario.title, result.comparisons), path)
     return True
 
 

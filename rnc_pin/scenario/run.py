@@ -221,7 +221,7 @@ def result_names(plan: Plan) -> list[str]:
     """Names of the files that a run may write."""
     pictures = [f"{name}.png" for name in plan.experiment.scenario.plots]
     numbers = ["trajectory.npz", *map(_comparison_file, plan.comparisons), "summary.json", "scenario.yaml"]
-    return [*numbers, *pictures, "overview.png", "animation.html"]
+    return [*numbers, *pictures, "overview.png", "top_view.png", "animation.html"]
 
 
 def _comparison_file(label: str) -> str:

@@ -13,8 +13,8 @@ from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PlannedPath, Provenance, RunInfo, TaskNames
 
 _Value = TypeVar("_Value")
-_OTHERS = ("T", "multipliers", "contact_forces", "v", "friction_used")
-_OF_THE_RUN = ("names", "units", "angular", "rotations", "goals", "dt", "versions", "outcome", "message")
+_OTHERS = ("T", "multipliers", "contact_forces", "v", "friction_used", "ground_poses")
+_OF_THE_RUN = ("names", "units", "angular", "rotations", "quasi", "goals", "dt", "versions", "outcome", "message")
 _OF_ITS_ORIGIN = ("scenario", "seed", "config", "folder", "controller", "task", "path", "estimates", "predicted")
 
 
@@ -25,9 +25,10 @@ def info_to_plain(info: RunInfo) -> dict[str, Json]:
     others = {name: list(getattr(outputs, name)) for name in _OTHERS}
     return {
         "names": {**{kind: list(each.names) for kind, each in kinds.items()}, **others},
-        "units": {kind: list(each.units) for kind, each in kinds.items()},
+        "units": {**{kind: list(each.units) for kind, each in kinds.items()}, "T": list(outputs.T_units)},
         "angular": {kind: list(each.angular) for kind, each in kinds.items()},
         "rotations": {kind: list(each.rotations) for kind, each in kinds.items()},
+        "quasi": {kind: list(each.quasi) for kind, each in kinds.items()},
         "goals": list(info.goals),
         **({} if info.dt is None else {"dt": info.dt}),
         "versions": dict(info.versions),
@@ -97,18 +98,20 @@ def info_from_plain(content: Json) -> RunInfo:
     names, units, angular = (_Reader(_mapping(content[part]), f"{part}.") for part in parts)
     read = _Reader(content)
     rotations = _Reader(read.optional("rotations", _mapping) or {}, "rotations.")
+    quasi = _Reader(read.optional("quasi", _mapping) or {}, "quasi.")
     x1, x2 = (
         Columns(
             names.optional(kind, _texts) or (),
             units.optional(kind, _texts) or (),
             angular.optional(kind, _flags) or (),
             rotations.optional(kind, _wholes) or (),
+            quasi.optional(kind, _flags) or (),
         )
         for kind in ("x1", "x2")
     )
-    others = (names.optional(each, _texts) or () for each in _OTHERS)
+    others = {each: names.optional(each, _texts) or () for each in _OTHERS}
     return RunInfo(
-        OutputNames(x1, x2, *others),
+        OutputNames(x1, x2, **others, T_units=units.optional("T", _texts) or ()),
         goals=read.optional("goals", _texts) or (),
         dt=read.optional("dt", _number),
         versions=read.optional("versions", _texts_by_name) or {},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies, ground_poses
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
@@ -121,6 +122,7 @@ class Record:
         about = _integrated(a["x2"], a["v2"], a["time"])
         about[:, self._carries] = (a["x2"][:1] + self._integrals[: self.count])[:, self._carries]
         a["x2"] = x2.unwrap(a["x2"], about)
+        bodies = ground_bodies(reduced)
         first = self._first_word or 0
         goals = tuple(
             name
@@ -131,9 +133,13 @@ class Record:
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
         return Trajectory(
             **a,
-            **self._derived(a["q"], a["v"], a["T"]),
+            **self._derived(a["q"], a["v"], a["T"], bodies),
             info=RunInfo(
-                replace(output_names(reduced), friction_used=self._contacts),
+                replace(
+                    output_names(reduced),
+                    friction_used=self._contacts,
+                    ground_poses=tuple(body.name for body in bodies),
+                ),
                 goals,
                 dt,
                 self._versions,
@@ -143,19 +149,21 @@ class Record:
             ),
         )
 
-    def _derived(self, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> dict[str, np.ndarray]:
+    def _derived(
+        self, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
+    ) -> dict[str, np.ndarray]:
         reduced, N = self.reduced, len(q)
         sizes = {
             "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
             "slip": (reduced.m,), "energy": (), "constraint_residual": (), "position_residual": (),
-            "singular_value": (),
+            "singular_value": (), "ground_poses": (3 * len(bodies),),
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
         for start, end, plant in self._stretches(N):
             for inner in _blocks(end - start, _MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
-                for name, values in _block(reduced, plant, q[block], v[block], T[block], external).items():
+                for name, values in _block(reduced, plant, q[block], v[block], T[block], external, bodies).items():
                     derived[name][block] = values
         return derived
 
@@ -175,6 +183,7 @@ def _block(
     v: np.ndarray,
     T: np.ndarray,
     external: np.ndarray | None,
+    bodies: Sequence[GroundBody],
 ) -> dict[str, np.ndarray]:
     """Outputs as the controller's model sees them; forces and energy are those of the plant."""
     seen = Evaluation(reduced.parts, q, v=v)
@@ -195,6 +204,7 @@ def _block(
         "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
         "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
         "singular_value": seen.smallest_singular_value,
+        "ground_poses": ground_poses(bodies, seen.position),
     }
 
 
@@ -254,6 +264,7 @@ def output_names(reduced: ReducedModel) -> OutputNames:
         x1=_columns(reduced.vertical),
         x2=_columns(reduced.reducing),
         T=tuple(reduced.actuation.names),
+        T_units=tuple(reduced.actuation.units),
         multipliers=tuple(reduced.constraints.names),
         contact_forces=tuple(reduced.all_constraints.names),
         v=tuple(reduced.robot.velocity_names),
@@ -263,7 +274,7 @@ def output_names(reduced: ReducedModel) -> OutputNames:
 def _columns(outputs: OutputStack) -> Columns:
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
-    return Columns(tuple(outputs.names), units, tuple(angular), tuple(rotations))
+    return Columns(tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist()))
 
 
 def versions() -> dict[str, str]:

@@ -37,12 +37,14 @@ class Columns:
         names, units: of the outputs; of a quasi-velocity the unit of its integral.
         angular: which are angles.
         rotations: columns in which a rotation vector begins.
+        quasi: which are integrals of quasi-velocities; none in files of older versions.
     """
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     angular: tuple[bool, ...] = ()
     rotations: tuple[int, ...] = ()
+    quasi: tuple[bool, ...] = ()
 
     @property
     def coordinates(self) -> Coordinates:
@@ -61,6 +63,8 @@ class OutputNames:
         contact_forces: all constraint rows.
         v: velocities of the robot.
         friction_used: contacts that grip by friction.
+        ground_poses: bodies that move on the ground.
+        T_units: "N" or "N m" of each actuator, empty where it is not known; none in files of older versions.
     """
 
     x1: Columns = Columns()
@@ -70,6 +74,8 @@ class OutputNames:
     contact_forces: tuple[str, ...] = ()
     v: tuple[str, ...] = ()
     friction_used: tuple[str, ...] = ()
+    ground_poses: tuple[str, ...] = ()
+    T_units: tuple[str, ...] = ()
 
     def of(self, kind: str) -> Columns:
         """Those of "x1" or of "x2"."""

@@ -99,6 +99,8 @@ class Trajectory(Printed):
     """Full velocities as sensors gave them; no columns where they are exact."""
     friction_used: Float[Array, "N c2"]
     """Share of the grip that each contact uses, 1 where it slips; no columns where nothing grips by friction."""
+    ground_poses: Float[Array, "N g"]
+    """x, y [m] and heading [rad] of each body that moves on the ground; no columns where none does."""
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
 
@@ -229,13 +231,17 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         columns = outputs.of(kind)
         if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
             raise _Unfit(f"'meta' does not name the columns of '{kind}'")
-    if len(outputs.T) != arrays["T"].shape[1]:
+        if len(columns.quasi) not in (0, len(columns.names)):
+            raise _Unfit(f"'meta' does not name the quasi-velocities of '{kind}'")
+    if len(outputs.T) != arrays["T"].shape[1] or len(outputs.T_units) not in (0, len(outputs.T)):
         raise _Unfit("'meta' does not name the columns of 'T'")
+    if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
+        raise _Unfit("'meta' does not name the columns of 'ground_poses'")
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
         raise _Unfit("it holds values that are not finite")
     if (np.diff(arrays["time"]) < 0).any():
         raise _Unfit("its time runs backwards")
 
 
-_LATER = ("slip", "v_measured", "friction_used")  # not in files of older versions
+_LATER = ("slip", "v_measured", "friction_used", "ground_poses")  # not in files of older versions
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

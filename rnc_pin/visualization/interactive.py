@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.simulation import Trajectory, tracking_errors
+from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
+from rnc_pin.visualization.panels import Others, Panel, panels
 from rnc_pin.visualization.plots import plot_run
+from rnc_pin.visualization.top_view import GroundPath, ground_paths
 from rnc_pin.whole_files import written_whole
 
 _MOST_POINTS = 2000
-_DASHES = ("dash", "dashdot", "longdash", "dot", "longdashdot")
+_DASHES = ("dash", "dashdot", "longdash", "longdashdot")
+_PANEL, _VIEW, _GAP = 240, 480, 24  # heights [pixels]
 
 
 def write_plots(
@@ -52,7 +56,7 @@ def write_plots(
 def interactive_figure(
     trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
 ) -> Any:
-    """A plotly figure: outputs by unit, errors, inputs, distance from singularity; zoom one and all follow.
+    """A plotly figure with the panels of ``plot_run``; zoom in time in one and all follow.
 
     Raises:
         ConfigurationError: plotly is not installed.
@@ -62,38 +66,89 @@ def interactive_figure(
         from plotly.subplots import make_subplots
     except ImportError:
         raise ConfigurationError("plotly is not installed; pip install 'rnc_pin[interactive]'") from None
-    names = ps.outputs_of(trajectory)
-    units = list(dict.fromkeys(ps.series(trajectory, name)[2] for name in names))
-    labels = [*(ps.quantity([unit]) for unit in units), "tracking error", "input [N, N m]", "singularity margin [-]"]
-    figure: Figure = make_subplots(rows=len(labels), cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    for row, label in enumerate(labels, start=1):
-        figure.update_yaxes(title_text=label, row=row, col=1)
-    runs = {"": trajectory, **(comparisons or {})}
-    for k, (label, run) in enumerate(runs.items()):
-        dash = "solid" if not k else _DASHES[(k - 1) % len(_DASHES)]
-        after = f" ({label})" if label else ""
-        every = slice(None, None, max(1, len(run.time) // _MOST_POINTS))
-
-        def add(
-            row: int, column: int, name: str, values: np.ndarray, run: Trajectory = run, dash: str = dash,
-            every: slice = every, after: str = after, color: str | None = None,
-        ) -> None:  # fmt: skip
-            shade = color or ps.shade(column)
-            style = {"color": shade, "dash": dash, "width": 2 if color is None else 1.5}
-            figure.add_scatter(x=run.time[every], y=values[every], name=name + after, line=style, row=row, col=1)
-
-        for row, unit in enumerate(units, start=1):
-            for column, name in enumerate(name for name in names if ps.series(trajectory, name)[2] == unit):
-                actual, desired, _ = ps.series(run, name)
-                add(row, column, ps.words(name), actual)
-                if not k and name in run.info.goals:
-                    add(row, column, f"{ps.words(name)}, desired", desired, dash="dot", color="black")
-        for column, (name, error) in enumerate(tracking_errors(run).items()):
-            add(len(units) + 1, column, f"error of {ps.words(name)}", np.abs(error))
-        for column, (name, values) in enumerate(zip(run.info.outputs.T, run.T.T, strict=True)):
-            add(len(units) + 2, column, f"input {ps.words(name)}", values)
-        add(len(labels), 0, "singularity margin", run.singular_value, color="black")
-    figure.update_yaxes(type="log", exponentformat="power", row=len(units) + 1, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(labels), col=1)
-    figure.update_layout(title=title, template="plotly_white", height=240 * len(labels), hovermode="x unified")
+    others = comparisons or {}
+    shown, paths = panels(trajectory, others), ground_paths(trajectory)
+    above = [_VIEW] if paths else []
+    heights = [*above, *(_PANEL for _ in shown)]
+    figure: Figure = make_subplots(rows=len(heights), cols=1, row_heights=heights, vertical_spacing=_GAP / sum(heights))
+    if paths:
+        _add_top_view(figure, paths, others)
+    for row, panel in enumerate(shown, start=1 + len(above)):
+        _add_panel(figure, row, panel, trajectory, others)
+        figure.update_xaxes(matches=f"x{len(heights)}", showticklabels=row == len(heights), row=row, col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(heights), col=1)
+    for row in range(1, len(heights) + 1):
+        top = figure.layout[_axis(row)].domain[1]
+        figure.update_layout({_legend(row): {"x": 1.01, "xanchor": "left", "y": top, "yanchor": "top"}})
+    figure.update_layout(title=title, template="plotly_white", height=sum(heights), hovermode="x unified")
     return figure
+
+
+def _axis(row: int) -> str:
+    return "yaxis" if row == 1 else f"yaxis{row}"
+
+
+def _legend(row: int) -> str:
+    """Each panel has a legend beside it."""
+    return "legend" if row == 1 else f"legend{row}"
+
+
+def _add_panel(figure: Any, row: int, panel: Panel, run: Trajectory, others: Others) -> None:
+    """Add a panel: actual solid, desired dotted, other runs dashed, as they are in print."""
+    count = len(panel.series)
+
+    def shown(values: np.ndarray) -> np.ndarray:
+        return np.maximum(values, panel.bottom or 0.0) if panel.log else values
+
+    for k, series in enumerate(panel.series):
+        name = f"{panel.what} {series.name}".strip()
+        _add_line(figure, row, run.time, shown(series.values), name, ps.COLORS[k])
+        for index, (dash, label) in enumerate(zip(cycle(_DASHES), others, strict=False)):
+            if label in series.compared:
+                color = ps.color_of(k, count, index)
+                time, values = others[label].time, shown(series.compared[label])
+                _add_line(figure, row, time, values, f"{name} ({label})", color, dash)
+        if series.desired is not None:
+            _add_line(figure, row, run.time, series.desired, f"{name}, desired", "black", "dot")
+    scale = {"type": "log", "exponentformat": "power"} if panel.log else {}
+    if panel.bottom == 0.0:
+        scale = {"rangemode": "tozero"}
+    figure.update_yaxes(title_text=panel.label.replace("\n", "<br>"), **scale, row=row, col=1)
+
+
+def _add_top_view(figure: Any, paths: Sequence[GroundPath], others: Others) -> None:
+    names = [path.name for path in paths]
+    for k, path in enumerate(paths):
+        _add_path(figure, path.points, f"{path.name} from above", ps.COLORS[k])
+        if path.headings is not None:
+            marks = path.marks()
+            angles = 90.0 - np.rad2deg(path.headings[marks])  # plotly counts clockwise from upwards
+            figure.add_scatter(
+                x=path.points[marks, 0], y=path.points[marks, 1], mode="markers", showlegend=False, row=1, col=1,
+                name=f"heading of {path.name}",
+                marker={"symbol": "arrow", "size": 12, "angle": angles, "color": ps.COLORS[k]},
+            )  # fmt: skip
+        if path.desired is not None:
+            _add_path(figure, path.desired, f"{path.name} from above, desired", "black", "dot")
+    for index, (dash, label) in enumerate(zip(cycle(_DASHES), others, strict=False)):
+        for path in ground_paths(others[label]):
+            if path.name in names:
+                color = ps.color_of(names.index(path.name), len(names), index)
+                _add_path(figure, path.points, f"{path.name} from above ({label})", color, dash)
+    figure.update_xaxes(title_text="x [m]", title_standoff=2, row=1, col=1)
+    figure.update_yaxes(title_text="y [m]", scaleanchor="x", row=1, col=1)
+
+
+def _add_path(figure: Any, points: np.ndarray, name: str, color: str, dash: str = "solid") -> None:
+    """Add a path (N, 2) to the view from above."""
+    _add_line(figure, 1, points[:, 0], points[:, 1], name, color, dash)
+
+
+def _add_line(
+    figure: Any, row: int, along: np.ndarray, values: np.ndarray, name: str, color: str, dash: str = "solid"
+) -> None:
+    every = slice(None, None, max(1, len(values) // _MOST_POINTS))
+    style = {"color": color, "dash": dash, "width": 2 if dash == "solid" else 1.5}
+    figure.add_scatter(
+        x=along[every], y=values[every], name=name, mode="lines", line=style, legend=_legend(row), row=row, col=1
+    )

@@ -1,4 +1,7 @@
-"""Plots of a run over time. Every function returns a Matplotlib figure; ``plot_style.save`` writes it."""
+"""Figures of a run. Every function returns a Matplotlib figure; ``plot_style.save`` writes it.
+
+``panels`` says what stands in panels over time, ``top_view`` draws what is seen from above.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from rnc_pin.errors import InputError
-from rnc_pin.simulation import Trajectory, tracking_errors
+from rnc_pin.simulation import Trajectory
+from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
+from rnc_pin.visualization.top_view import draw_top_view, ground_paths
 
-_LONGEST_TITLE, _TITLE_LINES = 64, 3  # letters in a line: what 6.4 inches have room for
-_SMALLEST = 1e-8  # what an error axis shows
+_WIDTH, _NARROW = 8.0, 7.0  # of a panel and its legend, alone and beside others [inches]
+_LONGEST_TITLE, _TITLE_LINES = 64, 3  # letters in a line: what a figure of one column has room for
+_HEIGHT = 2.1  # of a panel [inches]
+_ROWS = (4, 5, 6)  # panels one above the other in figures of one, two, and more columns
+_VIEW_HEIGHTS = 3.2, 6.0  # of a view from above alone [inches]
+_VIEW = 2  # panels whose place a view from above takes
 
 
 @ps.styled
@@ -25,7 +33,7 @@ def plot_outputs(
     title: str | None = None,
     comparisons: Mapping[str, Trajectory] | None = None,
 ) -> Figure:
-    """Outputs over time: actual solid, desired dotted, other runs dashed.
+    """Outputs over time, by quantity: actual solid, desired dotted, other runs dashed.
 
     Args:
         trajectory: the run.
@@ -33,13 +41,7 @@ def plot_outputs(
         title: above the plot.
         comparisons: other runs by label.
     """
-    figure = ps.PrintFigure(figsize=(6.4, ps.heightened(3.6, [*outputs, "desired", *(comparisons or {})])))
-    axes = figure.subplots()
-    handles = _outputs(axes, trajectory, outputs, comparisons or {})
-    axes.set_xlabel("time [s]")
-    ps.legend_below(axes, handles)
-    _title(axes, title)
-    return figure
+    return _stacked(trajectory, p.outputs(trajectory, comparisons or {}, outputs), title, comparisons or {})
 
 
 @ps.styled
@@ -57,26 +59,33 @@ def plot_learning(
         title: above the plot.
         comparisons: other runs by label, dashed.
     """
-    figure = ps.PrintFigure(figsize=(6.4, 3.6))
-    axes = figure.subplots()
-    handles = _learning(axes, trajectory, quantity, comparisons or {})
-    axes.set_xlabel("time [s]")
-    ps.legend_below(axes, handles)
-    _title(axes, title)
-    return figure
+    return _stacked(trajectory, p.learnt(trajectory, comparisons or {}, quantity), title, comparisons or {})
 
 
 @ps.styled
-def plot_overview(trajectory: Trajectory, title: str | None = None) -> Figure:
-    """What any run is judged by: tracking errors, actuator inputs and the distance from singularity."""
-    most = max(len(trajectory.info.goals), len(trajectory.info.outputs.T))
-    figure = ps.PrintFigure(figsize=(ps.widened(6.4, most), 6.4))
-    panels = figure.subplots(3, 1, sharex=True)
-    _errors(panels[0], trajectory, {})
-    _inputs(panels[1], trajectory)
-    _margin(panels[2], trajectory, {})
-    panels[-1].set_xlabel("time [s]")
-    _title(panels[0], title)
+def plot_top_view(
+    trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
+) -> Figure:
+    """What moves on the ground as seen from above: paths with heading marks, and where it should have gone.
+
+    Args:
+        trajectory: the run.
+        title: above the plot.
+        comparisons: other runs by label, dashed.
+
+    Raises:
+        InputError: nothing moves in the plane.
+    """
+    paths = ground_paths(trajectory)
+    if not paths:
+        raise InputError("nothing of this run is seen from above: no body on the ground, no x and y among the outputs")
+    across, up = np.ptp(np.concatenate([path.points for path in paths]), axis=0)
+    height = np.clip(0.7 * _WIDTH * up / max(across, 1e-9) + 1.2, *_VIEW_HEIGHTS)
+    figure = ps.PrintFigure(figsize=(_WIDTH, float(height)))
+    axes = figure.subplots()
+    ps.legend_beside(axes, draw_top_view(axes, trajectory, comparisons or {}))
+    _title(axes, title)
+    _settle(figure)
     return figure
 
 
@@ -84,7 +93,8 @@ def plot_overview(trajectory: Trajectory, title: str | None = None) -> Figure:
 def plot_run(
     trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
 ) -> Figure:
-    """A run of any system: its outputs by unit, tracking errors, inputs, what it learnt, distance from singularity.
+    """A run of any system: from above, and over time its outputs, errors, inputs, what it learnt, how near it is to
+    a singularity.
 
     Args:
         trajectory: the run.
@@ -97,114 +107,101 @@ def plot_run(
     if len(trajectory.time) < 2:
         raise InputError(f"a run of {len(trajectory.time)} samples has nothing to plot")
     others = comparisons or {}
-    names = ps.outputs_of(trajectory)
-    units = list(dict.fromkeys(ps.series(trajectory, name)[2] for name in names))
-    learnt = [each for each in ("estimates", "prediction_error") if getattr(trajectory, each).shape[1]]
-    count = len(units) + 2 + len(learnt) + bool(trajectory.T.shape[1])
-    most = max(len(names), len(trajectory.info.outputs.T))
-    figure = ps.PrintFigure(figsize=(ps.widened(7.2, most), 2.0 * count + 0.4))
-    panels = iter(figure.subplots(count, 1, sharex=True))
+    shown = p.panels(trajectory, others)
+    above = _VIEW if ground_paths(trajectory) else 0
+    rows, columns = _layout(above + len(shown))
+    figure = ps.PrintFigure(figsize=(_WIDTH if columns == 1 else _NARROW * columns, _HEIGHT * rows + 0.4))
+    grid = figure.add_gridspec(rows, columns)
     first: Axes | None = None
-    for unit in units:
-        axes = next(panels)
-        first = first or axes
-        handles = _outputs(axes, trajectory, [n for n in names if ps.series(trajectory, n)[2] == unit], others)
-        ps.legend_beside(axes, handles)
-    axes = next(panels)
-    _errors(axes, trajectory, others)
-    if trajectory.T.shape[1]:
-        axes = next(panels)
-        _inputs(axes, trajectory)
-    for each in learnt:
-        axes = next(panels)
-        ps.legend_beside(axes, _learning(axes, trajectory, each, others))
-    axes = next(panels)
-    _margin(axes, trajectory, others)
-    axes.set_xlabel("time [s]")
-    figure.align_ylabels()
-    _title(first or axes, title)
+    if above:
+        first = figure.add_subplot(grid[:above, 0])
+        ps.legend_beside(first, draw_top_view(first, trajectory, others))
+    timed: list[Axes] = []
+    for place, panel in enumerate(shown, start=above):
+        axes = figure.add_subplot(grid[place % rows, place // rows], sharex=timed[0] if timed else None)
+        timed.append(axes)
+        _draw(axes, panel, trajectory, others)
+        _label_time(axes, last=place % rows == rows - 1 or panel is shown[-1])
+    figure.align_ylabels(timed)
+    _title(first or timed[0], title)
+    if first is not None:
+        _settle(figure)
     return figure
 
 
-# ---------------------------------------------------------------------- one set of axes each
+def _settle(figure: Figure) -> None:
+    """Lay out once before drawing: equal scales change ticks, for whose labels the next layout leaves room."""
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
 
 
-def _outputs(
-    axes: Axes, trajectory: Trajectory, outputs: Sequence[str], others: Mapping[str, Trajectory]
-) -> list[Line2D]:
-    handles, units = [], []
-    for k, name in enumerate(outputs):
-        actual, desired, unit = ps.series(trajectory, name)
-        units.append(unit)
-        handles.append(ps.line(axes, k, len(outputs), trajectory.time, actual, ps.words(name)))
-        for style, label in ps.dashes(others):
-            other = others[label]
-            axes.plot(other.time, ps.series(other, name)[0], color=handles[-1].get_color(), ls=style, lw=1.5)
-        if name in trajectory.info.goals:
-            # Above the solid line, or a dotted one that it follows closely could not be seen.
-            axes.plot(trajectory.time, desired, color="black", ls=ps.DOTS, lw=1.3)
-    if any(name in trajectory.info.goals for name in outputs):
-        handles.append(ps.desired_entry())
-    axes.set_ylabel(ps.quantity(units))
+def _layout(places: int) -> tuple[int, int]:
+    """Rows and columns for so many panels."""
+    columns = next((k for k, rows in enumerate(_ROWS, start=1) if places <= k * rows), -(-places // _ROWS[-1]))
+    return -(-places // columns), columns
+
+
+def _stacked(run: Trajectory, shown: Sequence[p.Panel], title: str | None, others: p.Others) -> Figure:
+    """A figure of few panels, one above the other."""
+    height = 3.6 if len(shown) == 1 else _HEIGHT * len(shown) + 0.5
+    figure = ps.PrintFigure(figsize=(_WIDTH, height))
+    stack = figure.subplots(max(1, len(shown)), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(stack, shown, strict=False):
+        _draw(axes, panel, run, others)
+    _label_time(stack[-1], last=True)
+    figure.align_ylabels(stack)
+    _title(stack[0], title)
+    return figure
+
+
+def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None:
+    """Draw a panel: actual solid, desired dotted, other runs dashed, each in the colour that its legend shows."""
+    count = len(panel.series)
+    entries = [
+        ps.Entry(series.name, [ps.line(axes, k, count, run.time, series.values)])
+        for k, series in enumerate(panel.series)
+    ]
+    for run_index, (style, label) in enumerate(ps.dashes(others)):
+        lines = []
+        for k, series in enumerate(panel.series):
+            if label in series.compared:
+                color = ps.color_of(k, count, run_index)
+                lines += axes.plot(others[label].time, series.compared[label], color=color, ls=style, lw=1.4)
+        if lines:
+            entries.append(ps.Entry(label, lines))
+    # Above the solid lines, or a dotted one that they follow closely could not be seen.
+    desired = [
+        axes.plot(run.time, series.desired, color="black", ls=ps.DOTS, lw=1.3)[0]
+        for series in panel.series
+        if series.desired is not None
+    ]
+    if desired:
+        entries.append(ps.Entry("desired", desired[:1]))
+    axes.set_ylabel(panel.label)
     axes.margins(x=0.01)
-    return handles + ps.dashed(others, 1.5)
+    if panel.log:
+        axes.set_yscale("log")
+    if panel.bottom is not None:
+        top = max((float(np.nanmax(each.values, initial=0.0)) for each in panel.series), default=0.0)
+        axes.set_ylim(panel.bottom, None if panel.log else max(1.1 * top, panel.bottom + 1e-3))
+    if not (panel.log or panel.bottom is not None):
+        _calm(axes)
+    ps.legend_beside(axes, entries, panel.note)
 
 
-def _errors(axes: Axes, trajectory: Trajectory, others: Mapping[str, Trajectory]) -> None:
-    errors = tracking_errors(trajectory)
-    compared = {label: tracking_errors(other) for label, other in others.items()}
-    handles = []
-    for k, (name, error) in enumerate(errors.items()):
-        label = f"{ps.words(name)} [{ps.series(trajectory, name)[2]}]"
-        shown = np.abs(error) + _SMALLEST / 1e8
-        handles.append(ps.line(axes, k, len(errors), trajectory.time, shown, label, lw=1.4))
-        for style, other in ps.dashes(others):
-            if name in compared[other]:
-                shown = np.abs(compared[other][name]) + _SMALLEST / 1e8
-                axes.plot(others[other].time, shown, color=handles[-1].get_color(), ls=style, lw=1.2)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=_SMALLEST)
-    axes.set_ylabel("tracking error")
-    axes.margins(x=0.01)
-    ps.legend_beside(axes, handles)
+def _calm(axes: Axes) -> None:
+    """Keep an axis from showing rounding as if it were a motion."""
+    low, high = axes.get_ylim()
+    least = 1e-6 * max(1.0, abs(low), abs(high))
+    if high - low < least:
+        axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
 
 
-def _inputs(axes: Axes, trajectory: Trajectory) -> None:
-    names = trajectory.info.outputs.T
-    for k, (name, column) in enumerate(zip(names, trajectory.T.T, strict=True)):
-        ps.line(axes, k, len(names), trajectory.time, column, ps.words(name), lw=1.4)
-    axes.set_ylabel("input [N, N m]")
-    axes.margins(x=0.01)
-    ps.legend_beside(axes)
-
-
-def _margin(axes: Axes, trajectory: Trajectory, others: Mapping[str, Trajectory]) -> None:
-    axes.plot(trajectory.time, trajectory.singular_value, color="black")
-    for style, label in ps.dashes(others):
-        axes.plot(others[label].time, others[label].singular_value, color="0.3", ls=style, lw=1.2)
-    axes.set_ylim(0, 1.1 * float(np.nanmax(trajectory.singular_value, initial=1e-3)))
-    axes.set_ylabel("singularity\nmargin [-]")
-    axes.margins(x=0.01)
-    ps.legend_beside(axes, ps.dashed(others, 1.2))
-
-
-def _learning(axes: Axes, trajectory: Trajectory, quantity: str, others: Mapping[str, Trajectory]) -> list[Line2D]:
-    values = getattr(trajectory, quantity)
-    what = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
-    origin = trajectory.info.provenance
-    known = origin.estimates if quantity == "estimates" else origin.predicted
-    names = list(known) or [f"{quantity} {column}" for column in range(values.shape[1])]
-    units = " / ".join(dict.fromkeys(known.values()))
-    handles = []
-    for column, name in enumerate(names):
-        handles.append(ps.line(axes, column, len(names), trajectory.time, values[:, column], ps.words(name), lw=1.4))
-        for style, label in ps.dashes(others):
-            series = getattr(others[label], quantity)
-            if series.shape[1] > column:
-                axes.plot(others[label].time, series[:, column], color="0.3", ls=style, lw=1.2, zorder=1.5)
-    axes.set_ylabel(f"{what} [{units}]" if units else what)
-    axes.margins(x=0.01)
-    return handles + ps.dashed(others, 1.2)
+def _label_time(axes: Axes, last: bool) -> None:
+    if last:
+        axes.set_xlabel("time [s]")
+    axes.tick_params(labelbottom=last)
 
 
 def _title(axes: Axes, title: str | None) -> None:

@@ -1,0 +1,174 @@
+"""Bodies that move on the ground, as seen from above: what carries wheels, runners and balls, and every planar base."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.constraints import NoSideSlip, RollingBall, RollingRows
+from rnc_pin.model.kinematics import Kinematics, Position
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
+
+_UPRIGHT = 0.7  # vertical part of a unit vector from which on it counts as vertical
+_BESIDE = 0.02  # how far from its steering axis a runner may touch the ground and be no trailer [m]
+_SAME = 1e-6  # of points [m] and unit vectors
+
+
+class _Contact(NamedTuple):
+    """Where a body touches the ground, at one configuration."""
+
+    joint: int
+    point: np.ndarray
+    """(3,) [m]"""
+    lateral: np.ndarray | None
+    """Horizontal unit vector (3,) along which it does not slip; None for a ball."""
+    beside: float
+    """How far from its steering axis it may be [m]."""
+
+
+class GroundBody(NamedTuple):
+    """A body with the point and the direction by which it is drawn.
+
+    Attributes:
+        name: of the body.
+        joint: that carries it.
+        point: on it, (3,) in the axes of the joint [m].
+        left: unit vector (3,) in the axes of the joint; NaN for a ball, which has no heading.
+    """
+
+    name: str
+    joint: int
+    point: np.ndarray
+    left: np.ndarray
+
+    def poses(self, at: Position) -> Float[Array, "*batch 3"]:
+        """x, y [m] and heading [rad] at configurations."""
+        rotation, translation = at.joint_placement(self.joint)
+        place, left = translation + rotation @ self.point, rotation @ self.left
+        return np.stack([place[..., 0], place[..., 1], np.arctan2(-left[..., 0], left[..., 1])], axis=-1)
+
+
+def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
+    """Bodies of a system that move on the ground, from the base on.
+
+    A body is what remains of a vehicle without its wheels and steering: chassis and trailers, not the forks between.
+    """
+    robot = reduced.robot
+    model, data, neutral = robot.model, robot.model.createData(), robot.configuration()
+    pin.computeJointJacobians(model, data, neutral)
+    here = Kinematics(robot).position(neutral)
+    turned = pin.integrate(model, neutral, np.random.default_rng(0).uniform(-0.4, 0.4, robot.nv))
+    there = Kinematics(robot).position(turned)
+    found: dict[int, list[tuple[_Contact, _Contact]]] = {
+        joint: [] for joint in range(1, model.njoints) if "Planar" in model.joints[joint].shortname()
+    }
+    for place in reduced.all_constraints.places:
+        contacts = [_contact(place.block, robot, position) for position in (here, there)]
+        if contacts[0] is not None and contacts[1] is not None:
+            joint = _carrier(model, data, contacts[0])
+            found.setdefault(joint, []).append((contacts[0], contacts[1]))
+    return tuple(_body(robot, joint, found[joint], here, there) for joint in sorted(found))
+
+
+def ground_poses(bodies: Iterable[GroundBody], at: Position) -> Float[Array, "*batch g"]:
+    """x, y and heading of each body, one after the other, at configurations."""
+    poses = [body.poses(at) for body in bodies]
+    return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
+
+
+def _contact(rows: Rows, robot: Robot, at: Position) -> _Contact | None:
+    """The contact that rows describe; None where they describe none that a vehicle stands on."""
+    kind = rows.kind
+    if isinstance(rows, RollingRows):
+        frame = rows.frame
+        point, lateral, beside = at.placement(frame).translation, at.rotation(frame) @ rows.axle, rows.radius
+    elif isinstance(kind, NoSideSlip):
+        lines = rows.lines_of_action(at)
+        assert lines is not None
+        frame, point, lateral, beside = robot.frame_id(kind.frame), lines[0][0], lines[1][0], _BESIDE
+    elif isinstance(kind, RollingBall):
+        frame = robot.frame_id(kind.frame)
+        return _Contact(robot.model.frames[frame].parentJoint, at.placement(frame).translation.copy(), None, 0.0)
+    else:
+        return None
+    joint = robot.model.frames[frame].parentJoint
+    return _Contact(joint, point.copy(), lateral.copy(), beside) if abs(lateral[2]) < _UPRIGHT else None
+
+
+def _carrier(model: pin.Model, data: pin.Data, contact: _Contact) -> int:
+    """The joint of the vehicle's body above a wheel, its fork and its steering."""
+    joint = contact.joint
+    while _is_wheel_or_steering(model, data, joint, contact) and _turns(model, data, model.parents[joint]):
+        joint = model.parents[joint]
+    return joint
+
+
+def _is_wheel_or_steering(model: pin.Model, data: pin.Data, joint: int, contact: _Contact) -> bool:
+    kind = model.joints[joint]
+    if kind.nv != 1:
+        return "Spherical" in kind.shortname()
+    column = _jacobian(model, data, joint)[:, kind.idx_v]
+    axis = column[3:]
+    if np.linalg.norm(axis) < _UPRIGHT:  # it slides
+        return False
+    away = (contact.point - data.oMi[joint].translation)[:2]
+    return abs(axis[2]) < _UPRIGHT or float(np.linalg.norm(away)) <= contact.beside
+
+
+def _turns(model: pin.Model, data: pin.Data, joint: int) -> bool:
+    """Whether a body can turn about the vertical."""
+    return joint > 0 and float(np.abs(_jacobian(model, data, joint)[5]).max()) > _UPRIGHT
+
+
+def _jacobian(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    """(6, nv), which Pinocchio makes (6,) for a robot with one degree of freedom."""
+    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    return np.asarray(jacobian).reshape(6, model.nv)
+
+
+def _body(
+    robot: Robot, joint: int, contacts: Sequence[tuple[_Contact, _Contact]], here: Position, there: Position
+) -> GroundBody:
+    (rotation, translation), (turned, moved) = here.joint_placement(joint), there.joint_placement(joint)
+    points, fixed = [], []  # in the axes of the joint: where it is carried, and the axles that are not steered
+    for one, other in contacts:
+        point = rotation.T @ (one.point - translation)
+        if np.linalg.norm(point - turned.T @ (other.point - moved)) < _SAME:
+            points.append(point)
+        if one.lateral is not None and other.lateral is not None:
+            lateral = rotation.T @ one.lateral
+            if np.linalg.norm(lateral - turned.T @ other.lateral) < _SAME:
+                fixed.append((point, lateral))
+    left = _own_left(rotation)
+    if fixed and all(np.linalg.norm(np.cross(fixed[0][1], lateral)) < _SAME for _, lateral in fixed):
+        points, left = [point for point, _ in fixed], _toward(fixed[0][1], rotation)
+    elif contacts and all(one.lateral is None and one.joint == joint for one, _ in contacts):
+        left = np.full(3, np.nan)
+    return GroundBody(_name(robot, joint), joint, np.mean(points, axis=0) if points else np.zeros(3), left)
+
+
+def _own_left(rotation: np.ndarray) -> np.ndarray:
+    """The direction to the left of a body that looks along its own x axis, or along y where x is vertical."""
+    ahead = rotation[:, 0] if abs(rotation[2, 0]) < _UPRIGHT else rotation[:, 1]
+    left = np.cross([0.0, 0.0, 1.0], ahead)
+    return rotation.T @ (left / np.linalg.norm(left))
+
+
+def _toward(left: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """The same vector or its opposite (3,): ahead is where x and y of the body are positive."""
+    ahead = rotation.T @ np.cross(rotation @ left, [0.0, 0.0, 1.0])
+    return left if ahead[int(np.argmax(np.abs(ahead)))] >= 0 else -left
+
+
+def _name(robot: Robot, joint: int) -> str:
+    """The first body on a joint, or the joint itself where none is named."""
+    frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
+    bodies = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
+    return bodies[0] if bodies else robot.model.names[joint]

@@ -1,0 +1,290 @@
+"""Panels of a run over time: which lines stand together, under which label. Matplotlib and plotly draw the same ones.
+
+Another panel is one more function in ``_MAKERS``: from a run and those that it is compared with to its panels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from rnc_pin.simulation import Trajectory, tracking_errors
+from rnc_pin.simulation.run_info import Columns
+
+MOST = 6  # lines of a panel that can be told apart
+_LONGEST_NAME = 60
+_SMALLEST = 1e-8  # of what an error axis shows
+
+Others: TypeAlias = Mapping[str, Trajectory]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a panel, with what belongs to it.
+
+    Attributes:
+        name: as people read it.
+        values: over the time of the run, (N,).
+        desired: the reference, (N,), where there is one.
+        compared: the same of other runs by label, over their own time.
+    """
+
+    name: str
+    values: np.ndarray
+    desired: np.ndarray | None = None
+    compared: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines that share an axis.
+
+    Attributes:
+        label: of the axis, with the unit.
+        series: the lines, at most ``MOST`` where nothing is compared.
+        what: what a line is, where its name alone does not say: "error of", "input".
+        note: above the names: what the panel leaves out.
+        log: whether the axis is logarithmic; it begins at ``bottom``.
+        bottom: where the axis begins, if that is fixed.
+    """
+
+    label: str
+    series: tuple[Series, ...]
+    what: str = ""
+    note: str = ""
+    log: bool = False
+    bottom: float | None = None
+
+
+def panels(run: Trajectory, others: Others | None = None) -> list[Panel]:
+    """All panels of a run: motion with references, errors, inputs, what was learnt, distance from singularity.
+
+    Args:
+        run: the run.
+        others: runs that it is compared with, by label.
+    """
+    return [panel for make in _MAKERS for panel in make(run, others or {})]
+
+
+def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None) -> list[Panel]:
+    """Outputs with their references, by quantity; of quasi-velocities the rates and what they add up to.
+
+    Args:
+        run: the run.
+        others: runs that it is compared with.
+        names: of the outputs, of which rates are not shown then; all by default, those with goals first.
+    """
+    found = list(_outputs_of(run) if names is None else names)
+    groups = _grouped_by(found, lambda name: _quantity(run, name))
+    shown = [panel for label, group in groups for panel in _panels_of_outputs(run, others, label, group)]
+    return shown if names is not None else [*_rates(run, others), *shown]
+
+
+def learnt(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
+    """Parameters that the controller learnt ("estimates"), or how far its predictions were off ("prediction_error")."""
+    values: np.ndarray = getattr(run, quantity)
+    origin = run.info.provenance
+    known = origin.estimates if quantity == "estimates" else origin.predicted
+    units = {name: _in_si(unit) for name, unit in known.items()}
+    names = list(units) or [f"{quantity} {column}" for column in range(values.shape[1])]
+
+    def column(of: Trajectory, name: str) -> np.ndarray:
+        scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
+        return scaled
+
+    found = []
+    for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
+        for part in split(group, _room(others)):
+            series = []
+            for name in part:
+                alike = [label for label, other in others.items() if getattr(other, quantity).shape == values.shape]
+                compared = {label: column(others[label], name) for label in alike}
+                series.append(Series(words(name), column(run, name), None, compared))
+            said = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
+            what = "estimate of" if quantity == "estimates" else "prediction error of"
+            found.append(Panel(f"{said} [{unit}]" if unit else said, tuple(series), what))
+    return found
+
+
+def _in_si(unit: str) -> tuple[float, str]:
+    """The factor of a unit such as "10 kg", and the unit without it."""
+    number, _, rest = unit.partition(" ")
+    try:
+        return (float(number), rest) if rest else (1.0, unit)
+    except ValueError:
+        return 1.0, unit
+
+
+def words(name: str) -> str:
+    """A name as people read it; of a long one, its ends."""
+    if len(name) > _LONGEST_NAME:
+        name = f"{name[: _LONGEST_NAME // 2]}...{name[-_LONGEST_NAME // 2 :]}"
+    return name.replace("_", " ").strip()
+
+
+def split(names: Sequence[str], most: int = MOST) -> list[list[str]]:
+    """Names in groups of at most so many: those that begin alike stay together, such as the joints of an arm."""
+    if len(names) <= most:
+        return [list(names)] if names else []
+    groups = [list(group) for _, group in groupby(names, key=_first_word)]
+    if len(groups) == 1 or len(groups) == len(names):
+        count = -(-len(names) // most)
+        bounds = [round(k * len(names) / count) for k in range(count + 1)]
+        return [list(names[start:end]) for start, end in pairwise(bounds)]
+    parts: list[list[str]] = []
+    for group in groups:
+        for part in split(group, most):
+            if parts and len(parts[-1]) + len(part) <= most:
+                parts[-1] += part
+            else:
+                parts.append(part)
+    return parts
+
+
+def _first_word(name: str) -> str:
+    return name.lstrip("_").split("_")[0].rstrip("0123456789")
+
+
+# ---------------------------------------------------------------------- outputs
+
+
+def _outputs_of(run: Trajectory) -> list[str]:
+    """Names of all outputs of a run, those with goals first."""
+    names = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
+    return sorted(names, key=lambda name: name not in run.info.goals)
+
+
+def _where(run: Trajectory, name: str) -> tuple[str, Columns, int]:
+    for kind in ("x2", "x1"):
+        columns = run.info.outputs.of(kind)
+        if name in columns.names:
+            return kind, columns, columns.names.index(name)
+    raise KeyError(name)
+
+
+def _is_integral(run: Trajectory, name: str) -> bool:
+    _, columns, column = _where(run, name)
+    return bool(columns.quasi) and columns.quasi[column]
+
+
+def _quantity(run: Trajectory, name: str) -> str:
+    """Label of the axis of an output."""
+    _, columns, column = _where(run, name)
+    unit, integral = columns.units[column], _is_integral(run, name)
+    if any(start <= column < start + 3 for start in columns.rotations):
+        return f"rotation vector [{unit}]"
+    kinds = {"m": "distance", "rad": "turned angle"} if integral else {"m": "position", "rad": "angle"}
+    return f"{kinds.get(unit, 'integral' if integral else 'value')} [{unit or '-'}]"
+
+
+def _grouped_by(names: Iterable[str], key: Callable[[str], str]) -> list[tuple[str, list[str]]]:
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(key(name), []).append(name)
+    return list(groups.items())
+
+
+def _room(others: Others) -> int:
+    """How many lines of the run a panel has room for, beside those of others."""
+    return max(1, MOST // (1 + len(others)))
+
+
+def _called(run: Trajectory, name: str) -> str:
+    return f"integral of {words(name)}" if _is_integral(run, name) else words(name)
+
+
+def _panels_of_outputs(run: Trajectory, others: Others, label: str, names: Sequence[str]) -> list[Panel]:
+    def series(name: str) -> Series:
+        kind, _, column = _where(run, name)
+        desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
+        compared = {each: getattr(other, kind)[:, column] for each, other in others.items() if _has(other, run, kind)}
+        return Series(_called(run, name), getattr(run, kind)[:, column], desired, compared)
+
+    room = _room(others)
+    parts = [list(names)]
+    if len(names) > room:  # those with references first, and by themselves
+        parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
+    return [Panel(label, tuple(map(series, part))) for group in parts for part in split(group, room)]
+
+
+def _has(other: Trajectory, run: Trajectory, kind: str) -> bool:
+    """Whether another run has the same outputs."""
+    return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
+
+
+def _rates(run: Trajectory, others: Others) -> list[Panel]:
+    """Speeds, of which nothing but the rate is a quantity of the robot."""
+    columns = run.info.outputs.x2
+    names = [name for name in columns.names if _is_integral(run, name)]
+    found = []
+    for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
+        for part in split(group, _room(others)):
+            series = []
+            for name in part:
+                column = columns.names.index(name)
+                desired = run.v2_desired[:, column]
+                compared = {each: other.v2[:, column] for each, other in others.items() if _has(other, run, "x2")}
+                known = desired if np.isfinite(desired).any() else None
+                series.append(Series(words(name), run.v2[:, column], known, compared))
+            kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
+            found.append(Panel(f"{kind} [{unit}/s]" if unit else f"{kind} [1/s]", tuple(series), "rate of"))
+    return found
+
+
+def _errors(run: Trajectory, others: Others) -> list[Panel]:
+    """Tracking errors by unit, the largest where there are many."""
+    errors = tracking_errors(run)
+    compared = {label: tracking_errors(other) for label, other in others.items()}
+    units = {name: _where(run, name)[1].units[_where(run, name)[2]] for name in errors}
+    found = []
+    for unit, names in _grouped_by(errors, lambda name: units[name]):
+        room = _room(others)
+        largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
+        series = []
+        for name in [name for name in names if name in largest]:
+            shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
+            series.append(Series(_called(run, name), _magnitude(errors[name]), None, shown))
+        # What is small beside the errors themselves is where they change their signs.
+        bottom = max(_SMALLEST, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
+        note = f"largest {room} of {len(names)}" if len(names) > room else ""
+        found.append(Panel(f"error [{unit or '-'}]", tuple(series), "error of", note, log=True, bottom=bottom))
+    return found
+
+
+def _magnitude(error: np.ndarray) -> np.ndarray:
+    """On a logarithmic axis, where zero has no place."""
+    return np.abs(error) + _SMALLEST / 1e8
+
+
+# ---------------------------------------------------------------------- what drives it, what it learns, how safe it is
+
+
+def _inputs(run: Trajectory, others: Others) -> list[Panel]:
+    """Actuator inputs by unit. Those of other runs would hide them."""
+    names, units = run.info.outputs.T, run.info.outputs.T_units
+    kinds = {"N": "force [N]", "N m": "torque [N m]"}
+    found = []
+    for label, group in _grouped_by(
+        names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
+    ):
+        for part in split(group):
+            series = tuple(Series(words(name), run.T[:, names.index(name)]) for name in part)
+            found.append(Panel(label, series, "input"))
+    return found
+
+
+def _learnt(run: Trajectory, others: Others) -> list[Panel]:
+    return [panel for each in ("estimates", "prediction_error") for panel in learnt(run, others, each)]
+
+
+def _margin(run: Trajectory, others: Others) -> list[Panel]:
+    compared = {label: other.singular_value for label, other in others.items()}
+    series = Series("singularity margin", run.singular_value, None, compared)
+    return [Panel("singularity\nmargin [-]", (series,), bottom=0.0)]
+
+
+_MAKERS: tuple[Callable[[Trajectory, Others], list[Panel]], ...] = (outputs, _errors, _inputs, _learnt, _margin)

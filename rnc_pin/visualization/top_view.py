@@ -1,0 +1,164 @@
+"""A run as seen from above: where bodies went on the ground, where they looked, and where they should have gone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.markers import MarkerStyle
+from matplotlib.path import Path
+from matplotlib.transforms import Affine2D
+
+from rnc_pin.simulation import Trajectory
+from rnc_pin.visualization import plot_style as ps
+from rnc_pin.visualization.panels import MOST, Others, words
+
+_MARKS = 9  # headings along a path
+_TURN = 0.15  # how far turning once by a radian counts between marks, of the extent of the path
+_SAME = 1e-3  # of the extent, below which two paths are one
+_SMALLEST = 0.05  # a picture shows at least so much to each side [m]
+_POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
+
+
+@dataclass(frozen=True)
+class GroundPath:
+    """The path of a point in the plane.
+
+    Attributes:
+        name: of the body or frame, as people read it.
+        points: (N, 2) [m].
+        headings: (N,) [rad]; None of what has none.
+        desired: where it should have been, (N, 2) [m].
+    """
+
+    name: str
+    points: np.ndarray
+    headings: np.ndarray | None = None
+    desired: np.ndarray | None = None
+
+    @property
+    def extent(self) -> float:
+        """Longer side of the box about it [m]."""
+        return float(np.ptp(self.points, axis=0).max(initial=0.0))
+
+    def marks(self) -> np.ndarray:
+        """Samples at which its heading is shown: evenly along the way, turning on the spot included."""
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        if self.headings is not None:
+            steps = steps + _TURN * max(self.extent, _SMALLEST) * np.abs(np.diff(np.unwrap(self.headings)))
+        way = np.concatenate([[0.0], np.cumsum(steps)])
+        if not way[-1] > 0:
+            return np.array([0, len(way) - 1])
+        return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], _MARKS)).clip(max=len(way) - 1))
+
+
+def ground_paths(run: Trajectory) -> list[GroundPath]:
+    """Paths to be seen from above: bodies on the ground, and frames whose x and y are outputs.
+
+    Frames of a robot that has nothing on the ground count where they move in the plane, without a z among the outputs.
+    """
+    bodies = [
+        GroundPath(words(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
+        for name, pose in zip(run.info.outputs.ground_poses, _triples(run.ground_poses), strict=True)
+    ]
+    frames = _frames(run, bodies)
+    scale = max([_SMALLEST, *(each.extent for each in (*bodies, *frames))])
+    found = list(bodies)
+    for frame in frames:
+        same = [k for k, body in enumerate(found) if np.abs(body.points - frame.points).max() < _SAME * scale]
+        if not same:
+            found.append(frame)
+        elif found[same[0]].desired is None:
+            one = found[same[0]]
+            found[same[0]] = GroundPath(one.name, one.points, one.headings, frame.desired)
+    return found[:MOST]
+
+
+def _triples(poses: np.ndarray) -> Sequence[np.ndarray]:
+    return [poses[:, start : start + 3] for start in range(0, poses.shape[1], 3)]
+
+
+def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
+    columns = {
+        name: (kind, column)
+        for kind in ("x1", "x2")
+        for column, name in enumerate(run.info.outputs.of(kind).names)
+        if run.info.outputs.of(kind).units[column] == "m"
+    }
+    found = []
+    for name, (kind, column) in columns.items():
+        frame = name.removesuffix("_x")
+        if frame == name or f"{frame}_y" not in columns or (not bodies and f"{frame}_z" in columns):
+            continue
+        pair = [(kind, column), columns[f"{frame}_y"]]
+        points, desired = (
+            np.column_stack([getattr(run, kind + ending)[:, column] for kind, column in pair])
+            for ending in ("", "_desired")
+        )
+        has_goal = f"{frame}_x" in run.info.goals and f"{frame}_y" in run.info.goals
+        found.append(GroundPath(words(frame), points, None, desired if has_goal else None))
+    return found
+
+
+def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Entry]:
+    """Draw a run from above; the entries of a legend."""
+    paths = ground_paths(run)
+    entries: list[ps.Entry] = []
+    plan = run.info.provenance.path
+    if plan is not None and not any(path.desired is not None for path in paths):
+        way = np.array(plan.poses)[:, :2]
+        entries.append(ps.Entry("planned path", axes.plot(*way.T, color="0.55", ls=ps.DASHES[2], lw=1.6, zorder=1)))
+    for k, path in enumerate(paths):
+        color = ps.COLORS[k]
+        entries.append(ps.Entry(path.name, axes.plot(*path.points.T, color=color, lw=1.8)))
+        if path.headings is not None:
+            _draw_headings(axes, path, color)
+        else:
+            axes.plot(*path.points[-1], "o", color=color, markeredgecolor="white")
+        axes.plot(*path.points[0], "o", color="white", markeredgecolor=color, markersize=7, zorder=4)
+    entries += _compared(axes, paths, others)
+    desired = [path.desired for path in paths if path.desired is not None]
+    lines = [axes.plot(*points.T, color="black", ls=ps.DOTS, lw=1.3)[0] for points in desired]
+    if lines:
+        entries.append(ps.Entry("desired", lines[:1]))
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    _frame_equally(axes)
+    return entries
+
+
+def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[ps.Entry]:
+    entries = []
+    for j, (style, label) in enumerate(ps.dashes(others)):
+        lines = []
+        for path in ground_paths(others[label]):
+            names = [each.name for each in paths]
+            if path.name in names:
+                color = ps.color_of(names.index(path.name), len(names), j)
+                lines += axes.plot(*path.points.T, color=color, ls=style, lw=1.4)
+        if lines:
+            entries.append(ps.Entry(label, lines))
+    return entries
+
+
+def _draw_headings(axes: Axes, path: GroundPath, color: str) -> None:
+    assert path.headings is not None
+    for sample in path.marks():
+        marker = MarkerStyle(_POINTER, transform=Affine2D().rotate(float(path.headings[sample])))
+        axes.plot(
+            *path.points[sample], marker=marker, color=color, markersize=13, markeredgecolor="white",
+            markeredgewidth=0.7, zorder=3,
+        )  # fmt: skip
+
+
+def _frame_equally(axes: Axes) -> None:
+    """Limits that show the paths with both axes to one scale, and standstill as a dot."""
+    axes.margins(0.08)
+    axes.autoscale_view()
+    for low, high, limits in ((*axes.get_xlim(), axes.set_xlim), (*axes.get_ylim(), axes.set_ylim)):
+        if high - low < 2 * _SMALLEST:
+            middle = (low + high) / 2
+            limits(middle - _SMALLEST, middle + _SMALLEST)
+    axes.set_aspect("equal", adjustable="datalim")

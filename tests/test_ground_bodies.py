@@ -1,0 +1,91 @@
+"""Bodies on the ground: which they are, and where they look, held against outputs of the same frames."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.scenario.run import execute, plan
+from rnc_pin.simulation.ground_bodies import ground_bodies
+
+
+def poses(reduced, q):
+    """Names, and x, y and heading of each body at a configuration."""
+    bodies, at = ground_bodies(reduced), reduced.at(q).position
+    return {body.name: body.poses(at) for body in bodies}
+
+
+def test_a_run_records_what_its_outputs_say():
+    """A tractor and three trailers: position and yaw of their frames are outputs, and another code path."""
+    run = execute(plan("tractor-trailers", {"simulation.duration": 1.0, "simulation.dt": 0.01})).trajectory
+    names = run.info.outputs.x1.names
+    assert run.info.outputs.ground_poses == ("tractor", "trailer_1", "trailer_2", "trailer_3")
+    own = {name: run.ground_poses[:, 3 * k : 3 * k + 3] for k, name in enumerate(run.info.outputs.ground_poses)}
+    for body, frame in (("tractor", "tractor"), ("trailer_3", "axle_3")):
+        wanted = np.column_stack([run.x1[:, names.index(name)] for name in (f"{frame}_x", f"{frame}_y", f"{body}_yaw")])
+        np.testing.assert_allclose(own[body], wanted, atol=1e-12)
+    for body in ("trailer_1", "trailer_2"):
+        np.testing.assert_allclose(own[body][:, 2], run.x1[:, names.index(f"{body}_yaw")], atol=1e-12)
+
+
+def test_the_record_survives_its_file(tmp_path):
+    run = execute(plan("snakeboard", {"simulation.duration": 0.1, "simulation.dt": 0.01})).trajectory
+    run.save(tmp_path / "run.npz")
+    again = rnc.Trajectory.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(again.ground_poses, run.ground_poses)
+    assert again.info == run.info
+    assert again.info.outputs.x2.quasi == (False, False, False, True)
+    assert again.info.outputs.T_units == ("N m",) * 3
+
+
+def test_a_steered_vehicle_is_its_chassis_not_its_forks():
+    """A snakeboard: both axles are steered, so that the board itself says where it looks."""
+    reduced = plan("snakeboard").experiment.reduced
+    q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.5], "front_steering": 0.4, "back_steering": -0.2})
+    assert {name: pose.round(12).tolist() for name, pose in poses(reduced, q).items()} == {"board": [1.0, 2.0, 0.5]}
+
+
+def test_a_trailer_stands_on_its_axle_even_if_that_is_steered():
+    reduced = plan("fire-truck").experiment.reduced
+    q = reduced.robot.configuration({"root_joint": [0.0, 0.0, 0.3], "rear_steering": 0.4})
+    found, robot = poses(reduced, q), reduced.robot
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    axle = data.oMf[robot.frame_id("rear_axle")].translation
+    np.testing.assert_allclose(found["trailer"][:2], axle[:2], atol=1e-12)
+
+
+def test_a_wheel_by_itself_looks_where_it_rolls():
+    """Its body turns about the axle, its heading does not."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
+    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+    for spin in (0.0, 1.0, 2.5):
+        turned = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, 0.7) @ pin.rpy.rpyToMatrix(0.0, spin, 0.0))
+        q = robot.configuration({"root_joint": [0.2, 0.1, 0.3, *turned.coeffs()]})
+        (pose,) = poses(reduced, q).values()
+        np.testing.assert_allclose(pose, [0.2, 0.1, 0.7], atol=1e-9)
+
+
+def test_a_ball_has_no_heading():
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
+    reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+    (pose,) = poses(reduced, robot.configuration({"root_joint": [1.0, 2.0, 0.3, 0, 0, 0, 1]})).values()
+    np.testing.assert_allclose(pose[:2], [1.0, 2.0])
+    assert np.isnan(pose[2])
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_a_base_on_two_wheels_is_midway_between_them(base):
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base=base)
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
+    q = robot.configuration({"left_wheel_joint": 0.7, "right_wheel_joint": -0.4})
+    ((_, pose),) = poses(reduced, q).items()
+    np.testing.assert_allclose(pose, [0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_what_does_not_touch_the_ground_is_not_there():
+    assert ground_bodies(plan("space-robot").experiment.reduced) == ()
+    assert ground_bodies(plan("free-flying-arm").experiment.reduced) == ()
