@@ -64,6 +64,9 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
         plots = [f"{plot}.png" for plot in scenario.plots]
         for plot in plots:
             shrink(Image.open(folder.path / plot), IMAGES / plot, colors=128)
+        if (folder.path / "top_view.png").is_file():
+            plots.append(f"{name.replace('-', '_')}_top_view.png")
+            shrink(Image.open(folder.path / "top_view.png"), IMAGES / plots[-1], colors=128)
         animation = (folder.path / "animation.html").read_bytes()
     if recordings is not None:
         recordings.mkdir(parents=True, exist_ok=True)

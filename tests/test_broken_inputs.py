@@ -13,6 +13,7 @@ import yaml
 
 from rnc_pin.app.cli import main
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
+from terminal import results
 
 SPACE_ROBOT = with_options(
     read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
@@ -581,7 +582,7 @@ def check_refusal(call, folder, arguments, words):
     assert error.startswith("rnc-pin: error: "), error
     assert "unexpected" not in error
     assert len(error) < 600
-    assert (status, out) == (2, ""), error
+    assert (status, results(out)) == (2, ""), error
     for word in words:
         assert word in error, error
     assert sorted(folder.rglob("*")) == before

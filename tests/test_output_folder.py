@@ -15,6 +15,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.scenario.output import OutputFolder
+from terminal import results
 
 MARK = ".rnc_pin"
 
@@ -433,6 +434,6 @@ def test_a_second_run_into_a_folder_is_refused_until_the_first_is_over(tmp_path)
 def test_a_second_command_into_a_folder_is_refused(tmp_path, call):
     with OutputFolder(tmp_path / "out"):
         status, out, error = call(*SHORT, "--out", tmp_path / "out")
-    assert (status, out) == (2, "")
+    assert (status, results(out)) == (2, "")
     assert "another run is writing there" in error
     assert len(error.splitlines()) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 
 import click
@@ -14,11 +15,15 @@ from rnc_pin.app.usage import cli
 from rnc_pin.errors import RncError
 
 
-def main() -> None:
-    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
+def main(started: float | None = None) -> None:
+    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input.
+
+    Args:
+        started: ``time.perf_counter()`` when the command began; now by default.
+    """
     try:
         with endings_as_ctrl_c(), told_warnings():
-            status = cli.main(standalone_mode=False)
+            status = cli.main(standalone_mode=False, obj=time.perf_counter() if started is None else started)
     except click.exceptions.Abort:
         complain("interrupted")
         sys.exit(FAILED)

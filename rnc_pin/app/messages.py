@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +18,24 @@ from rnc_pin.plain import json_text
 def print_json(content: object) -> None:
     """Print JSON on standard output."""
     click.echo(json_text(content))
+
+
+def announce(text: str, quiet: bool = False) -> None:
+    """Say what is being done, before it takes its time: on the terminal, or among the results where there is none.
+
+    Args:
+        text: what is being done.
+        quiet: whether the results are for a program to read.
+    """
+    if sys.stderr.isatty():
+        click.echo(f"{printable(text)} ...", err=True)
+    elif not quiet:
+        click.echo(f"{printable(text)} ...")
+
+
+def elapsed_time() -> float:
+    """Wall time since the command began [s]."""
+    return time.perf_counter() - float(click.get_current_context().find_root().obj)
 
 
 def complain(message: str) -> None:

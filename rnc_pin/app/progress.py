@@ -1,17 +1,34 @@
-"""How far a command is."""
+"""How far a command is: a bar on a terminal, a line a stage elsewhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from rnc_pin.app.messages import announce
+
+
+class Advance(Protocol):
+    """Say how far a command is, and of what."""
+
+    def __call__(self, done: float, text: str | None = None) -> None: ...
+
 
 class ProgressBar:
-    """A progress bar on stderr; gives a function that takes how far it is."""
+    """A progress bar on stderr; gives a function that takes how far it is, and of what.
+
+    Args:
+        console: where.
+        total: what 100 % are.
+        text: what is being done. Where there is no terminal to draw a bar on, this is all that is told.
+        quiet: whether nothing is told.
+    """
 
     def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
+        if not console.is_terminal:
+            announce(text, quiet)
         self._bar = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -23,16 +40,17 @@ class ProgressBar:
         )
         self._task = self._bar.add_task(text, total=total)
         self._shown, self._grain = 0.0, total / 400
+        self._text: str | None = None
 
-    def __enter__(self) -> Callable[[float], None]:
+    def __enter__(self) -> Advance:
         self._bar.start()
         return self._advance
 
-    def _advance(self, done: float) -> None:
+    def _advance(self, done: float, text: str | None = None) -> None:
         # Called at every sample: the bar need not know of each.
-        if done >= self._shown:
-            self._shown = done + self._grain
-            self._bar.update(self._task, completed=done)
+        if done >= self._shown or text != self._text:
+            self._shown, self._text = done + self._grain, text
+            self._bar.update(self._task, completed=done, description=text)
 
     def __exit__(self, *error: object) -> None:
         if error[0] is None:

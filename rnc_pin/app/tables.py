@@ -29,7 +29,7 @@ def print_summary(summary: Summary) -> None:
     invariants.add_row("simulated time", f"{summary['duration']:.2f} s")
     if summary["wall_time"]:
         invariants.add_row(
-            "computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
+            "simulation computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
         )
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
     if summary["position_residual_max"]:
@@ -48,6 +48,13 @@ def print_files(folder: Path, names: Sequence[str]) -> None:
     """What was written, and where."""
     console = Console(markup=False, emoji=False)
     console.print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
+
+
+def print_elapsed(elapsed: float, simulation: float | None) -> None:
+    """How long a command took from its start to now, and what the simulation had of it [s]."""
+    console = Console(markup=False, emoji=False)
+    part = f", {simulation:.1f} s of it for the simulation" if simulation else ""
+    console.print(f"done in {elapsed:.1f} s{part}", highlight=False)
 
 
 def print_spread(scenario: str, summary: Spread, folder: Path) -> None:

@@ -14,7 +14,8 @@ from click.shell_completion import CompletionItem
 
 from rnc_pin.app import commands
 from rnc_pin.app.interruption import interruptible_imports
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.app.messages import announce
+from rnc_pin.scenario.files import built_in_names, find_scenario
 
 Given: TypeAlias = Any
 """What Click hands over; the commands say of which types it is."""
@@ -107,6 +108,8 @@ def list_scenarios(**given: Given) -> None:
 @_debug
 def run(**given: Given) -> int:
     """Run a SCENARIO: a built-in name or a YAML file."""
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
     return _command("run_scenario")(**given)
 
 
@@ -119,6 +122,8 @@ def run(**given: Given) -> int:
 @_debug
 def inspect(**given: Given) -> None:
     """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
+    find_scenario(given["system"])
+    announce(f"{given['system']}: looking at the system", quiet=True)
     _command("inspect_system")(**given)
 
 
@@ -140,6 +145,7 @@ def inspect(**given: Given) -> None:
 @_debug
 def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
+    announce(f"{given['robot']}: reading the robot and trying a scenario for it", quiet=True)
     _command("draft_scenario")(**given)
 
 
@@ -162,6 +168,7 @@ def schema() -> None:
 @_debug
 def replay(**given: Given) -> None:
     """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
+    announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
     _command("replay_runs")(**given)
 
 
@@ -181,4 +188,6 @@ def sweep(**given: Given) -> int:
 
     A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.
     """
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
     return _command("sweep_scenario")(**given)

@@ -43,13 +43,33 @@ class Drawn:
         return "; ".join(f"{few(names)} could not be drawn: {why}" for why, names in causes.items())
 
 
-def draw(plan: Plan, result: Result, folder: OutputFolder) -> Drawn:
+def picture_names(plan: Plan) -> list[str]:
+    """Names of the pictures that a run may leave."""
+    return [
+        *(f"{name}.png" for name in plan.experiment.scenario.plots),
+        "overview.png",
+        "top_view.png",
+        "animation.html",
+    ]
+
+
+def draw(
+    plan: Plan, result: Result, folder: OutputFolder, progress: Callable[[float, str], None] | None = None
+) -> Drawn:
     """Write the pictures of a result; none of one that has fewer than two samples.
 
     The numbers are worth more than their pictures: whatever fails in one costs that one alone.
+
+    Args:
+        plan: what was run.
+        result: what it gave.
+        folder: where to.
+        progress: called with how many pictures are done and the name of the next.
     """
     drawn = Drawn()
-    for name, make in _pictures(plan, result) if len(result.trajectory.time) > 1 else ():
+    for done, (name, make) in enumerate(_pictures(plan, result) if len(result.trajectory.time) > 1 else ()):
+        if progress is not None:
+            progress(done, name)
         path = folder.file(name)
         try:
             with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # of a run that diverged

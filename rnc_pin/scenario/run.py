@@ -105,22 +105,24 @@ def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
         raise error from None
 
 
-def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[float], None] | None = None) -> Result:
+def execute(
+    plan: Plan, observer: Observer | None = None, progress: Callable[[float, str], None] | None = None
+) -> Result:
     """Run a plan.
 
     Args:
         plan: what to run.
         observer: called with every ``Sample`` of the run itself.
-        progress: called with the simulated time so far [s], of all runs together.
+        progress: called with the simulated time so far [s], of all runs together, and the name of the one under way.
 
     Returns:
         The result; a run that failed keeps what it reached, with ``error`` set.
     """
 
-    def watch(base: float, inner: Observer | None) -> Observer:
+    def watch(label: str, base: float, inner: Observer | None) -> Observer:
         def call(sample: Sample) -> None:
             if progress is not None:
-                progress(base + sample.time)
+                progress(base + sample.time, label)
             if inner is not None:
                 inner(sample)
 
@@ -130,16 +132,18 @@ def execute(plan: Plan, observer: Observer | None = None, progress: Callable[[fl
         return _executed(plan, watch, observer)
 
 
-def _executed(plan: Plan, watch: Callable[[float, Observer | None], Observer], observer: Observer | None) -> Result:
+def _executed(
+    plan: Plan, watch: Callable[[str, float, Observer | None], Observer], observer: Observer | None
+) -> Result:
     # The summary's wall time is that of the simulation: building and drawing are not in it.
     start = time.perf_counter()
-    trajectory, error = _simulate(plan, plan.experiment, watch(0.0, observer))
+    trajectory, error = _simulate(plan, plan.experiment, watch(plan.name, 0.0, observer))
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
     others: dict[str, Trajectory] = {}
     done = plan.duration
     if error is None and trajectory.outcome is Outcome.COMPLETED:
         for label, experiment in plan.comparisons.items():
-            others[label], failure = _simulate(plan, experiment, watch(done, None))
+            others[label], failure = _simulate(plan, experiment, watch(f"{plan.name}: {label}", done, None))
             done += experiment.simulation.duration
             compared = _compared(_summary(experiment, others[label]))
             if failure is not None:

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rnc_pin.app.messages import complain, print_json, warn
+from rnc_pin.app.messages import complain, elapsed_time, print_json, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
-from rnc_pin.app.tables import print_files, print_summary
+from rnc_pin.app.tables import print_elapsed, print_files, print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.pictures import draw
+from rnc_pin.scenario.pictures import Drawn, draw, picture_names
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result, execute, plan, result_names, write
 
@@ -43,7 +43,7 @@ def run_scenario(
             written = write(prepared, result, folder)
             if not as_json:
                 print_summary(result.summary)
-            drawn = draw(prepared, result, folder)  # last: numbers are saved and said, whatever becomes of pictures
+            drawn = _drawn(prepared, result, folder, quiet=as_json)  # last: numbers are saved and said by now
             folder.keep()
         except RncError as error:  # the scenario is all right, its results have no place
             complain(str(error))
@@ -52,13 +52,21 @@ def run_scenario(
         warn(str(drawn))
     files = result.summary["files"] = [path.name for path in (*written, *drawn.written)]
     if as_json:
-        print_json(result.summary)
+        print_json({**result.summary, "elapsed_time": round(elapsed_time(), 3)})
     else:
         print_files(folder.path, files)
+        print_elapsed(elapsed_time(), result.summary["wall_time"])
     if result.summary["outcome"] == "completed" and not result.interrupted and not drawn.interrupted:
         return DONE
     complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
     return FAILED
+
+
+def _drawn(prepared: Plan, result: Result, folder: OutputFolder, quiet: bool) -> Drawn:
+    """Draw, with a progress bar."""
+    names = picture_names(prepared)
+    with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
+        return draw(prepared, result, folder, bar)
 
 
 def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str, quiet: bool) -> Result:
@@ -71,7 +79,10 @@ def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str
             experiment.reduced, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host
         )
     try:
-        with ProgressBar(Console(stderr=True), prepared.total_duration, prepared.name, quiet=quiet) as advance:
+        count = len(prepared.comparisons)
+        others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
+        text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
+        with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
             return execute(prepared, live, advance)
     finally:
         if live is not None:
