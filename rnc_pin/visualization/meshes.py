@@ -7,6 +7,7 @@ itself is mirrored and only the sizes of the factors are left to the placement.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import meshcat.geometry as mg
@@ -14,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
 
+from rnc_pin.regular_files import read_bytes
 from rnc_pin.visualization.textures import has_own_textures
 
 _RAW = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
@@ -66,7 +68,7 @@ class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
                 collada.set_scale(signs)
                 return collada
             if ending in _RAW and (signs > 0).all():
-                return _RAW[ending].from_file(path)
+                return _RAW[ending].from_stream(BytesIO(read_bytes(Path(path))))
         except Exception:  # a texture that is not there, say: Pinocchio has read the triangles
             pass
         corners = drawn_triangles(shape).reshape(-1, 3)

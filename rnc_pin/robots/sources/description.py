@@ -77,6 +77,7 @@ class Description:
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
 _DEEPEST = 400  # of MJCF, whose bodies are inside one another
+_MOST = 2_000_000  # elements: one takes more memory than its letters
 _BLANK = b" \t\r\n\0"
 
 
@@ -105,14 +106,15 @@ def parse_xml(path: Path) -> ElementTree.Element:
 
 
 class _Shallow(ElementTree.TreeBuilder):
-    """Refuses what is nested so deep that whatever walks through it would break."""
+    """Refuses what is nested so deep that whatever walks through it would break, and what is too much."""
 
-    depth = 0
+    depth = count = 0
 
     def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
         self.depth += 1
-        if self.depth > _DEEPEST:
-            raise ModelError(f"elements are more than {_DEEPEST} deep")
+        self.count += 1
+        if self.depth > _DEEPEST or self.count > _MOST:
+            raise ModelError(f"elements are more than {_DEEPEST} deep, or more than {_MOST:,}")
         return super().start(tag, attrs)
 
     def end(self, tag: str) -> ElementTree.Element:
@@ -121,11 +123,11 @@ class _Shallow(ElementTree.TreeBuilder):
 
 
 def parse_tree(content: str | bytes) -> ElementTree.Element:
-    """The outermost element of an XML text.
+    """The outermost element of a text, without entities of other files.
 
     Raises:
-        ModelError: elements are more than 400 deep.
-        xml.etree.ElementTree.ParseError: not well-formed.
+        ModelError: elements are too deep, or too many.
+        xml.etree.ElementTree.ParseError: not well formed.
     """
     return ElementTree.fromstring(content, ElementTree.XMLParser(target=_Shallow()))
 

@@ -19,6 +19,7 @@ from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.containment import AllowedFolders
 from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml
 from rnc_pin.robots.sources.mjcf_assets import own_file
+from rnc_pin.robots.sources.mjcf_meshes import mesh_name, write_out
 from rnc_pin.robots.sources.mujoco_log import unlogged
 from rnc_pin.robots.sources.plain_mjcf import SIZES
 
@@ -117,13 +118,16 @@ def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.E
     text = ElementTree.Element("mujoco")
     text.extend(element for element in root if element.tag in _KEPT)
     _strip(text)
+    inline = {mesh_name(each) for each in text.findall("asset/mesh") if not each.get("file")}
+    write_out(text, path)
     try:
         with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(text, encoding="unicode"))
     except Exception as error:  # of its C side
         raise ModelError(f"{path}: {brief(error)}") from None
-    return _written(model, root, meshes)
+    own = {mesh_name(each): each for each in text.findall("asset/mesh") if mesh_name(each) in inline}
+    return _written(model, root, meshes, own)
 
 
 def _files_of_meshes(root: ElementTree.Element) -> dict[str, str]:
@@ -170,7 +174,10 @@ def _size(element: ElementTree.Element, path: Path) -> int:
 # ---------------------------------------------------------------------- what was compiled, as a file
 
 
-def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) -> ElementTree.Element:
+def _written(
+    model: Any, root: ElementTree.Element, files: Mapping[str, str], own: Mapping[str, ElementTree.Element]
+) -> ElementTree.Element:
+    """The file of a compiled model; of meshes the names of their files, or the elements that have them inside."""
     flat = ElementTree.Element("mujoco", {"model": root.get("model", "robot")})
     ElementTree.SubElement(flat, "compiler", {"angle": "radian"})
     option = ElementTree.SubElement(flat, "option", {"gravity": _words(model.opt.gravity)})
@@ -180,6 +187,10 @@ def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) ->
         name = model.mesh(k).name
         if name in files:
             found = {"name": name, "file": files[name], "scale": _words(model.mesh_scale[k])}
+            ElementTree.SubElement(assets, "mesh", found)
+        elif name in own:
+            inside = {key: own[name].get(key, "") for key in ("vertex", "face")}
+            found = {"name": name, "scale": _words(model.mesh_scale[k]), **inside}
             ElementTree.SubElement(assets, "mesh", found)
     bodies = [ElementTree.SubElement(flat, "worldbody")]
     for k in range(1, model.nbody):
@@ -191,7 +202,7 @@ def _written(model: Any, root: ElementTree.Element, files: Mapping[str, str]) ->
         ElementTree.SubElement(bodies[model.jnt_bodyid[k]], "joint", _joint(model, k, kind))
     for k in range(model.ngeom):
         shape = _SHAPES.get(int(model.geom_type[k]))
-        if shape is not None and (shape != "mesh" or model.mesh(model.geom_dataid[k]).name in files):
+        if shape is not None and (shape != "mesh" or model.mesh(model.geom_dataid[k]).name in {*files, *own}):
             ElementTree.SubElement(bodies[model.geom_bodyid[k]], "geom", _geom(model, k, shape))
     for k in range(model.nsite):
         place = {"pos": _words(model.site_pos[k]), "quat": _words(model.site_quat[k])}

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.description import Body, captured_stderr, read_number, read_numbers
+from rnc_pin.robots.sources.description import Body, read_number, read_numbers
+from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
 
 BALL = 0.05  # radius [m] of the ball that a link without geometry is taken for
 _FLAT = 1e-2  # of a box's longest edge: no edge is taken as shorter
@@ -132,13 +131,12 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
 
 
 def _vertices(file: str) -> np.ndarray | None:
-    if not Path(file).is_absolute() or not Path(file).is_file():  # others were not found beside the description
+    if not Path(file).is_absolute():  # others were not found beside the description
         return None
-    with contextlib.suppress(Exception), captured_stderr():  # Boost.Python raises whatever the C++ side threw
-        vertices = coal.MeshLoader().load(file, np.ones(3)).vertices()
-        if len(vertices) and np.isfinite(vertices).all():
-            return np.asarray(vertices)
-    return None
+    try:
+        return read_mesh(Path(file)).vertices
+    except MeshError:
+        return None
 
 
 def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,13 +17,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few
-from rnc_pin.robots.sources.description import GEOMETRY, captured_stderr, geometry_errors, read_numbers
+from rnc_pin.robots.sources.description import GEOMETRY, geometry_errors, read_numbers
+from rnc_pin.robots.sources.mesh_formats import MeshError
+from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
 from rnc_pin.robots.sources.packages import Packages
 
 STAND_IN = "_stand_in"
 """How the name of a box ends that stands in for meshes; Pinocchio's own names of shapes end in a number."""
 
-_LFS = b"version https://git-lfs"
 _LIGHTEST = 30.0  # [kg/m^3] of a stand-in: many files give small links the inertia of a house
 _THINNEST = 0.05  # of the longest side
 _COLOR = np.array([0.55, 0.6, 0.66, 0.75])
@@ -62,29 +63,55 @@ class Meshes:
             ModelError: a shape that is no mesh cannot be made.
         """
         root = deepcopy(self._root)
-        names = list(_names(root, kind))
-        missing = {name: self._missing[name] for name in names if name in self._missing}
-        faults = {name: "a git-lfs pointer: git lfs pull" for name in names if _is_pointer(name)}
-        bare = _without(root, kind, {*missing, *faults})
-        try:
-            found = self._build(model, root, kind)
-        except Exception:  # Boost.Python raises whatever the C++ side threw
-            broken = {name: why for name in _names(root, kind) if (why := _fault(name))}
-            faults |= broken
-            bare |= _without(root, kind, set(broken))
-            with geometry_errors(self._path):
-                found = self._build(model, root, kind)
+        missing, faults = dict[str, str](), dict[str, str]()
+        shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
+        loaded: dict[str, LoadedMesh] = {}
+        for link in root.findall("link"):
+            name, kept, lost = str(link.get("name")), 0, 0
+            for shape in link.findall(kind):
+                mesh = _mesh_of(shape)
+                found = None if mesh is None else self._load(mesh, shapes, missing, faults)
+                if mesh is not None and found is None:
+                    link.remove(shape)
+                    lost += 1
+                    continue
+                if found is not None:
+                    loaded[f"{name}_{kept}"] = found  # Pinocchio's name
+                kept += 1
+            if lost and not kept:
+                bare[name] = link
+        geometry = self._build(model, root, kind)
+        put_in(geometry, loaded)
         if kind == "visual":
             for name, link in bare.items():
-                _stand_in(found, model, name, link)
+                _stand_in(geometry, model, name, link)
         if (missing or faults) and not self._warned:
             self._warned = True
             self._warn(missing, faults)
-        return found
+        return geometry
+
+    def _load(
+        self, mesh: ElementTree.Element, shapes: MeshShapes, missing: dict[str, str], faults: dict[str, str]
+    ) -> LoadedMesh | None:
+        """The shape of a ``<mesh>``, or None for one that is missing or cannot be used."""
+        name = mesh.get("filename", "")
+        if name in self._missing:
+            missing[name] = self._missing[name]
+            return None
+        try:
+            return shapes.load(Path(name), mesh.get("scale"))
+        except MeshError as error:
+            faults[name] = str(error)
+        return None
 
     def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
+        """The geometry as Pinocchio makes it, with a box in place of each mesh: its own loader is not given any."""
+        for parent in root.iter():
+            for place, mesh in enumerate(parent):
+                if mesh.tag == "mesh":
+                    parent[place] = ElementTree.Element("box", size="1 1 1")
         text = ElementTree.tostring(root, encoding="unicode")
-        with captured_stderr():
+        with geometry_errors(self._path):
             return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, [])  # names are absolute
 
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
@@ -115,47 +142,11 @@ def _meshes(count: int) -> str:
     return "1 mesh was" if count == 1 else f"{count} meshes were"
 
 
-def _mesh_of(shape: ElementTree.Element) -> str | None:
-    mesh = shape.find("geometry/mesh")
-    return None if mesh is None else mesh.get("filename", "")
-
-
-def _names(root: ElementTree.Element, kind: str) -> Iterator[str]:
-    """The mesh files of a kind, each once."""
-    found = (_mesh_of(shape) for shape in root.findall(f"link/{kind}"))
-    yield from dict.fromkeys(name for name in found if name is not None)
-
-
-def _without(root: ElementTree.Element, kind: str, lost: Collection[str]) -> dict[str, ElementTree.Element]:
-    """Take lost meshes out, and return the links that have no shape of the kind left, by name."""
-    bare = {}
-    for link in root.findall("link"):
-        shapes = link.findall(kind)
-        gone = [shape for shape in shapes if _mesh_of(shape) in lost]
-        for shape in gone:
-            link.remove(shape)
-        if gone and len(gone) == len(shapes):
-            bare[str(link.get("name"))] = link
-    return bare
-
-
-def _is_pointer(name: str) -> bool:
-    try:
-        with open(name, "rb") as file:
-            return file.read(len(_LFS)) == _LFS
-    except OSError:
-        return False
-
-
-def _fault(name: str) -> str | None:
-    """Why Pinocchio's loader cannot read a file, or None where it can."""
-    try:
-        with captured_stderr():
-            coal.MeshLoader().load(name, np.ones(3))
-    except Exception:  # Boost.Python raises whatever the C++ side threw
-        ending = Path(name).suffix.lower()
-        return "broken" if ending in (".stl", ".dae", ".obj", ".ply") else f"format '{ending}'"
-    return None
+def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
+    """The ``<mesh>`` of a shape whose geometry it is: urdfdom takes the first element."""
+    geometry = shape.find("geometry")
+    first = None if geometry is None else next(iter(geometry), None)
+    return first if first is not None and first.tag == "mesh" else None
 
 
 # ---------------------------------------------------------------------- stand-ins

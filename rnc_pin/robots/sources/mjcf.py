@@ -30,6 +30,7 @@ from rnc_pin.robots.sources.description import (
 from rnc_pin.robots.sources.flattening import flattened, included, shorthand, weighed
 from rnc_pin.robots.sources.mjcf_assets import resolve_assets
 from rnc_pin.robots.sources.mjcf_joints import complete, couplings, in_radians
+from rnc_pin.robots.sources.mjcf_meshes import MjcfMeshes
 from rnc_pin.robots.sources.mjcf_sites import place_sites
 from rnc_pin.robots.sources.plain_mjcf import make_plain
 from rnc_pin.robots.sources.rounding import Roundings
@@ -65,6 +66,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     _clear_base(root, path, base)
     if snap:
         _snap(root, path)
+    meshes = MjcfMeshes(root, path)
     make_root = ROOT_JOINTS[base or "fixed"]
     with _written(root) as file:
         try:
@@ -86,15 +88,20 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
             model.gravity.linear = read_numbers(option.attrib["gravity"])
         if any(flag.get("gravity") == "disable" for flag in option.findall("flag")):
             model.gravity.linear = np.zeros(3)
-    return Description(model, partial(_geometry, model, root, path), couplings(root, path), folders=allowed.folders)
+    return Description(
+        model, partial(_geometry, model, root, path, meshes), couplings(root, path), folders=allowed.folders
+    )
 
 
-def _geometry(model: pin.Model, root: ElementTree.Element, path: Path, kind: str) -> pin.GeometryModel:
+def _geometry(
+    model: pin.Model, root: ElementTree.Element, path: Path, meshes: MjcfMeshes, kind: str
+) -> pin.GeometryModel:
     with geometry_errors(path), _written(root) as file:
         full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
     for shape in list(full.geometryObjects):
         if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
             full.removeGeometryObject(shape.name)
+    meshes.put_in(full)
     return full
 
 

@@ -1,0 +1,201 @@
+# ruff: noqa: E501
+"""Meshes for ``benchmarks.fuzz``: one solid in every format that is read, and robots that are made of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import rnc_pin as rnc
+from rnc_pin.scenario.draft import Wishes, draft
+from rnc_pin.visualization.meshes import MeshVisualizer, drawn_triangles
+from rnc_pin.visualization.recording import Recording
+
+_AT_ONCE = 40  # meshes of a robot that is drafted
+_KEPT = "meshes"
+
+VERTICES = np.array([[0.02, 0.05, 0.0], [0.3, 0.05, 0.0], [0.02, 0.25, 0.0], [0.02, 0.05, 0.1], [0.3, 0.25, 0.1]])
+TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [1, 4, 3], [2, 3, 4]])
+
+
+def binary_stl() -> bytes:
+    facets = b"".join(struct.pack("<12fH", *np.zeros(3), *VERTICES[each].ravel(), 0) for each in TRIANGLES)
+    return b"binary".ljust(80) + struct.pack("<I", len(TRIANGLES)) + facets
+
+
+def text_stl() -> bytes:
+    facets = (
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in VERTICES[each])
+        + "endloop\nendfacet\n"
+        for each in TRIANGLES
+    )
+    return f"solid s\n{''.join(facets)}endsolid s\n".encode()
+
+
+def obj() -> bytes:
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTICES)
+    faces = "".join(f"f {a + 1}//1 {b + 1}//1 {c + 1}//1\n" for a, b, c in TRIANGLES[:3])
+    backward = "".join("f " + " ".join(str(k - len(VERTICES)) for k in each) + "\n" for each in TRIANGLES[3:])
+    return f"mtllib none.mtl\no solid\n{vertices}vn 0 0 1\n{faces}{backward}".encode()
+
+
+def ply(order: str) -> bytes:
+    kind = {"<": "binary_little_endian", ">": "binary_big_endian"}.get(order, "ascii")
+    head = (
+        f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {len(VERTICES)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"property uchar red\nelement face {len(TRIANGLES)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    if not order:
+        rows = [f"{x} {y} {z} 9" for x, y, z in VERTICES] + [f"3 {a} {b} {c}" for a, b, c in TRIANGLES]
+        return (head + "\n".join(rows) + "\n").encode()
+    points = b"".join(struct.pack(f"{order}3fB", *each, 9) for each in VERTICES)
+    return head.encode() + points + b"".join(struct.pack(f"{order}B3i", 3, *each) for each in TRIANGLES)
+
+
+def collada() -> bytes:
+    numbers, indices = (" ".join(map(str, each.ravel())) for each in (VERTICES, np.repeat(TRIANGLES, 2)))
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="f" count="{VERTICES.size}">{numbers}</float_array><technique_common><accessor source="#f" count="{len(VERTICES)}" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><polylist count="{len(TRIANGLES)}"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="NORMAL" source="#p" offset="1"/><vcount>{"3 " * len(TRIANGLES)}</vcount><p>{indices}</p></polylist></mesh></geometry></library_geometries>
+<library_nodes><node id="inner"><rotate>0 0 1 90</rotate><rotate>0 0 1 -90</rotate><instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="s"><node id="outer"><matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix><translate>0 0 0</translate><scale>1 1 1</scale>
+<instance_node url="#inner"/></node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>""".encode()
+
+
+def gltf(inside: bool = False) -> bytes:
+    points, corners = VERTICES.astype("<f4").tobytes(), TRIANGLES.astype("<u2").tobytes()
+    buffer: dict[str, object] = {"byteLength": len(points) + len(corners)}
+    if inside:
+        buffer["uri"] = "data:application/octet-stream;base64," + base64.b64encode(points + corners).decode()
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "buffers": [buffer],
+        "nodes": [{"children": [1], "rotation": [0, 0, 0, 1]}, {"mesh": 0, "scale": [1, 1, 1], "translation": [0, 0, 0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": len(VERTICES), "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": TRIANGLES.size, "type": "SCALAR", "byteOffset": 0},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
+            {"buffer": 0, "byteOffset": len(points), "byteLength": len(corners)},
+        ],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    if inside:
+        return text
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    chunks += struct.pack("<II", len(points + corners), 0x004E4942) + points + corners
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def msh() -> bytes:
+    head = struct.pack("<4i", len(VERTICES), 0, 0, len(TRIANGLES))
+    return head + VERTICES.astype("<f4").tobytes() + TRIANGLES.astype("<i4").tobytes()
+
+
+def inline() -> bytes:
+    numbers, indices = (" ".join(map(str, each.ravel())) for each in (VERTICES, TRIANGLES))
+    return f"""<mujoco><default><mesh scale="1 1 1"/></default><asset><mesh name="m" vertex="{numbers}"/><mesh name="n" vertex="{numbers}" face="{indices}"/></asset>
+<worldbody><body name="a"><joint name="j" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/><geom name="g" type="mesh" mesh="n"/>
+</body></worldbody></mujoco>""".encode()
+
+
+def weighed() -> bytes:
+    return inline().replace(b'<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>', b"")
+
+
+MESHES = {
+    "STL": ("m.stl", [binary_stl(), text_stl()]),
+    "OBJ": ("m.obj", [obj()]),
+    "PLY": ("m.ply", [ply(""), ply("<"), ply(">")]),
+    "DAE": ("m.dae", [collada()]),
+    "GLB": ("m.glb", [gltf()]),
+    "glTF": ("m.gltf", [gltf(inside=True)]),
+    "MSH": ("m.msh", [msh()]),
+    "inline mesh": ("m.xml", [inline(), *([weighed()] if find_spec("mujoco") else [])]),
+}
+"""Kinds: the name of a file, and its content as it is."""
+
+_INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def urdf(files: list[str]) -> str:
+    """A robot on a hinge whose links have these meshes, mirrored where they are seen."""
+    shapes = "".join(
+        f'<visual><geometry><mesh filename="{file}" scale="1 1 -2"/></geometry></visual>'
+        f'<collision><geometry><mesh filename="{file}"/></geometry></collision>'
+        for file in files
+    )
+    return (
+        f'<robot name="r"><link name="a"/><link name="b">{_INERTIAL}{shapes}</link><joint name="j" type="continuous"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+
+
+def mjcf(file: str) -> str:
+    """A robot on a hinge that is a mesh, and weighs what MuJoCo takes it for."""
+    inertial = "" if find_spec("mujoco") else '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    return (
+        f'<mujoco><asset><mesh name="m" file="{file}" scale="1 2 1"/></asset><worldbody><body name="a"><joint name="j" axis="0 1 0"/>{inertial}'
+        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+
+
+def read_mesh_file(path: Path) -> None:
+    """Let every reader have a mesh: of URDF, of masses, of MJCF; the page; and with others, a draft.
+
+    Raises:
+        RncError: a reader of MJCF refuses it. Those of URDF warn.
+    """
+    robot = path.with_name("r.urdf")
+    robot.write_text(urdf([path.name]))
+    _draw(rnc.Robot.from_urdf(robot, masses={"b": 1.0}))
+    kept = path.with_name(_KEPT)
+    kept.mkdir(exist_ok=True)
+    (kept / f"{len(list(kept.iterdir()))}{path.suffix}").write_bytes(path.read_bytes())
+    if len(list(kept.iterdir())) >= _AT_ONCE:
+        draft_all(kept)
+    other = path.with_name("r.xml")
+    other.write_text(mjcf(path.name))
+    _draw(rnc.Robot.from_mjcf(other))
+
+
+def draft_all(folder: Path) -> None:
+    """``rnc-pin init``, and a page, of a robot that is made of all meshes of a folder, which is emptied."""
+    files = sorted(folder.iterdir())
+    path = folder / "r.urdf"
+    path.write_text(urdf([file.name for file in files]))
+    draft(str(path), folder, Wishes(None, {}, (), {}))
+    robot = rnc.Robot.from_urdf(path)
+    reduced = rnc.NonholonomicSystem(robot).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1)
+    Recording(robot, run).save(folder / "page.html")
+    for file in folder.iterdir():
+        file.unlink()
+
+
+def read_inline_meshes(path: Path) -> None:
+    """Read an MJCF with its meshes inside, and draw it."""
+    _draw(rnc.Robot.from_mjcf(path))
+
+
+def _draw(robot: rnc.Robot) -> None:
+    """What a page holds of each mesh; all numbers are finite."""
+    for geometry in (robot.collision_model, robot.visual_model):
+        assert geometry is not None
+        visualizer = MeshVisualizer(robot.model, geometry, robot.folders)
+        for shape in geometry.geometryObjects:
+            if hasattr(shape.geometry, "num_tris"):
+                assert np.isfinite(shape.geometry.vertices()).all()
+                assert np.isfinite(drawn_triangles(shape)).all()
+                visualizer.loadMeshFromFile(shape)

@@ -1,0 +1,175 @@
+"""Collada (DAE): the triangles of the scene, placed by its nodes.
+
+Units and the upward axis of a file are not applied, as by the loader of coal, which Pinocchio uses: URDF files say with
+``scale`` and ``origin`` what their meshes need.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots.sources.description import parse_tree
+from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans, numbers
+
+_MOST_NODES = 100_000  # passed through, those that are instanced again each time
+_DEEPEST = 100
+
+
+def read_collada(content: bytes) -> Mesh:
+    """Read a Collada file.
+
+    Raises:
+        MeshError: not well formed, or its nodes stand for more than a mesh may have.
+        ValueError: a word is no number.
+    """
+    root = parse_tree(content)
+    for element in root.iter():
+        if isinstance(element.tag, str):
+            element.tag = element.tag.rpartition("}")[2]
+    if root.tag != "COLLADA":
+        raise MeshError("no Collada file")
+    return _Scene(root).mesh()
+
+
+class _Scene:
+    """A scene, gone through node by node.
+
+    Args:
+        root: outermost element, its tags without namespace.
+    """
+
+    def __init__(self, root: ElementTree.Element) -> None:
+        self._root = root
+        self._ids = {str(each.get("id")): each for each in root.iter() if each.get("id")}
+        self._geometries: dict[str, list[Mesh]] = {}
+        self._numbers: dict[int, np.ndarray] = {}
+        self._read = 0  # points
+        self._vertices: list[np.ndarray] = []
+        self._triangles: list[np.ndarray] = []
+        self._nodes = self._count = self._faces = 0
+
+    def mesh(self) -> Mesh:
+        """All triangles."""
+        scene = self._root.find("scene/instance_visual_scene")
+        start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
+        if start is None:
+            raise MeshError("has no scene")
+        for node in start.findall("node"):
+            self._add(node, np.eye(4), 0)
+        if not self._vertices:
+            raise MeshError("has no triangles")
+        return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
+
+    def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
+        name = element.get(key, "")
+        if not name.startswith("#") or name[1:] not in self._ids:
+            raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
+        return self._ids[name[1:]]
+
+    def _add(self, node: ElementTree.Element, placement: np.ndarray, depth: int) -> None:
+        self._nodes += 1
+        if self._nodes > _MOST_NODES or depth > _DEEPEST:
+            raise MeshError(f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}")
+        for part in node:
+            placement = placement @ _transform(part)
+        for part in node:
+            if part.tag == "instance_geometry":
+                for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
+                    self._place(mesh, placement)
+            elif part.tag == "instance_node":
+                self._add(self._named(part, "url"), placement, depth + 1)
+            elif part.tag == "node":
+                self._add(part, placement, depth + 1)
+
+    def _place(self, mesh: Mesh, placement: np.ndarray) -> None:
+        self._triangles.append(mesh.triangles + self._count)
+        self._count += len(mesh.vertices)
+        self._faces += len(mesh.triangles)
+        check_counts(self._count, self._faces)
+        self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
+
+    def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
+        """The meshes of a geometry, each read once."""
+        if name not in self._geometries:
+            triangles: dict[ElementTree.Element, list[np.ndarray]] = {}
+            for primitive in (each for mesh in geometry.findall("mesh") for each in mesh if each.tag in _POLYGONS):
+                corners = _primitive(primitive)
+                if len(corners):
+                    vertices = self._named(_input(primitive, "VERTEX"), "source")
+                    source = self._named(_input(vertices, "POSITION"), "source")
+                    triangles.setdefault(source, []).append(corners)
+            self._geometries[name] = [
+                checked_mesh(self._points(source), np.concatenate(corners)) for source, corners in triangles.items()
+            ]
+        return self._geometries[name]
+
+    def _points(self, source: ElementTree.Element) -> np.ndarray:
+        """The positions (n, 3) of a source."""
+        accessor = source.find("technique_common/accessor")
+        if accessor is None:
+            raise MeshError("a source has no accessor")
+        stored = self._named(accessor, "source")
+        if id(stored) not in self._numbers:
+            self._numbers[id(stored)] = numbers(stored.text)
+        values = self._numbers[id(stored)]
+        count, stride, offset = (
+            int(accessor.get(key, default)) for key, default in (("count", ""), ("stride", "1"), ("offset", "0"))
+        )
+        check_counts(count, 0)
+        self._read += count
+        check_counts(self._read, 0)
+        if stride < 3 or offset < 0 or count < 1 or offset + stride * (count - 1) + 3 > len(values):
+            raise MeshError(f"an accessor of {count:,} points in {len(values):,} numbers")
+        starts = offset + stride * np.arange(count)
+        return np.asarray(values[starts[:, None] + np.arange(3)])
+
+
+_POLYGONS = ("triangles", "polylist", "polygons", "trifans")
+
+
+def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
+    found = next((each for each in element.findall("input") if each.get("semantic") == semantic), None)
+    if found is None:
+        raise MeshError(f"<{element.tag}> has no {semantic}")
+    return found
+
+
+def _transform(part: ElementTree.Element) -> np.ndarray:
+    """The (4, 4) of a part of a node; of what is no transform the identity."""
+    matrix = np.eye(4)
+    if part.tag == "matrix":
+        matrix = numbers(part.text).reshape(4, 4)
+    elif part.tag == "translate":
+        matrix[:3, 3] = numbers(part.text).reshape(3)
+    elif part.tag == "scale":
+        matrix[:3, :3] = np.diag(numbers(part.text).reshape(3))
+    elif part.tag == "rotate":
+        *axis, angle = numbers(part.text).reshape(4)
+        length = np.linalg.norm(axis)
+        if length > 0:
+            matrix[:3, :3] = pin.AngleAxis(np.deg2rad(angle), np.array(axis) / length).toRotationMatrix()
+    elif part.tag in ("lookat", "skew"):
+        raise MeshError(f"<{part.tag}> is not read")
+    return matrix
+
+
+def _primitive(primitive: ElementTree.Element) -> np.ndarray:
+    """Indices of positions (k, 3)."""
+    inputs = [int(each.get("offset", "0")) for each in primitive.findall("input")]
+    place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
+    if min(inputs) < 0 or width > 64:
+        raise MeshError("an input has no place")
+    lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]
+    if any(len(each) % width for each in lists):
+        raise MeshError(f"indices of <{primitive.tag}> are not in groups of {width}")
+    corners = [each[place::width] for each in lists]
+    together = np.concatenate(corners) if corners else np.zeros(0, dtype=np.int64)
+    if primitive.tag == "polylist":
+        counts = primitive.find("vcount")
+        return fans(together, numbers(None if counts is None else counts.text, np.int64))
+    if primitive.tag == "triangles":
+        return fans(together, np.full(len(together) // 3, 3))
+    return fans(together, np.array([len(each) for each in corners], dtype=np.int64))

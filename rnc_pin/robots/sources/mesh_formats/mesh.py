@@ -1,0 +1,160 @@
+"""Triangles, the checks that each mesh passes, and the hull of points without triangles."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+FARTHEST = 1e15
+"""Largest coordinate of a vertex, as of all distances in a description."""
+
+MOST_TRIANGLES = 1_000_000
+"""Of one mesh; twenty times as many as the meshes of published robots have."""
+
+_MOST_VERTICES = 3 * MOST_TRIANGLES
+_FLATTEST = 1e-6  # least thickness over the largest extent of points that have a hull
+
+
+class MeshError(ValueError):
+    """A mesh that cannot be used; the text gives the reason without the name of the file."""
+
+
+class Mesh(NamedTuple):
+    """Triangles.
+
+    Attributes:
+        vertices: corners of the triangles (n, 3), each of them used.
+        triangles: indices of vertices (k, 3), counterclockwise from outside.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "k 3"]
+
+
+def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
+    """Check triangles; those with two corners in one place are left out, and vertices that are in none.
+
+    Args:
+        vertices: (n, 3).
+        triangles: indices of vertices (k, 3).
+
+    Raises:
+        MeshError: too many, an index out of range, a coordinate beyond ``FARTHEST`` or not finite, or no triangle left.
+    """
+    points, corners = np.asarray(vertices, dtype=float).reshape(-1, 3), np.asarray(triangles).reshape(-1, 3)
+    check_counts(len(points), len(corners))
+    if corners.size and (corners.min() < 0 or corners.max() >= len(points)):
+        wrong = int(np.flatnonzero(((corners < 0) | (corners >= len(points))).any(axis=1))[0])
+        raise MeshError(f"triangle {wrong} has a vertex that is not among the {len(points):,}")
+    corners = corners.astype(np.int64)
+    used = np.zeros(len(points), dtype=bool)
+    used[corners] = True
+    if not np.isfinite(points[used]).all() or np.abs(points[used]).max(initial=0.0) > FARTHEST:
+        raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
+    first, second, third = (points[corners[:, k]] for k in range(3))
+    whole = (first != second).any(axis=1) & (second != third).any(axis=1) & (third != first).any(axis=1)
+    corners = corners[whole]
+    if not len(corners):
+        raise MeshError("has no triangles")
+    used[:] = False
+    used[corners] = True
+    return Mesh(points[used], (np.cumsum(used) - 1)[corners])
+
+
+def check_counts(vertices: int, triangles: int) -> None:
+    """Refuse what is too large, before memory is taken for it.
+
+    Raises:
+        MeshError: a negative number, or too many.
+    """
+    if not (0 <= vertices <= _MOST_VERTICES and 0 <= triangles <= MOST_TRIANGLES):
+        raise MeshError(
+            f"{vertices:,} vertices and {triangles:,} triangles, at most {_MOST_VERTICES:,} and {MOST_TRIANGLES:,}"
+        )
+
+
+def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) without those that are there twice, and the indices (m,) that give all (m, 3) back."""
+    rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are one place
+    _, first, inverse = np.unique(
+        rows.view(np.dtype((np.void, rows.itemsize * 3))), return_index=True, return_inverse=True
+    )
+    return rows[first], inverse.ravel()
+
+
+def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Triangles (k, 3) of polygons, which follow one another in ``indices`` and have ``sizes`` corners each.
+
+    Raises:
+        MeshError: the sizes do not add up, or there are too many triangles.
+    """
+    sizes = np.asarray(sizes, dtype=np.int64)
+    if (sizes < 0).any() or (sizes > len(indices)).any() or int(sizes.sum()) != len(indices):
+        raise MeshError("the corners of its polygons do not add up")
+    counts = np.maximum(sizes - 2, 0)
+    check_counts(0, int(counts.sum()))
+    start = np.repeat(np.cumsum(sizes) - sizes, counts)
+    step = np.arange(len(start)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.asarray(np.stack([indices[start], indices[start + step + 1], indices[start + step + 2]], axis=1))
+
+
+def numbers(text: str | bytes | None, kind: type = float) -> np.ndarray:
+    """The numbers of a text.
+
+    Raises:
+        ValueError: a word is none.
+    """
+    stripped = (text or "").strip()
+    if not stripped:
+        return np.zeros(0, dtype=kind)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # NumPy before 2.4 warns of words that are no numbers
+        try:
+            return np.fromstring(stripped, dtype=kind, sep=" ")
+        except Warning:
+            raise ValueError("not a number") from None
+
+
+def convex_hull(points: ArrayLike) -> Mesh:
+    """The hull of points (n, 3).
+
+    Raises:
+        MeshError: too few points, or points in a plane.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # a tenth of a second, for the few who need it
+
+    corners = np.asarray(points, dtype=float).reshape(-1, 3)
+    check_counts(len(corners), 0)
+    if not np.isfinite(corners).all() or np.abs(corners).max(initial=0.0) > FARTHEST:
+        raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
+    check_thickness(corners)
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        raise MeshError("its points have no convex hull") from None
+    first, second, third = (corners[hull.simplices[:, k]] for k in range(3))
+    inward = np.einsum("ki,ki->k", np.cross(second - first, third - first), hull.equations[:, :3]) < 0
+    simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    return checked_mesh(corners, simplices)
+
+
+def check_thickness(points: np.ndarray) -> None:
+    """Refuse points (n, 3) in a plane, of which no hull can be made.
+
+    Raises:
+        MeshError: fewer than four points, or too close to a plane.
+    """
+    if len(points) < 4:
+        raise MeshError(f"a convex hull needs four points, found {len(points)}")
+    spread = points - points.mean(axis=0)
+    largest = np.abs(spread).max()
+    if largest > 0:
+        spread = spread / largest
+    axes = np.linalg.eigh(spread.T @ spread)[1]
+    extents = np.ptp(spread @ axes, axis=0)
+    if not extents.min() > _FLATTEST * extents.max():
+        raise MeshError("its points are in a plane: a convex hull needs a volume")

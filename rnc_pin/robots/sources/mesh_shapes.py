@@ -1,0 +1,95 @@
+"""Meshes as shapes of coal, which Pinocchio, the viewers and the drafts take them from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots.sources.description import read_numbers
+from rnc_pin.robots.sources.mesh_formats import FARTHEST, Mesh, MeshError, read_mesh
+
+MOST_TOGETHER = 3_000_000
+"""Triangles of all meshes of a robot, each as often as it is used."""
+
+
+class LoadedMesh(NamedTuple):
+    """A mesh of a robot.
+
+    Attributes:
+        file: its file, or nothing where the description has the triangles itself.
+        scale: of its vertices (3,).
+        shape: what coal and the viewers are given.
+    """
+
+    file: str
+    scale: np.ndarray
+    shape: coal.BVHModelBase
+
+
+class MeshShapes:
+    """Makes shapes; each file is read once, and each scale of it built once."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[Path, Mesh | MeshError] = {}
+        self._shapes: dict[tuple[object, ...], coal.BVHModelBase] = {}
+        self._count = 0
+
+    def load(self, file: Path, scale: str | None) -> LoadedMesh:
+        """The shape of a file.
+
+        Args:
+            file: of a mesh.
+            scale: three factors, as a description writes them.
+
+        Raises:
+            MeshError: the file cannot be used, or not with this scale, or the robot's meshes are too large together.
+        """
+        if file not in self._meshes:
+            try:
+                self._meshes[file] = read_mesh(file)
+            except MeshError as error:
+                self._meshes[file] = error
+        mesh = self._meshes[file]
+        if isinstance(mesh, MeshError):
+            raise mesh
+        return self.make(mesh, scale, str(file))
+
+    def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
+        """The shape of a mesh; arguments and errors as for ``load``."""
+        factors = np.ones(3) if scale is None else read_numbers(scale)
+        if factors is None or factors.shape != (3,) or not factors.all():
+            raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
+        self._count += len(mesh.triangles)
+        if self._count > MOST_TOGETHER:
+            raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+        key = (id(mesh.vertices), *factors.tolist())
+        if key not in self._shapes:
+            self._shapes[key] = _shape(mesh, factors)
+        return LoadedMesh(file, factors, self._shapes[key])
+
+
+def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
+    with np.errstate(over="ignore", under="ignore"):
+        vertices = mesh.vertices * factors
+    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
+        raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
+    shape = coal.BVHModelOBBRSS()
+    shape.beginModel(len(mesh.triangles), len(vertices))
+    shape.addVertices(vertices)
+    shape.addTriangles(mesh.triangles.astype(np.uint64))
+    shape.endModel()
+    shape.computeLocalAABB()
+    return shape
+
+
+def put_in(geometry: pin.GeometryModel, meshes: Mapping[str, LoadedMesh]) -> None:
+    """Give shapes of a geometry model, by name, their meshes in place of what stands for them."""
+    for shape in geometry.geometryObjects:
+        mesh = meshes.get(shape.name)
+        if mesh is not None:
+            shape.geometry, shape.meshPath, shape.meshScale = mesh.shape, mesh.file, mesh.scale
