@@ -97,9 +97,9 @@ def write_out(root: ElementTree.Element, path: Path) -> None:
         path: of the description, for messages.
 
     Raises:
-        ModelError: a mesh cannot be used, or is in a plane, so that MuJoCo cannot make its hull.
+        ModelError: a mesh cannot be used.
     """
-    count = 0
+    count, flat = 0, set[str]()
     for mesh in root.findall("asset/mesh"):
         try:
             file = mesh.get("file")
@@ -107,7 +107,8 @@ def write_out(root: ElementTree.Element, path: Path) -> None:
             count += len(found.triangles)
             if count > MOST_TOGETHER:
                 raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
-            _check_for_mujoco(found, read_numbers(mesh.get("scale", "1 1 1")))
+            if _is_flat(found, read_numbers(mesh.get("scale", "1 1 1"))):
+                flat.add(mesh_name(mesh))
         except MeshError as error:
             raise ModelError(f"{path}: mesh '{mesh_name(mesh)}': {error}") from None
         mesh.set("name", mesh_name(mesh))
@@ -115,16 +116,28 @@ def write_out(root: ElementTree.Element, path: Path) -> None:
             del mesh.attrib[key]
         mesh.set("vertex", " ".join(map(repr, found.vertices.ravel().tolist())))
         mesh.set("face", " ".join(map(str, found.triangles.ravel().tolist())))
+    for geom in root.iter("geom"):
+        if geom.get("mesh") in flat:  # has no convex hull, which MuJoCo makes of what collides
+            geom.attrib.update(contype="0", conaffinity="0")
 
 
-def _check_for_mujoco(mesh: Mesh, scale: np.ndarray | None) -> None:
+def _is_flat(mesh: Mesh, scale: np.ndarray | None) -> bool:
+    """Whether a mesh is in a plane.
+
+    Raises:
+        MeshError: its scale is none.
+    """
     if scale is None or scale.shape != (3,):
         raise MeshError("scale takes three numbers")
     with np.errstate(over="ignore", under="ignore"):
         vertices = mesh.vertices * scale
     if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
         raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
-    check_thickness(vertices.astype(np.float32).astype(float))  # the precision that MuJoCo keeps them in
+    try:
+        check_thickness(vertices.astype(np.float32).astype(float))  # the precision that MuJoCo keeps them in
+    except MeshError:
+        return True
+    return False
 
 
 def _own_triangles(mesh: ElementTree.Element) -> Mesh:
