@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.app.command_line import main
 from rnc_pin.app.report import print_report
 from rnc_pin.app.tables import print_summary
 from rnc_pin.control.jacobian_transpose import effective_inertia
@@ -360,6 +361,52 @@ def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
         live = LiveView(robot, open_browser=False, screen=ViserScreen)
     live.close()
     assert opened == [str(tmp_path / "robot/own.dae")]
+
+
+# ---------------------------------------------------------------------- names that no file can have
+
+
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize(
+    "name", [LONG, f"{LONG}.stl", f"package://{LONG}/m.stl", f"file:///{LONG}", "a/" * 3000 + "m.stl"]
+)
+def test_a_mesh_of_an_impossible_name_is_a_mesh_that_is_not_there(name, tmp_path):
+    visual = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", arm(link=visual)))
+    with pytest.warns(rnc.ModelWarning, match="1 mesh was not found") as warned:
+        assert [shape.name for shape in robot.visual_model.geometryObjects] == ["b_stand_in"]
+    assert all(issubclass(each.category, rnc.ModelWarning) for each in warned)
+    light = write(tmp_path / "r.urdf", arm(link=visual, mass="0", moment="0"))
+    assert rnc.Robot.from_urdf(light, masses={"b": 2.0}, package_dirs=[LONG]).model.inertias[1].mass == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("r.xml", mjcf(f'{HINGE}{GEOM}<geom type="mesh" mesh="m"/>', f'<asset><mesh name="m" file="{LONG}"/></asset>')),
+        ("r.xml", mjcf(HINGE + GEOM, f'<include file="{LONG}"/>')),
+        ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="{LONG}"/></robot>'),
+        ("r.xacro", f'<robot name="r" xmlns:xacro="x"><xacro:include filename="$(find {LONG})/a"/></robot>'),
+    ],
+)
+def test_files_of_impossible_names_are_refused_in_one_line(name, text, tmp_path):
+    read = rnc.Robot.from_mjcf if name == "r.xml" else rnc.Robot.from_urdf
+    with pytest.raises(rnc.ModelError) as caught:
+        read(write(tmp_path / name, text))
+    assert len(str(caught.value)) < 4100
+    for load in (rnc.Robot.from_urdf, rnc.Robot.from_mjcf, rnc.Robot.from_example, rnc.Trajectory.load):
+        with pytest.raises(rnc.RncError):
+            load(LONG)
+
+
+def test_replaying_an_impossible_name_is_bad_input(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["rnc-pin", "replay", LONG])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "unexpected" not in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------- errors that are not ours

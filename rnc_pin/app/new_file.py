@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import os.path
 from pathlib import Path
 
@@ -15,11 +16,11 @@ def check_new_file(option: str, path: Path, force: bool) -> None:
         ConfigurationError: it is a folder, in no folder, or there already without ``force``; a device or a pipe is
             never replaced.
     """
-    if path.is_dir() or not path.name:
+    if os.path.isdir(path) or not path.name:
         raise ConfigurationError(f"{option} {path}: is a folder, expected a file")
     if os.path.lexists(path) and not force:  # a link that leads nowhere too
         raise ConfigurationError(f"{option} {path}: exists; choose another name or add --force")
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         raise ConfigurationError(f"{option} {path}: is no plain file; choose another name")
-    if not path.absolute().parent.is_dir():
+    if not os.path.isdir(path.absolute().parent):
         raise ConfigurationError(f"{option} {path}: there is no folder {path.absolute().parent}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,7 @@ def load_run(source: Path) -> Run:
     Raises:
         RncError: it is no such thing, or there is nothing to play.
     """
-    trajectory = Trajectory.load(source / "trajectory.npz" if source.is_dir() else source)
+    trajectory = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
     origin = trajectory.info.provenance
     if origin.config is None:
         raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")

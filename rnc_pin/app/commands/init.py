@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 
@@ -25,7 +26,7 @@ def draft_scenario(
 ) -> None:
     """Write a first scenario for a robot."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
-    own = path.is_file() and path.resolve() == Path(robot).resolve()
+    own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
     wishes = Wishes(base, parse_options(arguments), package_dirs, _held(lock))
     text = draft(robot, path.parent, wishes)

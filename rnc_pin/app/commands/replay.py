@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -39,7 +40,12 @@ def replay_runs(
     for option, path in files.items():
         if path is not None:
             check_new_file(option, path, force)
-    if frames is not None and frames.exists() and (not frames.is_dir() or any(frames.iterdir())) and not force:
+    if (
+        frames is not None
+        and os.path.exists(frames)
+        and (not os.path.isdir(frames) or any(frames.iterdir()))
+        and not force
+    ):
         raise ConfigurationError(f"--frames {frames}: is there and not empty; choose another name or add --force")
     try:
         if html is not None or frames is not None or video is not None:

@@ -191,7 +191,7 @@ def _entry(source: str, folder: Path) -> dict[str, Json]:
         if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
             return {"urdf": relative}
         return {"mjcf": relative}
-    if path.is_dir():
+    if os.path.isdir(path):
         raise ModelError(f"'{source}' is a folder, expected a robot's file")
     shipped = [each.name for each in shipped_directory().glob("*.urdf")]
     if source in shipped:

@@ -7,6 +7,7 @@ evaluated when they are first asked for, blocks once where they are given and ag
 from __future__ import annotations
 
 import keyword
+import os
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
@@ -230,11 +231,11 @@ class Expander:
             scope.define(name, ScopeNamespace(name, inner))
         optional = truth(element.get("optional", "false"), "optional")
         for path in self._included(self._text(_required(element, "filename"), scope)):
-            if optional and not path.is_file():
+            if optional and not os.path.isfile(path):
                 continue
             depth = self._deeper()
             self._substitution.admitted(path)
-            if not path.is_file():  # said in the file that includes it
+            if not os.path.isfile(path):  # said in the file that includes it
                 read_document(path)
             files.append(path)
             self._inside(read_document(path), target, inner_macros, inner)
