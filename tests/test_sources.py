@@ -105,12 +105,13 @@ def test_meshes_of_an_mjcf_are_found_from_anywhere(tmp_path, monkeypatch):
     assert shape.geometry.num_vertices == 4
 
 
-def test_a_joint_equality_is_listed_and_other_equalities_are_named(tmp_path):
+def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_path):
     joint = '<joint joint1="elbow" joint2="shoulder" polycoef="0.1 -2 0 0 0"/>'
-    more = f'<equality>{joint}<weld body1="one" body2="two"/></equality>'
-    with pytest.warns(rnc.ModelWarning, match="<equality><weld> is left out"):
+    more = f'<equality>{joint}<connect body1="one" body2="two"/><tendon tendon1="t"/></equality>'
+    with pytest.warns(rnc.ModelWarning, match="<equality><tendon> is left out"):
         robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf(more=more)))
     assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
+    assert [closure[:3] for closure in robot.closures] == [("one", "two", "point")]
 
 
 # ---------------------------------------------------------------------- joints that mimic others

@@ -103,6 +103,7 @@ class NonholonomicSystem(Printed):
             )
         check_actuators(blocks, self.actuation, Kinematics(robot), self._samples)
         _warn_of_mimics(robot, samples[:, self.kept])
+        _warn_of_open_loops(robot, constraints)
         _warn_of_rounding(robot, merged, found)
 
     @property
@@ -278,6 +279,22 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
             ModelWarning,
             stacklevel=3,
         )
+
+
+def _warn_of_open_loops(robot: Robot, constraints: Sequence[ConstraintKind]) -> None:
+    """Warn of loops that the file closes and no constraint does."""
+    closed = [{getattr(kind, "frame_a", None), getattr(kind, "frame_b", None)} for kind in constraints]
+    loose = [
+        f"{a} and {b}"
+        for a, b, *_ in robot.closures
+        if {a, b} not in closed and len({robot.model.frames[robot.frame_id(each)].parentJoint for each in (a, b)}) > 1
+    ]
+    if loose:
+        text = (
+            f"robot '{robot.name}': loops that the file closes are open: {few(loose)}; "
+            "add LoopClosure(*closure) to the constraints for each closure in robot.closures"
+        )
+        warnings.warn(text, ModelWarning, stacklevel=3)
 
 
 def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selection) -> None:

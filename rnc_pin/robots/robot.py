@@ -20,7 +20,7 @@ from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, 
 from rnc_pin.robots.locked import Locked
 from rnc_pin.robots.mounted import Mounted
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
-from rnc_pin.robots.sources.description import ROOT_JOINTS
+from rnc_pin.robots.sources.description import ROOT_JOINTS, Closure
 from rnc_pin.robots.sources.meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
@@ -39,6 +39,8 @@ class Robot(Printed):
     Attributes:
         mimics: joints that the file says to follow others, which they do not in the model: a ``NonholonomicSystem``
             couples them by constraints.
+        closures: loops that an MJCF closes by ``<connect>`` and ``<weld>``, which the model does not: add
+            ``LoopClosure(*closure)`` to the constraints for each.
         locked: values of joints that were frozen [rad or m].
         packages: name to folder of the ROS packages that the file names and that were found.
         far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
@@ -73,6 +75,7 @@ class Robot(Printed):
         }
         self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
         self.mimics: tuple[Mimic, ...] = ()
+        self.closures: tuple[Closure, ...] = ()
         self.locked: dict[str, float] = {}
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
@@ -178,9 +181,10 @@ class Robot(Printed):
     ) -> Robot:
         """Load an MJCF (MuJoCo) file.
 
-        Bodies, joints, inertias, geometry, damping, armature and gravity are read. Contacts, actuators and
-        sensors are not; equalities of joints are listed in ``mimics``, and a ``ModelWarning`` names other
-        equalities and tendons.
+        Bodies, joints, inertias, geometry, damping, armature and gravity are read. Joints that no actuator drives
+        have an effort limit of zero. Contacts and sensors are not read. Equalities of joints are listed in
+        ``mimics``, ``<connect>`` and ``<weld>`` in ``closures``; a ``ModelWarning`` names other equalities and
+        tendons.
 
         Args:
             path: the file.
@@ -229,7 +233,7 @@ class Robot(Printed):
             locked = Locked(model, lock)
             robot = admitted(locked.model)
             robot._load_geometry = partial(locked.geometry, read.geometry)
-        robot.mimics = read.mimics
+        robot.mimics, robot.closures = read.mimics, read.closures
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
@@ -284,6 +288,10 @@ class Robot(Printed):
         robot = Robot(mounted.model)
         robot._load_geometry = partial(_mounted_geometry, mounted, self, other)
         robot.mimics = (*self.mimics, *other.mimics)
+        robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
+        if len(robot.closures) < len(self.closures) + len(other.closures):
+            text = f"robot '{other.name}': loops that it closes with the world are left out where it is mounted"
+            warnings.warn(text, ModelWarning, stacklevel=2)
         robot.locked = {**self.locked, **other.locked}
         robot.packages = {**other.packages, **self.packages}
         robot.folders = (*self.folders, *other.folders)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -34,6 +34,26 @@ class Mimic(NamedTuple):
     of: str
     multiplier: float
     offset: float
+
+
+class Closure(NamedTuple):
+    """Two frames that the file keeps together; the fields are those of ``LoopClosure``.
+
+    Attributes:
+        frame_a: name of a frame.
+        frame_b: name of the frame that stays on it.
+        kind: "frame" or "point".
+        offset_a: the point of frame a, in its own axes [m].
+        offset_b: the point of frame b, in its own axes [m].
+        rpy: orientation of frame b seen from frame a [rad].
+    """
+
+    frame_a: str
+    frame_b: str
+    kind: Literal["frame", "point"]
+    offset_a: tuple[float, float, float]
+    offset_b: tuple[float, float, float]
+    rpy: tuple[float, float, float]
 
 
 class Body(NamedTuple):
@@ -64,6 +84,7 @@ class Description:
         packages: name to folder of the packages that the file names and that were found.
         far_packages: those of them that only the environment or the folders given lead to.
         folders: whose files it may name, absolute and without links.
+        closures: the loops that an MJCF closes.
     """
 
     model: pin.Model
@@ -73,6 +94,7 @@ class Description:
     packages: Mapping[str, Path] = field(default_factory=dict)
     far_packages: Mapping[str, Path] = field(default_factory=dict)
     folders: tuple[Path, ...] = ()
+    closures: tuple[Closure, ...] = ()
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")

@@ -38,7 +38,7 @@ _INERTIAS = {  # what the compiler does to inertias, which Pinocchio's parser do
     "boundmass": "0", "boundinertia": "0", "balanceinertia": "false", "inertiagrouprange": "0 5",
     "inertiafromgeom": "auto",
 }  # fmt: skip
-_LEFT = ("equality", "tendon")  # looked at as they are
+_LEFT = ("equality", "tendon", "actuator")  # looked at as they are
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
@@ -220,7 +220,8 @@ def _words(numbers: Iterable[float]) -> str:
 
 
 def _body(model: Any, k: int) -> dict[str, str]:
-    return {**_named(model.body(k).name), "pos": _words(model.body_pos[k]), "quat": _words(model.body_quat[k])}
+    mocap = {"mocap": "true"} if model.body_mocapid[k] >= 0 else {}
+    return {**_named(model.body(k).name), **mocap, "pos": _words(model.body_pos[k]), "quat": _words(model.body_quat[k])}
 
 
 def _inertial(model: Any, k: int) -> dict[str, str]:

@@ -28,7 +28,9 @@ from rnc_pin.robots.sources.description import (
     read_numbers,
 )
 from rnc_pin.robots.sources.flattening import flattened, included, shorthand, weighed
+from rnc_pin.robots.sources.mjcf_actuators import mark_passive_joints
 from rnc_pin.robots.sources.mjcf_assets import resolve_assets
+from rnc_pin.robots.sources.mjcf_closures import closures
 from rnc_pin.robots.sources.mjcf_joints import complete, couplings, in_radians
 from rnc_pin.robots.sources.mjcf_meshes import MjcfMeshes
 from rnc_pin.robots.sources.mjcf_sites import place_sites
@@ -82,14 +84,20 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
         model = model[0]
     _scale(model, root, path)
     complete(model, root)
-    place_sites(model, root, 1.0 if in_radians(root) else np.pi / 180)
+    mark_passive_joints(model, root)
+    radians = 1.0 if in_radians(root) else np.pi / 180
+    place_sites(model, root, radians)
     for option in root.findall("option"):
         if "gravity" in option.attrib:
             model.gravity.linear = read_numbers(option.attrib["gravity"])
         if any(flag.get("gravity") == "disable" for flag in option.findall("flag")):
             model.gravity.linear = np.zeros(3)
     return Description(
-        model, partial(_geometry, model, root, path, meshes), couplings(root, path), folders=allowed.folders
+        model,
+        partial(_geometry, model, root, path, meshes),
+        couplings(root, path),
+        folders=allowed.folders,
+        closures=closures(root, path, radians),
     )
 
 

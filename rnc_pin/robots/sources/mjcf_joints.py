@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelWarning
 from rnc_pin.robots.sources.description import Mimic, read_numbers
+from rnc_pin.robots.sources.mjcf_closures import KINDS
 
 
 def complete(model: pin.Model, root: ElementTree.Element) -> None:
@@ -50,7 +51,7 @@ def complete(model: pin.Model, root: ElementTree.Element) -> None:
 
 
 def couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
-    """Joint equalities; of the others, and of tendons, one line says that they are left out."""
+    """Joint equalities; one line says that tendons, and equalities that are no loops, are left out."""
     mimics: list[Mimic] = []
     left_out: set[str] = set()
     rests = _rests(root)
@@ -66,7 +67,7 @@ def couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             # Of what both have moved from where the file has them.
             offset += rests.get(joint, 0.0) - multiplier * rests.get(of, 0.0)
             mimics.append(Mimic(joint, of, multiplier, offset))
-        else:
+        elif element.tag not in KINDS:
             left_out.add(f"<equality><{element.tag}>")
     if root.find("tendon/*") is not None:
         left_out.add("<tendon>")

@@ -26,11 +26,17 @@ def place_sites(model: pin.Model, root: ElementTree.Element, radians: float) -> 
             name = site.get("name")
             if name and model.existFrame(name, pin.FrameType.OP_FRAME):
                 frame = model.frames[model.getFrameId(name, pin.FrameType.OP_FRAME)]
-                frame.placement = carrier.placement * _placement(site, sequence, radians)
+                frame.placement = carrier.placement * placement(site, sequence, radians)
 
 
-def _placement(element: ElementTree.Element, sequence: str, radians: float) -> pin.SE3:
-    """In its body."""
+def placement(element: ElementTree.Element, sequence: str, radians: float) -> pin.SE3:
+    """Placement of a site or body in the body around it.
+
+    Args:
+        element: of the site or body.
+        sequence: axes of its ``euler``, in small letters.
+        radians: in one unit of its angles.
+    """
     ends = _numbers(element, "fromto")
     if ends is not None:
         return pin.SE3(_from_z(ends[:3] - ends[3:]), (ends[:3] + ends[3:]) / 2)

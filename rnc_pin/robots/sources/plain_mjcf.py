@@ -23,6 +23,8 @@ _WITH_DEFAULTS = ("joint", "geom", "site", "mesh")
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 SIZES = {"plane": 3, "sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}
 """How many numbers the size of each shape has."""
+WORLD = "world"
+"""Name of the body that holds all others to the world; of a file's own bodies none has it."""
 Attributes = dict[str, dict[str, str]]
 
 
@@ -39,6 +41,7 @@ def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
     """
     _write_defaults(root, path)
     _drop_made_textures(root)
+    root.set("model", root.get("model") or path.stem)
     free = _free_names(root, path)
     _make_one_root(root, path, base, free)
     for element in root.iter():
@@ -152,7 +155,9 @@ def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free
             f"{path}: base='{base}' moves one body, and in <worldbody> there are {len(roots)}: "
             f"{few([str(each.get('name')) for each in roots])}; take the file's own base (None), or a file of one"
         )
-    whole = ElementTree.SubElement(world, "body", name=next(free))
+    # Not one of the free names: with another base there is no such body, and those of the others stay.
+    taken = any(body.get("name") == WORLD for body in world.iter("body"))
+    whole = ElementTree.SubElement(world, "body", name=next(free) if taken else WORLD)
     whole.append(_no_mass())
     for each in roots:
         world.remove(each)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,23 +48,27 @@ class Actuators:
         return [self.all[column] for column in columns]
 
 
-def candidates(mobility: Mobility, robot: Robot, start: Iterable[str]) -> Actuators:
+def candidates(mobility: Mobility, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()) -> Actuators:
     """What may drive a robot with a base of one kind.
 
     Args:
         mobility: how the base stands.
         robot: with that base.
         start: its joints with one degree of freedom.
+        undriven: joints that the file says to be passive, by naming the actuators of others.
     """
-    joints = list(start)
-    named = {entry for entry, _ in mobility.actuators if isinstance(entry, str)}
+    joints = [name for name in start if name not in undriven]
+    driving = [
+        (entry, remark) for entry, remark in mobility.actuators if not (isinstance(entry, str) and entry in undriven)
+    ]
+    named = {entry for entry, _ in driving if isinstance(entry, str)}
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
     followers = {mimic.joint for mimic in robot.mimics}
     sure = [name for name in joints if name not in named | mobility.passive | conserved]
     unpowered = [name for name in joints if name in mobility.passive - conserved - named - followers]
-    given = [entry for entry, _ in mobility.actuators]
+    given = [entry for entry, _ in driving]
     return Actuators(
-        [*mobility.actuators, *((name, "") for name in sure)],
+        [*driving, *((name, "") for name in sure)],
         [(name, _UNPOWERED) for name in unpowered],
         [(force, _UNTOLD) for force in _forces(mobility) if force not in given],
     )

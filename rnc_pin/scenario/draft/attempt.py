@@ -17,6 +17,7 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft import actuators, outputs
+from rnc_pin.scenario.draft.couplings import loop_closures, uncoupled_joints
 from rnc_pin.scenario.draft.joints import effort_limit
 from rnc_pin.scenario.draft.mobility import Entry, Mobility
 from rnc_pin.scenario.draft.source import Source
@@ -64,16 +65,19 @@ class Attempt:
     def __post_init__(self) -> None:
         mobility = self.mobility
         self.robot = self.source.load(mobility.base, mobility.lock)
+        self._undriven: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
+        mobility.constraints += loop_closures(self.robot)
+        self._hold_loose_joints()
         self.trial = Trial(0.0)
         """The run of the text."""
         self._motions: dict[str, float] = {}
         self.start, moved = turned_aside(self.robot, self.start)
         mobility.notes += moved
-        self.candidates = actuators.candidates(mobility, self.robot, self.start)
+        self.candidates = actuators.candidates(mobility, self.robot, self.start, self._undriven)
 
     @cached_property
     def system(self) -> NonholonomicSystem:
@@ -183,10 +187,13 @@ class Attempt:
         robot, mobility = self.robot, self.mobility
         limits = {name: effort_limit(robot, name) for name in self.start}
         weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+        if self.source.is_mjcf and any(limits.values()):
+            self._undriven = [name for name, limit in limits.items() if limit == 0]
         if len(weak) < len(limits):
             mobility.passive |= set(weak)
             if weak:
-                mobility.notes.append(f"effort 0 in the file, so that nothing drives them: {', '.join(weak)}")
+                why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
+                mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(weak)}")
         if mobility.base != "fixed" or mobility.constraints:
             return
         for name in weak if len(weak) < len(limits) else ():
@@ -198,6 +205,15 @@ class Attempt:
                 continue
             mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
             mobility.vertical.append({"joint": name})
+
+    def _hold_loose_joints(self) -> None:
+        """Hold joints that the file does not drive and no constraint couples to others."""
+        mobility = self.mobility
+        loose = uncoupled_joints(self._undriven, mobility.constraints, self.robot, self.start)
+        if loose:
+            mobility.hold(loose, self.start, "held, because neither an actuator nor a constraint moves them")
+            self.robot = self.source.load(mobility.base, mobility.lock)
+            self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
 
     def _robot_entry(self) -> dict[str, Json]:
         """What the scenario says of the robot."""

@@ -95,7 +95,7 @@ def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
             yield lambda: on_drawn_axles(axles, site)
     yield lambda: without_wheels(site, asked, source.mass_of_base)
     if asked is None:
-        yield lambda: without_wheels(site, "fixed", source.mass_of_base)
+        yield lambda: without_wheels(site, "fixed", source.mass_of_base, "taken to be bolted down, for lack of better")
         yield lambda: held_fast(site)
 
 

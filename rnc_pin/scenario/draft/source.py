@@ -98,7 +98,7 @@ class Source:
 
     def lying(self) -> tuple[Robot, bool]:
         """The robot as its file has it; afloat where it is one rigid body, and whether it is."""
-        if "mjcf" in self.entry:
+        if self.is_mjcf:
             return self.load(None), False
         try:
             return self.load("fixed"), False
@@ -110,6 +110,11 @@ class Source:
             if robot.nv > 6:
                 raise
             return robot, True
+
+    @property
+    def is_mjcf(self) -> bool:
+        """Whether the file is an MJCF, which names its actuators."""
+        return "mjcf" in self.entry
 
     @property
     def remarks(self) -> list[str]:

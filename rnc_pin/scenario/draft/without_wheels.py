@@ -22,18 +22,21 @@ _WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
 _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
-def without_wheels(site: Site, asked: str | None, mass_of_base: Callable[[], float]) -> Mobility:
+def without_wheels(
+    site: Site, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
+) -> Mobility:
     """A robot without wheels.
 
     Args:
         site: the robot.
         asked: "fixed", "planar" or "free", or None.
         mass_of_base: gives that of its first link [kg], for which the robot has to be loaded.
+        because: why it has the base that is asked for.
     """
     if asked == "planar":
         return _doubting_wheels(_on_ice(site), site)
     own = bool(site.root) and site.robot.model.joints[site.root].nv == 6 and not site.is_rigid
-    why = "asked for" if asked else "a free joint in the file" if own else _floats(site, mass_of_base)
+    why = because if asked else "a free joint in the file" if own else _floats(site, mass_of_base)
     if asked == "fixed" or not why:
         kind = why or "no wheels were found, and the first link is taken to be bolted down"
         result = Mobility("fixed", kind, site.frame)
@@ -51,7 +54,8 @@ def held_fast(site: Site) -> Mobility:
     """A bolted robot whose joints without effort are held: what falls when nothing drives it."""
     result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
     weak = [name for name in site.start if effort_limit(site.robot, name) == 0]
-    result.hold(weak, site.start, "effort 0 in the file, and the rest falls or diverges without them: held")
+    why = "effort 0 in the file" if site.is_urdf else "no actuator in the file"
+    result.hold(weak, site.start, f"{why}, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, site)
 
 

@@ -1,0 +1,52 @@
+"""Joints that constraints couple: loops that a file closes, and joints that no constraint moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.plain import Json
+from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.mobility import Entry
+from rnc_pin.scenario.schema.constraints import ConstraintItem
+
+_COUPLED = 1e-9  # entry of a row from which a joint takes part in a constraint
+
+
+def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
+    """Constraints for the loops of a file, with a remark on each; those within one body need none."""
+    entries: list[tuple[Entry, str]] = []
+    for closure in robot.closures:
+        joints = {robot.model.frames[robot.frame_id(name)].parentJoint for name in closure[:2]}
+        if len(joints) > 1:
+            said = {key: list(value) if isinstance(value, tuple) else value for key, value in closure._asdict().items()}
+            entry: dict[str, Json] = {key: value for key, value in said.items() if value != [0.0, 0.0, 0.0]}
+            entries.append(({"loop_closure": entry}, "closed by an equality of the file"))
+    return entries
+
+
+def uncoupled_joints(
+    joints: Iterable[str], constraints: Iterable[tuple[Entry, str]], robot: Robot, start: Mapping[str, float]
+) -> list[str]:
+    """Joints that no constraint couples to others, momentum apart, which couples all.
+
+    Args:
+        joints: with one degree of freedom.
+        constraints: entries, with a remark on each.
+        robot: whose joints they are.
+        start: values of its joints with one degree of freedom.
+    """
+    position = Kinematics(robot).position(robot.configuration(start))
+    coupled = np.zeros(robot.nv, dtype=bool)
+    kept: set[object] = set()
+    for entry, _ in constraints:
+        if isinstance(entry, Mapping) and "momentum" in entry:
+            kept.add(entry["momentum"])
+            continue
+        kind: ConstraintKind = TypeAdapter(ConstraintItem).validate_python(entry)
+        coupled |= np.abs(kind.bind(robot).jacobian(position)).max(axis=0, initial=0.0) > _COUPLED
+    return [name for name in joints if name not in kept and not coupled[robot.velocity_indices(name)].any()]
