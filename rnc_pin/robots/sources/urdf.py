@@ -56,7 +56,7 @@ def read_urdf(
         ModelError: cannot be read, is not a URDF, or describes an impossible robot.
     """
     packages = Packages(path.parent, package_dirs)
-    root = _parsed(path, xacro_arguments, packages)
+    root = parse_urdf(path, xacro_arguments, packages)
     notes = [*mend(root, path), *check_values(root, path)]
     meshes = Meshes(root, path, packages)
     if masses:
@@ -84,7 +84,17 @@ def read_urdf(
     )
 
 
-def _parsed(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
+def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
+    """The XML of a URDF as it is written; a xacro file is expanded.
+
+    Args:
+        path: of the file.
+        xacro_arguments: values for the arguments of a xacro file.
+        packages: in which its own files are found.
+
+    Raises:
+        ModelError: cannot be read, or is not a URDF.
+    """
     root = None if is_xacro(path) else parse_xml(path)
     if root is None or has_macros(root, path):
         root = expand(path, xacro_arguments, packages)

@@ -29,13 +29,12 @@ from rnc_pin.scenario.run import Plan, execute
 from rnc_pin.simulation import Outcome, Trajectory
 
 _LEAN = 0.05  # [rad]
-_SHORT, _LONG = 0.1, 6  # how long a draft is tried out, and how long at most where that does not take long [s]
+_SHORT, _REST = 0.1, 1  # how long a draft is tried out first, and how long it runs on after its reference [s]
 _PATIENCE = 20.0  # [s]
 _TELLS = 1.0  # run from which its errors tell something [s]
 _POSES, _ASIDE = 4, 0.5  # random poses at which gravity is looked at, and how far they are [rad or m]
 _LEVER = 1e-4  # of the weight behind a joint, above which gravity loads it [m]; slides by as much of the weight
 _LOADED = "gravity loads the robot, which it takes long to learn"
-_FED_BACK = "knows the model: feedback of the state, by linearize and lqr at the start"
 _ADAPTIVE = "adaptive: knows no inertia; tracker: computed_torque knows them all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # why
 _TRACKERS = (
@@ -67,6 +66,7 @@ class Attempt:
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._undriven: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
+        self.start = {**self.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
@@ -105,14 +105,14 @@ class Attempt:
         Raises:
             RncError: it does not run.
         """
-        scenario = self._scenario()
+        scenario, mobility = self._scenario(), self.mobility
         failures = [_LOADED] if self._is_loaded() else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # sampled faster it would miss its reference as well
             scenario["controller"] = controller
-            scenario["simulation"] = {"duration": _LONG, "dt": dt}
+            scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
             try:
                 trial = self._try_out(scenario)
             except RncError as error:
@@ -120,7 +120,7 @@ class Attempt:
                 continue
             if best is None or trial.share < best[0].share:
                 said = remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, scenario, said, trial.words, self.mobility)
+                best = trial, write_draft(self.robot.name, scenario, said, trial.words, mobility)
             if trial.share < FAR:
                 break
             failures.append(f"its run {trial.complaint}")
@@ -132,7 +132,7 @@ class Attempt:
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
         """Settings, period [s] and a remark of each that may do, the most wanted first."""
         if self.mobility.feedback is not None:
-            return [(self.mobility.feedback, 0.002, _FED_BACK)]
+            return [(self.mobility.feedback, 0.002, self.mobility.feedback_remark)]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
             for tracker, dt, remark in _TRACKERS
@@ -149,8 +149,8 @@ class Attempt:
         trajectory = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / (time.perf_counter() - begun), 1)
         if possible >= _TELLS:
-            trajectory = self._run(raw, experiment, min(_LONG, possible))
-        return judged(trajectory, self._motions, settles=self.mobility.feedback is not None)
+            trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
+        return judged(trajectory, self._motions, settles=self.mobility.lean is not None)
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
         settings = experiment.simulation.model_copy(update={"duration": duration})
@@ -258,7 +258,8 @@ class Attempt:
                 name: step for name, step in zip(chosen.names, chosen.steps, strict=True) if name in primary
             }
             by: list[Json] = [*self._motions.values()]
-            scenario["reference"] = {"primary": {"minimum_jerk": {"by": by, "duration": 5}}}
+            gentle: Mapping[str, Json] = {"minimum_jerk": {"by": by, "duration": mobility.duration}}
+            scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
         return scenario
 
     def _actuators(self, chosen: outputs.Outputs) -> list[tuple[Entry, str]]:

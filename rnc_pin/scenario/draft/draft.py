@@ -9,6 +9,7 @@ from pathlib import Path
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
 from rnc_pin.scenario.draft.attempt import Attempt
 from rnc_pin.scenario.draft.balancing import balances, is_bicycle, on_a_bicycle, on_two_wheels
+from rnc_pin.scenario.draft.ball import find_shell, in_a_shell
 from rnc_pin.scenario.draft.chassis import Chassis, chassis
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
 from rnc_pin.scenario.draft.joints import start_values
@@ -16,6 +17,7 @@ from rnc_pin.scenario.draft.mobility import Mobility
 from rnc_pin.scenario.draft.on_rollers import has_rollers, in_any_direction, on_rollers
 from rnc_pin.scenario.draft.on_wheels import on_drawn_axles, on_wheels
 from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.snake import find_snake, on_a_snake
 from rnc_pin.scenario.draft.source import Source, Wishes
 from rnc_pin.scenario.draft.trial import FAR, LOST, Trial
 from rnc_pin.scenario.draft.wheels import find_wheels
@@ -50,7 +52,7 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     failures: list[str] = []
     first: RncError | None = None
     best: tuple[Trial, str] | None = None
-    for way in _ways(site, asked, source):
+    for way in _ways(site, asked, source, source.driven()):
         mobility = way()
         if site.loose:
             mobility.lock.update(site.loose)
@@ -72,10 +74,8 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     if best is not None:
         trial, text = best
         if trial.share >= FAR:
-            said = (
-                f"the run of the draft for '{robot.name or source.name}' {trial.complaint}: CHECK actuators and gains"
-            )
-            warnings.warn(said, ModelWarning, stacklevel=2)
+            said = f"'{robot.name or source.name}' is drafted, but its run {trial.complaint}"
+            warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
         return text
     if asked and isinstance(first, ModelError):
         raise first  # the file cannot stand as it was asked to
@@ -83,14 +83,20 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
 
 
-def _ways(site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
+def _ways(site: Site, asked: str | None, source: Source, driven: frozenset[str]) -> Iterator[_Way]:
     """How the robot may stand, the likeliest first; what the user asks for has no alternative."""
+    shell = find_shell(site, driven) if asked in (None, "free") else None
+    if shell is not None:
+        yield lambda: in_a_shell(shell, site, driven)
     if asked in (None, "planar"):
         wheels = find_wheels(site)
+        axles = find_drawn_axles(site)
+        segments = find_snake(wheels, [] if wheels else axles, site, driven)
+        if segments:
+            yield lambda: on_a_snake(segments, site)
         if wheels:
             yield from _ways_on_wheels(chassis(wheels), site, asked, source)
             return
-        axles = find_drawn_axles(site)
         if axles and not site.own_base:
             yield lambda: on_drawn_axles(axles, site)
     yield lambda: without_wheels(site, asked, source.mass_of_base)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,6 +33,10 @@ class Mobility:
         ground: height of the ground [m], where it is known.
         weightless: whether gravity is taken away.
         feedback: settings of a controller that the base needs, or nothing.
+        feedback_remark: on that controller.
+        reference: of primary outputs by name, where it is not a motion from rest to rest by what the outputs say.
+        duration: of the reference [s].
+        pose: values of single joints at the start, where the base needs others than zero.
         initial: values at the start besides those of joints, by joint.
         untracked: outputs that have no reference.
         lean: horizontal axis of the world (3,) about which the base leans at the start, a little; or None.
@@ -52,6 +56,10 @@ class Mobility:
     ground: float | None = None
     weightless: bool = False
     feedback: Mapping[str, Json] | None = None
+    feedback_remark: str = "knows the model: feedback of the state, by linearize and lqr at the start"
+    reference: Callable[[Sequence[str]], Mapping[str, Json]] | None = None
+    duration: float = 5
+    pose: dict[str, float] = field(default_factory=dict)
     initial: dict[str, list[float]] = field(default_factory=dict)
     untracked: set[str] = field(default_factory=set)
     lean: np.ndarray | None = None

@@ -16,7 +16,10 @@ from rnc_pin.regular_files import is_file
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.urdf import parse_urdf
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
+from rnc_pin.scenario.draft.driven import driven_joints
 from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot import RobotSource
@@ -133,6 +136,14 @@ class Source:
             root = None
         elements = () if root is None else [each for each in root.iter() if each.tag in ("mesh", "plugin", "robot")]
         return " ".join([self.name, *(value for each in elements for value in each.attrib.values())]).lower()
+
+    def driven(self) -> frozenset[str]:
+        """Joints that the file says are driven; none where it does not say, or is an MJCF."""
+        path = self._path()
+        if path is None:
+            return frozenset()
+        arguments = self._wishes.xacro_arguments
+        return driven_joints(parse_urdf(path, arguments, Packages(path.parent, self._wishes.package_dirs)))
 
     def _path(self) -> Path | None:
         if "example" in self.entry:

@@ -76,7 +76,11 @@ def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility:
     lines.append(f"task: {_flow(scenario['task'])}")
     if scenario["initial"]["q"] or scenario["initial"].get("v2"):
         lines += [
-            *_remark("joints whose range does not contain zero start in its middle"),
+            *_remark(
+                "joints start in the shape of the way"
+                if mobility.pose
+                else "joints whose range does not contain zero start in its middle"
+            ),
             f"initial: {_flow(scenario['initial'])}",
         ]
     if "reference" in scenario:

@@ -1,0 +1,134 @@
+"""Spherical robots: a shell that rolls on the ground, moved by joints inside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.plain import Json
+from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis, turns
+from rnc_pin.scenario.draft.mobility import Mobility
+from rnc_pin.scenario.draft.shapes import LEVEL, Shape
+from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.tolerances import SAME
+
+_INSIDE = 1.05  # how far from the centre what is inside may reach, in radii
+_ROUND = 0.03  # how much a mesh may differ from a sphere, in radii
+_WHOLE = 0.9  # share of its diameter that a mesh reaches along each axis
+_CORNERS = 30  # of a mesh that may be round
+_TURNED = 3.0  # how far a joint turns that has no ends [rad]
+_DURATION = 8.0
+
+
+@dataclass(frozen=True)
+class Shell:
+    """A ball around the whole robot.
+
+    Attributes:
+        frame: at its centre, turning with it.
+        radius: [m].
+        measured: "collision" or "visual" geometry.
+        height: of the base's origin above the ground [m].
+    """
+
+    frame: str
+    radius: float
+    measured: str
+    height: float
+
+
+def find_shell(site: Site, driven: frozenset[str]) -> Shell | None:
+    """The shell of a spherical robot, or None.
+
+    Args:
+        site: the robot.
+        driven: joints that the file says are driven; none where it does not say.
+    """
+    if not _drives(site, driven):
+        return None
+    for kind, shapes in site.shapes.items():
+        for shape in shapes:
+            sphere = _sphere(shape) if shape.joint == site.root else None
+            if sphere is None or not _encloses(sphere, site):
+                continue
+            center, radius = sphere
+            frame = _frame_at(center, radius, site)
+            if frame is not None:
+                origin = float(site.data.oMi[site.root].translation[2])
+                return Shell(frame, radius, kind, origin - center[2] + radius)
+    return None
+
+
+def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
+    """A ball that rolls on the ground, while the joints inside follow their references."""
+    own = bool(site.root) and not site.is_rigid
+    result = Mobility(None if own else "free", "a ball that joints inside it roll", site.frame)
+    joint = site.robot.joint_names[site.root - 1] if own else "root_joint"
+    result.initial[joint] = [0.0, 0.0, round(shell.height, 6), 0.0, 0.0, 0.0, 1.0]
+    result.ground = 0.0
+    entry: dict[str, Json] = {"rolling_ball": {"frame": shell.frame, "radius": round(shell.radius, 6)}}
+    result.constraints.append((entry, f"radius from the {shell.measured} geometry"))
+    drives = _drives(site, driven)
+    result.passive |= set(site.start) - set(drives)
+    ways = {name: _step(name, site) for name in drives}
+    result.outputs += [({"joint": name}, way) for name, way in ways.items()]
+    result.outputs.append(({"frame_orientation": shell.frame}, 0.0))
+    result.untracked |= {f"{shell.frame}_orientation_{axis}" for axis in "xyz"} | result.passive
+    result.vertical.append({"frame_position": {"frame": shell.frame, "axes": "xy"}})
+    result.feedback = {"type": "jacobian_transpose", "active": [*drives], "preset": "scaled"}
+    result.feedback_remark = "moves the joints inside by their own actuators: the shell rolls as it has to"
+    by: list[Json] = [*ways.values()]
+    result.reference = lambda names: {"minimum_jerk": {"by": by, "duration": _DURATION}}
+    result.duration = _DURATION
+    result.notes.append("nothing but the joints inside drives the shell: where it rolls to is not controlled")
+    return result
+
+
+def _drives(site: Site, driven: frozenset[str]) -> list[str]:
+    """Joints inside that something drives."""
+    return [name for name in site.start if (name in driven if driven else effort_limit(site.robot, name) > 0)]
+
+
+def _step(name: str, site: Site) -> float:
+    """How far a joint's reference goes: most where it is a pendulum that turns on and on about a level axis."""
+    low, high = joint_limits(site.robot, name)
+    level = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(name))[2]) < LEVEL
+    length = (_TURNED if level else 0.4) if turns(site.robot, name) else 0.05
+    room = 0.3 * max(high - site.start[name], site.start[name] - low)
+    return round(float(min(length, room)), 4)
+
+
+def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
+    """Centre (3,) and radius of a shape that is a ball."""
+    if len(shape.points) == 1:
+        return shape.points[0], shape.margin
+    if len(shape.points) < _CORNERS or shape.margin:
+        return None
+    # The sphere nearest to all corners: |p|^2 = 2 c . p + (r^2 - |c|^2).
+    unknowns = np.column_stack([2 * shape.points, np.ones(len(shape.points))])
+    center = np.linalg.lstsq(unknowns, (shape.points**2).sum(axis=1), rcond=None)[0][:3]
+    distances = np.linalg.norm(shape.points - center, axis=1)
+    radius = float(distances.max())
+    whole = (np.ptp(shape.points, axis=0) > _WHOLE * 2 * radius).all()
+    return (center, radius) if whole and distances.min() > (1 - _ROUND) * radius else None
+
+
+def _encloses(sphere: tuple[np.ndarray, float], site: Site) -> bool:
+    center, radius = sphere
+    everything = [each for kind in site.shapes.values() for each in kind]
+    return all(
+        float(np.linalg.norm(each.points - center, axis=1).max()) + each.margin < _INSIDE * radius
+        for each in everything
+    )
+
+
+def _frame_at(center: np.ndarray, radius: float, site: Site) -> str | None:
+    """A frame of the base with its origin at a point: that of the base where it is there."""
+    names = [site.frame]
+    names += [str(frame.name) for frame in site.robot.model.frames if frame.parentJoint == site.root]
+    for name in names:
+        away = site.data.oMf[site.robot.frame_id(name)].translation - center
+        if name != "universe" and np.linalg.norm(away) < 10 * SAME * radius:
+            return name
+    return None

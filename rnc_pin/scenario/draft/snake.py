@@ -1,0 +1,207 @@
+"""Snakes: bodies in a row on wheels that nothing drives, with driven upright joints between them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from rnc_pin.plain import Json
+from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
+from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis
+from rnc_pin.scenario.draft.mobility import Entry, Mobility, measured, rolls
+from rnc_pin.scenario.draft.on_wheels import planar
+from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.wheels import Wheel
+
+_BODIES = 4  # in a row with wheels, of a snake that is not called one
+_SNAKE = re.compile("snake|serpent|worm|acm")
+_TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
+_BEND, _SHARE = 0.5, 0.8  # largest angle of the way from its mean [rad], and share of a joint's range that is used
+_DURATION, _POINTS = 12.0, 24
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A body with wheels.
+
+    Attributes:
+        chain: joints from the base to it, the nearest to the base first.
+        center: between its wheels, in the world (3,) [m].
+        axle: in the world (3,).
+        entries: constraints of its wheels, with a remark on each.
+        wheels: joints of its wheels.
+        ground: below its wheels [m], where they have a radius.
+    """
+
+    chain: tuple[str, ...]
+    center: np.ndarray
+    axle: np.ndarray
+    entries: list[tuple[Entry, str]]
+    wheels: tuple[str, ...]
+    ground: float | None = None
+
+
+def find_snake(
+    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], site: Site, driven: frozenset[str]
+) -> list[Segment]:
+    """Segments of a snake from its root on, or nothing.
+
+    Args:
+        wheels: that turn.
+        axles: with wheels that are only drawn.
+        site: the robot.
+        driven: joints that the file says are driven; none where it does not say.
+    """
+    segments = sorted([*_on_wheels(wheels), *_on_axles(axles, site)], key=lambda each: len(each.chain))
+    chain = segments[-1].chain if segments else ()
+    in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
+    bodies = len({each.chain for each in segments})
+    enough = bodies >= (_BODIES - 1 if _SNAKE.search(site.words) else _BODIES)
+    if not in_a_row or not enough or bodies < len(segments) or segments[0].chain:
+        return []
+    if any(_TOWED.search(joint.lower()) or not _drives(joint, site, driven) for joint in chain):
+        return []
+    if any(joint in driven for each in segments for joint in each.wheels):
+        return []
+    return segments if all(_crosses(one, other) for one, other in pairwise(segments)) else []
+
+
+def on_a_snake(segments: list[Segment], site: Site) -> Mobility:
+    """The root leads along a winding way, and the body follows: the start has that shape too."""
+    result = planar(site, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
+    for segment in segments:
+        result.constraints += segment.entries
+        result.passive |= set(segment.wheels)
+    result.ground = segments[0].ground
+    gait = _Gait.of(segments, site)
+    speed, axis, sense = gait.speed(site)
+    yaw = f"{site.frame}_yaw"
+    columns: dict[str, Callable[[np.ndarray], np.ndarray]] = {speed: lambda way: sense * way, yaw: gait.heading}
+    columns |= {name: partial(gait.angle, k) for k, name in enumerate(gait.joints)}
+    result.pose = {name: round(float(gait.angle(k, np.zeros(1))[0]), 4) for k, name in enumerate(gait.joints)}
+    result.outputs += [
+        ({"frame_speed": {"frame": site.frame, "axis": axis}}, gait.wave),
+        ({"frame_yaw": site.frame}, gait.bend),
+    ]
+    result.vertical.append({"frame_position": {"frame": site.frame, "axes": "xy"}})
+    result.reference = lambda names: _through([columns[name] for name in names if name in columns], gait.wave)
+    result.duration = _DURATION
+    result.notes.append(
+        "nothing drives its wheels: it moves by winding, and cannot start where it is straight; the joints follow from "
+        "the way of its first body, which they push"
+    )
+    return result
+
+
+@dataclass(frozen=True)
+class _Gait:
+    """A serpenoid, ``heading = bend sin(2 pi s / wave)`` at s along the way of the first body (Hirose 1993).
+
+    Attributes:
+        joints: from the first body on.
+        places: how far behind the first body's wheels each of them is (k,) [m].
+        signs: 1 where an axis points up, -1 where it points down (k,).
+        along: horizontal direction in which the first body leads (3,).
+        spacing: between joints [m].
+        wave: as long as the body [m].
+        bend: [rad].
+    """
+
+    joints: tuple[str, ...]
+    places: np.ndarray
+    signs: np.ndarray
+    along: np.ndarray
+    spacing: float
+    wave: float
+    bend: float
+
+    @classmethod
+    def of(cls, segments: list[Segment], site: Site) -> _Gait:
+        """The gait that the ranges of the joints allow."""
+        head, joints = segments[0], segments[-1].chain
+        indices = [site.robot.joint_id(name) for name in joints]
+        along = np.cross(head.axle, [0.0, 0.0, 1.0])
+        away = np.mean([each.center for each in segments[1:]], axis=0) - head.center
+        along *= -np.sign(along @ away) / np.linalg.norm(along)
+        places = np.array([(head.center - site.data.oMi[index].translation) @ along for index in indices])
+        spacing = float(np.mean(np.diff(places)))
+        signs = np.array([np.sign(turning_axis(site.robot.model, site.data, index)[2]) for index in indices])
+        wave = (len(joints) + 1) * spacing
+        room = [_SHARE * min(high, -low) for low, high in (joint_limits(site.robot, name) for name in joints)]
+        bend = min([_BEND, *(each / (2 * np.sin(np.pi * spacing / wave)) for each in room if each > 0)])
+        return cls(joints, places, signs, along, spacing, wave, bend)
+
+    def heading(self, s: np.ndarray) -> np.ndarray:
+        """Of the way at s (n,) [rad]."""
+        return np.asarray(self.bend * np.sin(2 * np.pi * s / self.wave))
+
+    def angle(self, joint: int, way: np.ndarray) -> np.ndarray:
+        """Of a joint where the first body has gone so far (n,) [rad]."""
+        s, half = way - self.places[joint], self.spacing / 2
+        return np.asarray(self.signs[joint] * (self.heading(s - half) - self.heading(s + half)))
+
+    def speed(self, site: Site) -> tuple[str, str, float]:
+        """Name of the first body's speed, its axis, and 1 where it leads along that, -1 where against it."""
+        axis = site.along(self.along)
+        sense = float(np.sign(site.placement.rotation[:, "xyz".index(axis)] @ self.along))
+        return f"{site.frame}_speed_{axis}", axis, sense
+
+
+def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float) -> Mapping[str, Json]:
+    """Outputs over time while the first body goes one wave, from rest to rest."""
+    s = np.linspace(0.0, 1.0, _POINTS + 1)[1:]
+    way = wave * s**3 * (10 - 15 * s + 6 * s**2)
+    values = np.round(np.column_stack([column(way) for column in columns]), 5) + 0.0
+    times: list[Json] = [*np.round(_DURATION * s, 4).tolist()]
+    return {"via_points": {"times": times, "points": values.tolist()}}
+
+
+def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
+    bodies: dict[tuple[str, ...], list[Wheel]] = {}
+    for wheel in wheels:
+        if not wheel.carriers:
+            bodies.setdefault(tuple(pivot.joint for pivot in reversed(wheel.pivots)), []).append(wheel)
+    return [
+        Segment(
+            chain,
+            np.mean([each.center for each in mates], axis=0),
+            mates[0].axle,
+            [(rolls(each), f"not driven; {measured(each)}") for each in mates],
+            tuple(each.joint for each in mates),
+            min(float(each.center[2] - each.radius) for each in mates),
+        )
+        for chain, mates in bodies.items()
+    ]
+
+
+def _on_axles(axles: Iterable[DrawnAxle], site: Site) -> list[Segment]:
+    model, found = site.robot.model, []
+    for each in axles:
+        chain: list[str] = []
+        index = each.joint
+        while index > site.root:
+            chain.insert(0, str(model.names[index]))
+            index = int(model.parents[index])
+        edge: dict[str, Json] = {"no_side_slip": {"frame": each.frame, "axis": each.axis}}
+        found.append(
+            Segment(
+                tuple(chain), each.center, each.axle, [(edge, "knife edge")], (), float(each.center[2] - each.radius)
+            )
+        )
+    return found
+
+
+def _drives(joint: str, site: Site, driven: frozenset[str]) -> bool:
+    upright = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(joint))[2]) > 0.99
+    return upright and (joint in driven if driven else effort_limit(site.robot, joint) > 0)
+
+
+def _crosses(one: Segment, other: Segment) -> bool:
+    """Whether a body lies behind another along the way of its wheels."""
+    between = other.center - one.center
+    return abs(float(between @ one.axle)) < 0.3 * float(np.linalg.norm(between))

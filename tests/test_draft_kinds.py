@@ -1,0 +1,209 @@
+"""Drafts of snakes on passive wheels and of spherical robots."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft.driven import driven_joints
+from rnc_pin.scenario.files import read_yaml
+from rnc_pin.scenario.run import execute, plan
+
+INERTIA = (
+    '<inertial><origin xyz="{at}"/><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+
+
+def link(name, mass, geometry="", at="0 0 0", turn="0 0 0"):
+    shape = f'<collision><origin rpy="{turn}"/><geometry>{geometry}</geometry></collision>' if geometry else ""
+    return f'<link name="{name}">{INERTIA.format(at=at, m=mass, i=2e-3 * mass)}{shape}</link>'
+
+
+def joint(name, parent, child, at, axis, kind="continuous", effort=5.0):
+    ends = 'lower="-1.4" upper="1.4" ' if kind == "revolute" else ""
+    limit = f'<limit {ends}effort="{effort}" velocity="5"/>' if kind != "fixed" else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def snake(bodies=8, forward=-1, yaw="yaw_{}", effort=5.0, extra="", drawn=False):
+    """Bodies 0.2 m long with two wheels each in their middles, and joints halfway between them.
+
+    Args:
+        bodies: how many.
+        forward: 1 where the body lies ahead of its root.
+        yaw: names of the joints between bodies.
+        effort: of those.
+        extra: elements besides.
+        drawn: whether wheels are only drawn.
+    """
+    parts = []
+    for k in range(bodies):
+        name = f"body_{k}"
+        parts.append(link(name, 1.0, '<box size="0.16 0.06 0.04"/>', f"{forward * 0.1 * (k > 0)} 0 0"))
+        middle = forward * 0.1 * (k > 0)
+        if k:
+            start = f"{forward * (0.1 if k == 1 else 0.2)} 0 0"
+            parts.append(joint(yaw.format(k), f"body_{k - 1}", name, start, "0 0 1", "revolute", effort))
+        for side, y in (("left", 0.05), ("right", -0.05)):
+            shape = '<cylinder radius="0.03" length="0.01"/>'
+            parts.append(link(f"{name}_{side}", 0.05, shape, turn="1.570796 0 0").replace("collision", "visual"))
+            kind = "fixed" if drawn else "continuous"
+            at = f"{middle} {y} -0.01"
+            parts.append(joint(f"{name}_{side}_joint", name, f"{name}_{side}", at, "0 1 0", kind, 0.0))
+    return f'<robot name="crawler">{"".join(parts)}{extra}</robot>'
+
+
+def drafted(text, folder, **wishes):
+    (folder / "robot.urdf").write_text(text)
+    path = folder / "robot.yaml"
+    path.write_text(draft(str(folder / "robot.urdf"), folder, Wishes(**wishes)))
+    words = path.read_text()
+    return read_yaml(path), next(line for line in words.splitlines() if line.startswith("# base")), path
+
+
+@pytest.mark.parametrize("forward", [-1, 1])
+def test_a_snake_winds_its_way(forward, tmp_path):
+    """It goes one wave, and its joints swing one after the other as far as the serpenoid asks for."""
+    content, kind, path = drafted(snake(6, forward, drawn=True), tmp_path)
+    assert kind == "# base planar: a snake of 6 bodies on wheels that nothing drives"
+    assert content["constraints"] == [{"no_side_slip": {"frame": f"body_{k}_right", "axis": "y"}} for k in range(6)]
+    prepared = plan(str(path), {"simulation.dt": 0.005, "controller.tracker": "computed_torque"})
+    result = execute(prepared)
+    assert result.summary["outcome"] == "completed"
+    values = [prepared.experiment.reduced.robot.joint_values(q) for q in result.trajectory.q[::20]]
+    x = [each["root_joint"][0] for each in values]
+    way = content["reference"]["primary"]["via_points"]["points"][-1][0]
+    assert way == pytest.approx(-forward * 6 * 0.2)  # as long as the body
+    assert 0.85 < (x[-1] - x[0]) / way < 1.0  # shorter for its bends
+    joints = np.array([[each[f"yaw_{k}"] for k in range(1, 6)] for each in values])
+    swings = np.ptp(joints, axis=0) / 2
+    np.testing.assert_allclose(swings, 2 * 0.5 * np.sin(np.pi / 6), rtol=0.15)
+
+
+def test_the_wheels_of_a_snake_are_not_driven(tmp_path, monkeypatch):
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    content, kind, path = drafted(snake(5), tmp_path)
+    assert kind == "# base planar: a snake of 5 bodies on wheels that nothing drives"
+    assert content["actuators"] == [f"yaw_{k}" for k in range(1, 5)]
+    assert "lock" not in content["robot"]
+    assert len([each for each in content["constraints"] if "rolling_wheel" in each]) == 10
+    assert content["view"]["ground"] == pytest.approx(-0.04)
+    summary = execute(plan(str(path), {"simulation.duration": 0.5})).summary
+    assert summary["outcome"] == "completed"
+    assert summary["constraint_residual_max"] < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"yaw": "hitch_{}"}, "trailers"),  # towed
+        ({"effort": 0.0}, "car"),  # nothing drives the joints
+        ({"bodies": 3}, "car"),  # too few that they would be a snake without being called one
+    ],
+)
+def test_other_rows_of_bodies_are_no_snakes(options, words, tmp_path, monkeypatch):
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    _, kind, _ = drafted(snake(**{"bodies": 4, **options}), tmp_path)
+    assert "snake" not in kind
+    assert words in kind or "any direction" in kind or "differential" in kind
+
+
+def test_what_the_file_drives_decides(tmp_path, monkeypatch):
+    """Transmissions on the wheels make no snake; on joints without an effort they do."""
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+
+    def transmissions(names):
+        return "".join(f'<transmission name="t_{each}"><joint name="{each}"/></transmission>' for each in names)
+
+    driven = transmissions([f"yaw_{k}" for k in range(1, 4)])
+    assert "a snake of 4 bodies" in drafted(snake(4, effort=0.0, extra=driven), tmp_path)[1]
+    driven += transmissions(["body_0_left_joint", "body_0_right_joint"])
+    assert "snake" not in drafted(snake(4, extra=driven), tmp_path)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('<transmission><type/><joint name="a"><hardwareInterface/></joint></transmission>', {"a"}),
+        ('<ros2_control><joint name="a"><command_interface name="effort"/></joint></ros2_control>', {"a"}),
+        ('<ros2_control><joint name="a"><state_interface name="position"/></joint></ros2_control>', set()),
+        ('<gazebo><plugin filename="diff"><left_joint>a</left_joint><right_joint>b</right_joint></plugin></gazebo>',
+         {"a", "b"}),
+        ('<gazebo><plugin filename="x"><joint_name>a, b</joint_name><torque>a</torque></plugin></gazebo>', {"a", "b"}),
+        ('<gazebo><plugin filename="libgazebo_ros_joint_state_publisher.so"><jointName>a</jointName></plugin></gazebo>',
+         set()),
+        ('<transmission><joint name="stranger"/></transmission>', set()),
+    ],
+)  # fmt: skip
+def test_joints_that_a_file_drives(text, expected):
+    joints = '<joint name="a"/><joint name="b"/>'
+    assert driven_joints(ElementTree.fromstring(f"<robot>{joints}{text}</robot>")) == expected
+
+
+# ---------------------------------------------------------------------- spherical robots
+
+
+def ball(shell='<sphere radius="0.3"/>', effort=8.0):
+    """A shell with a yoke that turns about y, and a pendulum on it that leans about x."""
+    parts = [
+        link("shell", 2.0, shell).replace("0.004", "0.1"),
+        link("yoke", 0.3),
+        link("pendulum", 3.0, '<sphere radius="0.05"/>').replace("<origin rpy", '<origin xyz="0 0 -0.15" rpy'),
+        joint("drive", "shell", "yoke", "0 0 0", "0 1 0", effort=effort),
+        joint("lean", "yoke", "pendulum", "0 0 0", "1 0 0", "revolute", effort=effort),
+    ]
+    parts[2] = parts[2].replace('<origin xyz="0 0 0"/>', '<origin xyz="0 0 -0.15"/>', 1)
+    return f'<robot name="roller">{"".join(parts)}</robot>'
+
+
+def test_a_ball_rolls_as_its_pendulum_turns(tmp_path):
+    """The shell turns the other way round than the pendulum in it, and goes as far as it turns."""
+    content, kind, path = drafted(ball(), tmp_path)
+    assert kind == "# base free: a ball that joints inside it roll"
+    assert content["constraints"] == [{"rolling_ball": {"frame": "shell", "radius": 0.3}}]
+    assert content["actuators"] == ["drive", "lean"]
+    assert content["initial"]["q"]["root_joint"][:3] == [0, 0, 0.3]
+    prepared = plan(str(path))
+    result = execute(prepared)
+    assert result.summary["outcome"] == "completed"
+    assert result.summary["constraint_residual_max"] < 1e-8
+    q = result.trajectory.q
+    np.testing.assert_allclose(q[:, 2], 0.3, atol=1e-9)
+    values = prepared.experiment.reduced.robot.joint_values(q[-1])
+    assert result.summary["max_error"]["drive"] < 0.3
+    gone = q[-1, 0] - q[0, 0]
+    # The pendulum hangs nearly straight below, so that the shell turns as far as the drive did, against it.
+    assert gone == pytest.approx(-0.3 * 3.0, rel=0.25)
+    assert values["root_joint"][0] == pytest.approx(gone)
+
+
+def test_a_shell_may_be_a_mesh(tmp_path, monkeypatch):
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    lines, faces, size = [], [], 16
+    for i in range(size + 1):
+        for j in range(size):
+            a, b = np.pi * i / size, 2 * np.pi * j / size
+            lines.append(f"v {0.3 * np.sin(a) * np.cos(b):.6f} {0.3 * np.sin(a) * np.sin(b):.6f} {0.3 * np.cos(a):.6f}")
+    for i in range(size):
+        for j in range(size):
+            one, other = i * size + j + 1, i * size + (j + 1) % size + 1
+            faces.append(f"f {one} {other} {one + size}")
+    (tmp_path / "shell.obj").write_text("\n".join([*lines, *faces]) + "\n")
+    content, kind, _ = drafted(ball('<mesh filename="shell.obj"/>'), tmp_path)
+    assert kind == "# base free: a ball that joints inside it roll"
+    assert content["constraints"][0]["rolling_ball"]["radius"] == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [ball('<box size="0.6 0.6 0.6"/>'), ball('<sphere radius="0.1"/>'), ball(effort=0.0).replace("shell", "core")],
+)
+def test_other_bodies_are_no_balls(text, tmp_path, monkeypatch):
+    """A box, a ball that something sticks out of, and one in which nothing is driven."""
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    assert "a ball that" not in drafted(text, tmp_path)[1]
