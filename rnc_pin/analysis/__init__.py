@@ -2,11 +2,12 @@
 
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
-from rnc_pin.analysis.grip import Grip
+from rnc_pin.analysis.grip import Grip, lift_off_along
 from rnc_pin.analysis.growth import GrowthEvidence, growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.linearization import Linearization, linearize
+from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.analysis.redundancy import Block, Evidence, Redundancy, Spread, classify
 from rnc_pin.analysis.regulator import lqr
 from rnc_pin.analysis.report import Report, analyze
@@ -21,7 +22,9 @@ __all__ = [
     "Grip",
     "GrowthEvidence",
     "Integrability",
+    "LiftOff",
     "Linearization",
+    "NormalForces",
     "Redundancy",
     "Report",
     "Singularity",
@@ -30,9 +33,11 @@ __all__ = [
     "boundedness",
     "classify",
     "equilibrium",
+    "first_lift_off",
     "growth_vector",
     "integrability",
     "lemma_1_residuals",
+    "lift_off_along",
     "linearize",
     "lqr",
 ]

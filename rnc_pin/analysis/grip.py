@@ -3,38 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, contacts_of, first_lift_off
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Kinematics, over_states
+from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import Place
 
 _SMALL = 1e-9
-
-
-class _Contact(NamedTuple):
-    name: str
-    along: list[int]
-    """Rows along the ground, among all constraint rows."""
-    up: int | None
-    """Row that carries, if it does."""
 
 
 class Grip:
     """Friction that constraints need: the size of their forces along the ground over ``friction`` times the load.
 
     A contact is whatever does not slip along the ground: ``NoSideSlip``, the wheels, balls. Its force is the multiplier
-    of its rows (``ReducedModel.contact_forces``; rows that depend on each other share it evenly). Its load is the
-    multiplier of its vertical row where the model has one that carries; on a base that moves in the plane it follows
-    from statics, with casters among the supports: loads of least norm that add up to the weight and balance its moment
-    as well as these supports can, none below zero. What accelerations shift of the weight is not in that.
+    of its rows (``ReducedModel.contact_forces``; rows that depend on each other share it evenly). Its load is its
+    normal force (``NormalForces``), accelerations included; none is left where that is below zero. Casters do not grip,
+    but they may lift off as well: ``lift_off`` looks at all contacts.
 
     Args:
         reduced: the model.
@@ -42,7 +30,8 @@ class Grip:
         loads: by name of the contact, where they are known [N].
 
     Attributes:
-        names: of the contacts, (w,): of the frame.
+        names: of the contacts that grip, (w,): of the frame.
+        normal: normal forces of all contacts.
 
     Raises:
         ConfigurationError: friction or a load that is not positive, no such contact, or nothing that grips.
@@ -60,19 +49,8 @@ class Grip:
     def __init__(self, reduced: ReducedModel, friction: float, loads: Mapping[str, float] | None = None) -> None:
         if not 0 < friction < np.inf:
             raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
-        self._reduced, self.friction = reduced, friction
-        q = reduced.robot.configuration()
-        self._kinematics, self._data = Kinematics(reduced.robot), reduced.robot.model.createData()
-        points, _ = reduced.all_constraints.lines_of_action(self._kinematics.position(q))
-        acting = np.isfinite(points).all(axis=1)
-        found = [(place, _contact(place, acting)) for place in reduced.all_constraints.places]
-        self._contacts = [contact for _, contact in found if contact is not None]
-        self._carrying = [
-            place.where.start + row
-            for place, contact in found
-            if contact is None and place.block.on_ground
-            for row in range(len(place.block.names))
-        ]
+        self._reduced, self.friction, self.normal = reduced, friction, NormalForces(reduced)
+        self._contacts = [each for each in contacts_of(reduced) if each.along]
         self.names = tuple(each.name for each in self._contacts)
         if not self.names:
             raise ConfigurationError("nothing of this system grips the ground by friction")
@@ -102,17 +80,18 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        return self._upwards(np.asarray(q, dtype=float), self._reduced.contact_forces(q, v2, T))
+        return self._upwards(self._reduced.at(q, v2), np.asarray(T, dtype=float))
 
     def _along(self, multipliers: Array) -> Array:
-        return np.stack([np.linalg.norm(multipliers[..., each.along], axis=-1) for each in self._contacts], axis=-1)
+        forces = [np.linalg.norm(multipliers[..., list(each.along)], axis=-1) for each in self._contacts]
+        return np.stack(forces, axis=-1)
 
-    def _upwards(self, q: Array, multipliers: Array) -> Array:
-        rows = self._reduced.at(q).all_rows
-        loads = over_states(self._static, (len(self.names),), q)
-        for place, contact in enumerate(self._contacts):
-            if contact.up is not None and np.abs(rows[..., contact.up, :]).max() > _SMALL:
-                loads[..., place] = np.maximum(-multipliers[..., contact.up], 0.0)
+    def _upwards(self, state: Evaluation, T: Array) -> Array:
+        normal = self.normal.at(state, T)
+        loads = np.zeros((*normal.shape[:-1], len(self.names)))
+        for column, contact in enumerate(self._contacts):
+            if contact in self.normal.contacts:
+                loads[..., column] = np.maximum(normal[..., self.normal.contacts.index(contact)], 0.0)
         return np.where(np.isnan(self._known), loads, self._known)
 
     def used(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
@@ -123,9 +102,9 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        multipliers = self._reduced.contact_forces(q, v2, T)
-        forces = self._along(multipliers)
-        allowed = self.friction * self._upwards(np.asarray(q, dtype=float), multipliers)
+        state, T = self._reduced.at(q, v2), np.asarray(T, dtype=float)
+        forces = self._along(state.contact_forces(T))
+        allowed = self.friction * self._upwards(state, T)
         return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
 
     def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
@@ -142,30 +121,40 @@ class Grip:
         reduced = self._reduced
         return self.used(q, v2, reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot)))
 
-    def _static(self, q: Array) -> Float[Array, " w"]:
-        """Loads at rest."""
-        robot = self._reduced.robot
-        points, _ = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
-        supports = [*(each.along[0] for each in self._contacts), *self._carrying]
-        center = np.asarray(pin.centerOfMass(robot.model, self._data, q))[:2]
-        weight = -pin.computeTotalMass(robot.model) * float(robot.model.gravity.linear[2])
-        share = np.full(len(supports), 1.0 / len(supports))
-        levers = (points[supports, :2] - center).T
-        # From equal shares on, along directions that keep their sum.
-        free = np.eye(len(supports)) - share
-        share = share - apply(np.linalg.pinv(levers @ free, rcond=1e-9), apply(levers, share))
-        share = np.maximum(share, 0.0)
-        loads: np.ndarray = max(weight, 0.0) * share[: len(self._contacts)] / share.sum()
-        return loads
+    def lift_off(self, times: Array, q: Array, v2: Array, v2_dot: Array) -> LiftOff | None:
+        """The first contact of all, casters among them, that a motion would lift off the ground; None where all hold.
+
+        Args:
+            times: of the states (N,) [s].
+            q: configurations (N, nq).
+            v2: reduced velocities (N, r).
+            v2_dot: their rates (N, r).
+
+        Raises:
+            ConstraintError: no inputs give these accelerations.
+        """
+        return lift_off_along(self._reduced, times, q, v2, v2_dot, self.normal)
 
 
-def _contact(place: Place, acting: Array) -> _Contact | None:
-    """What grips of a block's rows."""
-    block, start = place.block, place.where.start
-    holonomic = block.holonomic or (False,) * len(block.names)
-    along = [start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row]]
-    if not along:
+def lift_off_along(
+    reduced: ReducedModel, times: Array, q: Array, v2: Array, v2_dot: Array, normal: NormalForces | None = None
+) -> LiftOff | None:
+    """The first contact that a motion would lift off the ground; None where all hold.
+
+    Args:
+        reduced: the model.
+        times: of the states (N,) [s].
+        q: configurations (N, nq).
+        v2: reduced velocities (N, r).
+        v2_dot: their rates (N, r).
+        normal: its normal forces, where they are known already.
+
+    Raises:
+        ConstraintError: no inputs give these accelerations.
+    """
+    normal = normal or NormalForces(reduced)
+    if not normal.contacts:
         return None
-    up = next((start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground), None)
-    name = getattr(block.kind, "frame", None)
-    return _Contact(name if isinstance(name, str) else block.names[along[0] - start], along, up)
+    state = reduced.at(q, v2)
+    forces = normal.at(state, state.allocate(state.inverse_dynamics(v2_dot)))
+    return first_lift_off(times, forces, normal.names)

@@ -39,6 +39,9 @@ def print_summary(summary: Summary) -> None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
     if "off_tracking_max" in summary:
         invariants.add_row("trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m")
+    if summary["lift_off"] is not None:
+        lowest = f"{summary['lift_off']['lowest']:.3g} N"
+        invariants.add_row(f"normal force of {summary['lift_off']['contact']}, lowest", lowest)
     for name, figure in summary["max_input"].items():
         invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
     console.print(invariants)

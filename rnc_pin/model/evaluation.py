@@ -516,6 +516,10 @@ class Evaluation:
             )
         return apply(np.linalg.pinv(matrix), F)
 
+    def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
+        """Full acceleration under inputs T (..., p) and generalized forces (..., nv) beside them."""
+        return self.v_dot(self._accelerated(self._total_force(T, external)))
+
     def multipliers(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch m"]:
         """Multipliers lambda of the rows in A, in ``B T + external = H* vdot + C* v + g* + A^T lambda``.
 

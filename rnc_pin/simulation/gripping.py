@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.analysis import Grip
+from rnc_pin.analysis import Grip, LiftOff
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -32,23 +32,27 @@ class GripNeeded:
         time: when [s].
         slower: factor by which the same motion would have to take longer for every contact to hold: 1 where it holds as
             it is, infinite where it does not even hold at rest.
+        lift_off: the first contact of all that the motion would lift off the ground; None where all hold.
     """
 
     used: float
     contact: str
     time: float
     slower: float
+    lift_off: LiftOff | None = None
 
     def complaints(self) -> list[str]:
         """What speaks against the motion, in words; nothing where the grip will do."""
+        lifted = [] if self.lift_off is None else [str(self.lift_off)]
         if self.used <= 1.0 + _CLOSE:
-            return []
+            return lifted
         slower = (
             f"{self.slower:.3g} times slower it would do" if np.isfinite(self.slower) else "at no speed it would do"
         )
         return [
             f"the reference needs {self.used:.3g} times the grip that '{self.contact}' has, at t = {self.time:.2f} s; "
-            f"{slower}"
+            f"{slower}",
+            *lifted,
         ]
 
 
@@ -67,11 +71,7 @@ def grip_along(reduced: ReducedModel, grip: Grip, times: np.ndarray, path: np.nd
     Raises:
         ConstraintError: no inputs give these accelerations.
     """
-    model, dt = reduced.robot.model, float(times[1] - times[0])
-    v = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
-    inner = path[1:-1]
-    v2 = reduced.at(inner, v=v / (2 * dt)).v2
-    v2_dot = np.gradient(v2, dt, axis=0)
+    inner, v2, v2_dot = rates_along(reduced, times, path)
 
     def used(slower: float) -> np.ndarray:
         return grip.used_by(inner, v2 / slower, v2_dot / slower**2)
@@ -80,7 +80,19 @@ def grip_along(reduced: ReducedModel, grip: Grip, times: np.ndarray, path: np.nd
     when, which = np.unravel_index(int(np.argmax(now)), now.shape)
     largest = float(now[when, which])
     slower = 1.0 if largest <= 1.0 + _CLOSE else _least(lambda s: float(used(s).max()), np.sqrt(largest))
-    return GripNeeded(largest, grip.names[int(which)], float(times[1 + int(when)]), slower)
+    lifted = grip.lift_off(times[1:-1], inner, v2, v2_dot)
+    return GripNeeded(largest, grip.names[int(which)], float(times[1 + int(when)]), slower, lifted)
+
+
+def rates_along(
+    reduced: ReducedModel, times: np.ndarray, path: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Configurations (N - 2, nq) inside a path, with reduced velocities and accelerations (N - 2, r) by differences."""
+    model, dt = reduced.robot.model, float(times[1] - times[0])
+    v = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
+    inner = path[1:-1]
+    v2 = reduced.at(inner, v=v / (2 * dt)).v2
+    return inner, v2, np.gradient(v2, dt, axis=0)
 
 
 def _least(used: Callable[[float], float], guess: float) -> float:

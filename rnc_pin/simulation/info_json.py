@@ -13,7 +13,7 @@ from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PlannedPath, Provenance, RunInfo, TaskNames
 
 _Value = TypeVar("_Value")
-_OTHERS = ("T", "multipliers", "contact_forces", "v", "friction_used", "ground_poses")
+_OTHERS = ("T", "multipliers", "contact_forces", "v", "friction_used", "ground_poses", "normal_forces")
 _OF_THE_RUN = ("names", "units", "angular", "rotations", "quasi", "goals", "dt", "versions", "outcome", "message")
 _OF_ITS_ORIGIN = ("scenario", "seed", "config", "folder", "controller", "task", "path", "estimates", "predicted")
 

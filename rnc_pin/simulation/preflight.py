@@ -1,18 +1,19 @@
-"""Before anything moves: how close a reference comes to a singular configuration, when and where."""
+"""Before anything moves: how close a reference comes to a singular configuration, and what it lifts off the ground."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.analysis import Grip
+from rnc_pin.analysis import Grip, LiftOff, lift_off_along
 from rnc_pin.control import KinematicController, RedundancyController
-from rnc_pin.errors import DivergenceError, SimulationError, SingularityError
+from rnc_pin.errors import ConstraintError, DivergenceError, SimulationError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
-from rnc_pin.simulation.gripping import GripNeeded, grip_along
+from rnc_pin.simulation.gripping import GripNeeded, grip_along, rates_along
 from rnc_pin.simulation.rollout import kinematic_rollout
 
 _K3 = 2.0
@@ -45,6 +46,8 @@ class Margins:
         time: times of the roll-out (N,) [s].
         q: its configurations (N, nq).
         grip: what wheels need of the ground; None where nobody asked, or the roll-out ended early.
+        lift_off: the first contact that would lift off the ground; None where all hold, where the roll-out ended
+            early, and where the actuators cannot give the motion.
     """
 
     stack: Margin
@@ -53,6 +56,7 @@ class Margins:
     time: np.ndarray
     q: np.ndarray
     grip: GripNeeded | None = None
+    lift_off: LiftOff | None = None
 
     def complaints(self, threshold: float = 0.01) -> list[str]:
         """What speaks against the reference, in words; nothing where all margins are above the threshold."""
@@ -63,7 +67,11 @@ class Margins:
             f"{margin.value:.2g} at t = {margin.time:.2f} s"
             for margin, what in ((self.stack, "E = [A; J2]"), (self.A4, "A4"))
             if margin is not None and margin.value < threshold
-        ] + ([] if self.grip is None else self.grip.complaints())
+        ] + (self._lifted if self.grip is None else self.grip.complaints())
+
+    @property
+    def _lifted(self) -> list[str]:
+        return [] if self.lift_off is None else [str(self.lift_off)]
 
 
 def preflight(
@@ -146,8 +154,13 @@ def margins_along(
     if task is not None:
         A4 = reduced.at(path).A_star[:, task.vertical][:, :, task.redundant]
         margin = smallest(np.linalg.svd(A4, compute_uv=False)[:, -1])
-    needed = None
-    if grip is not None and singular is None and len(path) >= _FEWEST:
-        needed = grip_along(reduced, grip, times, path)
+    needed, lifted = None, None
+    if singular is None and len(path) >= _FEWEST:
+        if grip is not None:
+            needed = grip_along(reduced, grip, times, path)
+            lifted = needed.lift_off
+        else:
+            with suppress(ConstraintError):  # the actuators cannot give this motion, so forces are not known
+                lifted = lift_off_along(reduced, times[1:-1], *rates_along(reduced, times, path))
     stack = smallest(np.asarray(reduced.smallest_singular_value(path)))
-    return Margins(stack, margin, singular, times, path, needed)
+    return Margins(stack, margin, singular, times, path, needed, lifted)

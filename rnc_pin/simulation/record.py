@@ -9,13 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.analysis import NormalForces
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import best_entries
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies, ground_poses
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
@@ -53,6 +54,7 @@ class Record:
         self._integrals, self._carries = np.zeros((capacity, r)), carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # what moves, from which sample on
         self._external: np.ndarray | None = None
+        self._normal: NormalForces | None = None
 
     def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
         """Tell of the sample to be added next what moves.
@@ -138,6 +140,7 @@ class Record:
                 replace(
                     output_names(reduced),
                     friction_used=self._contacts,
+                    normal_forces=self._normal_names(),
                     ground_poses=tuple(body.name for body in bodies),
                 ),
                 goals,
@@ -152,20 +155,31 @@ class Record:
     def _derived(
         self, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
     ) -> dict[str, np.ndarray]:
-        reduced, N = self.reduced, len(q)
+        reduced, N, names = self.reduced, len(q), self._normal_names()
         sizes = {
             "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
-            "slip": (reduced.m,), "energy": (), "constraint_residual": (), "position_residual": (),
-            "singular_value": (), "ground_poses": (3 * len(bodies),),
+            "normal_forces": (len(names),), "slip": (reduced.m,), "energy": (), "constraint_residual": (),
+            "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
         for start, end, plant in self._stretches(N):
+            normal = NormalForces(plant) if names else None
+            known = () if normal is None else normal.names
             for inner in _blocks(end - start, _MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
-                for name, values in _block(reduced, plant, q[block], v[block], T[block], external, bodies).items():
-                    derived[name][block] = values
+                found = _block(reduced, plant, normal, q[block], v[block], T[block], external, bodies)
+                for name, values in found.items():
+                    derived[name][block] = values if name != "normal_forces" else _by_name(names, known, values)
         return derived
+
+    def _normal_names(self) -> tuple[str, ...]:
+        """Contacts whose normal forces are known: those of the model, where a reduced model moves."""
+        if not any(model is not None for _, model in self._models):
+            return ()
+        if self._normal is None:
+            self._normal = NormalForces(self.reduced)
+        return self._normal.names
 
     def _stretches(self, samples: int) -> Iterator[tuple[int, int, ReducedModel]]:
         """First sample, end and model of each stretch in which one model moves."""
@@ -179,6 +193,7 @@ class Record:
 def _block(
     reduced: ReducedModel,
     plant: ReducedModel,
+    normal: NormalForces | None,
     q: np.ndarray,
     v: np.ndarray,
     T: np.ndarray,
@@ -197,8 +212,11 @@ def _block(
         F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
     return {
         "F": F,
-        "multipliers": _by_name(reduced.constraints, plant.constraints, moved.multipliers(T, external)),
-        "contact_forces": _by_name(reduced.all_constraints, plant.all_constraints, moved.contact_forces(T, external)),
+        "multipliers": _by_name(reduced.constraints.names, plant.constraints.names, moved.multipliers(T, external)),
+        "contact_forces": _by_name(
+            reduced.all_constraints.names, plant.all_constraints.names, moved.contact_forces(T, external)
+        ),
+        "normal_forces": np.zeros((len(q), 0)) if normal is None else normal.at(moved, T, external),
         "energy": own.energy,
         "slip": seen.residual,
         "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
@@ -208,13 +226,13 @@ def _block(
     }
 
 
-def _by_name(wanted: RowStack, known: RowStack, values: np.ndarray) -> np.ndarray:
-    """Of values (N, k) of known rows those of the wanted ones; NaN for rows that the plant does not have."""
-    if wanted.names == known.names:
+def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Of values (N, k) of what the plant has those of the wanted names; NaN for names that it does not have."""
+    if wanted == known:
         return values
-    columns = {name: column for column, name in enumerate(known.names)}
+    columns = {name: column for column, name in enumerate(known)}
     nothing = np.full(len(values), np.nan)
-    return np.stack([values[:, columns[name]] if name in columns else nothing for name in wanted.names], axis=-1)
+    return np.stack([values[:, columns[name]] if name in columns else nothing for name in wanted], axis=-1)
 
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:

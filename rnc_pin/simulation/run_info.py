@@ -63,6 +63,7 @@ class OutputNames:
         contact_forces: all constraint rows.
         v: velocities of the robot.
         friction_used: contacts that grip by friction.
+        normal_forces: contacts that carry.
         ground_poses: bodies that move on the ground.
         T_units: "N" or "N m" of each actuator, empty where it is not known; none in files of older versions.
     """
@@ -74,6 +75,7 @@ class OutputNames:
     contact_forces: tuple[str, ...] = ()
     v: tuple[str, ...] = ()
     friction_used: tuple[str, ...] = ()
+    normal_forces: tuple[str, ...] = ()
     ground_poses: tuple[str, ...] = ()
     T_units: tuple[str, ...] = ()
 

@@ -7,6 +7,7 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
+from rnc_pin.analysis import first_lift_off
 from rnc_pin.simulation.trajectory import Trajectory
 
 
@@ -30,11 +31,20 @@ class Compared(Learning):
     off_tracking_max: NotRequired[float]
 
 
+class LiftedOff(TypedDict):
+    """A contact that the model holds down: its normal force when that is first below zero, and its lowest [N]."""
+
+    contact: str
+    time: float
+    force: float
+    lowest: float
+
+
 class Summary(Compared):
     """That and the invariants of a run, ready for JSON.
 
     ``energy_drift`` is the largest change of energy that no work explains, relative to the largest kinetic exchange of
-    the run.
+    the run. ``lift_off`` is None where every contact holds, and where normal forces are not known.
     """
 
     scenario: str | None
@@ -44,6 +54,7 @@ class Summary(Compared):
     position_residual_max: float
     energy_drift: float
     min_singular_value: float | None
+    lift_off: LiftedOff | None
     max_input: dict[str, float]
     wall_time: float | None
     realtime_factor: float | None
@@ -103,6 +114,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
         "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
+        "lift_off": _lift_off(trajectory),
         "max_input": {
             name: float(np.abs(column).max())
             for name, column in zip(info.outputs.T, trajectory.T.T, strict=True)
@@ -117,6 +129,13 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
     return summary
+
+
+def _lift_off(trajectory: Trajectory) -> LiftedOff | None:
+    found = first_lift_off(trajectory.time, trajectory.normal_forces, trajectory.info.outputs.normal_forces)
+    if found is None:
+        return None
+    return {"contact": found.contact, "time": found.time, "force": found.force, "lowest": found.lowest}
 
 
 def _add_learning(summary: Summary, trajectory: Trajectory) -> None:

@@ -99,6 +99,11 @@ class Trajectory(Printed):
     """Full velocities as sensors gave them; no columns where they are exact."""
     friction_used: Float[Array, "N c2"]
     """Share of the grip that each contact uses, 1 where it slips; no columns where nothing grips by friction."""
+    normal_forces: Float[Array, "N c3"]
+    """With which the ground pushes up each contact [N]; below zero the model holds it down, and it would lift off.
+
+    No columns where nothing carries, or where another machine than a reduced model moves.
+    """
     ground_poses: Float[Array, "N g"]
     """x, y [m] and heading [rad] of each body that moves on the ground; no columns where none does."""
     info: RunInfo
@@ -243,5 +248,5 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise _Unfit("its time runs backwards")
 
 
-_LATER = ("slip", "v_measured", "friction_used", "ground_poses")  # not in files of older versions
+_LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # not in files of older versions
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

@@ -277,6 +277,19 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
     return found
 
 
+def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
+    """Normal forces of the contacts; below zero a contact would lift off."""
+    names, forces = run.info.outputs.normal_forces, run.normal_forces
+    found = []
+    for part in split(names):
+        columns = [forces[:, names.index(name)] for name in part]
+        lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
+        series = tuple(Series(words(name), column) for name, column in zip(part, columns, strict=True))
+        note = "below zero: would lift off" if lifts else ""
+        found.append(Panel("normal force [N]", series, "contact", note, bottom=None if lifts else 0.0))
+    return found
+
+
 def _learnt(run: Trajectory, others: Others) -> list[Panel]:
     return [panel for each in ("estimates", "prediction_error") for panel in learnt(run, others, each)]
 
@@ -287,4 +300,11 @@ def _margin(run: Trajectory, others: Others) -> list[Panel]:
     return [Panel("singularity\nmargin [-]", (series,), bottom=0.0)]
 
 
-_MAKERS: tuple[Callable[[Trajectory, Others], list[Panel]], ...] = (outputs, _errors, _inputs, _learnt, _margin)
+_MAKERS: tuple[Callable[[Trajectory, Others], list[Panel]], ...] = (
+    outputs,
+    _errors,
+    _inputs,
+    _learnt,
+    _normal_forces,
+    _margin,
+)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from rnc_pin.analysis import LiftOff
 from rnc_pin.app.messages import complain, elapsed_time, print_json, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
@@ -48,6 +49,8 @@ def run_scenario(
         except RncError as error:  # the scenario is all right, its results have no place
             complain(str(error))
             return FAILED
+    if result.summary["lift_off"] is not None:
+        warn(str(LiftOff(**result.summary["lift_off"])))
     if drawn.failures:
         warn(str(drawn))
     files = result.summary["files"] = [path.name for path in (*written, *drawn.written)]

@@ -1,0 +1,265 @@
+"""Normal forces of contacts, and when one is below zero: constraints hold wheels down that the ground would let go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.optimize import nnls
+
+from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import Place
+
+_SMALL = 1e-9
+_ROUNDING = 1e-6  # share of the weight below which a force counts as none
+
+
+class Contact(NamedTuple):
+    """Where a system touches the ground.
+
+    Attributes:
+        name: of the frame, or of the first row where there is none.
+        along: rows along the ground, among all constraint rows.
+        up: the row that carries, if there is one.
+        point: a row whose line of action goes through the contact.
+    """
+
+    name: str
+    along: tuple[int, ...]
+    up: int | None
+    point: int
+
+
+@dataclass(frozen=True)
+class LiftOff:
+    """A contact that constraints pull down where the ground cannot.
+
+    Attributes:
+        contact: which.
+        time: when for the first time [s].
+        force: normal force then [N].
+        lowest: smallest normal force of this contact from then on [N].
+    """
+
+    contact: str
+    time: float
+    force: float
+    lowest: float
+
+    def __str__(self) -> str:
+        """One line."""
+        return (
+            f"contact '{self.contact}' would lift off at t = {self.time:.2f} s: the model pulls it down with up to "
+            f"{-self.lowest:.3g} N"
+        )
+
+
+def contacts_of(reduced: ReducedModel) -> list[Contact]:
+    """Contacts of a system with the ground: whatever does not slip along it, and what glides on it."""
+    position = Kinematics(reduced.robot).position(reduced.robot.configuration())
+    points, _ = reduced.all_constraints.lines_of_action(position)
+    acting = np.isfinite(points).all(axis=1)
+    found = (_contact(place, acting) for place in reduced.all_constraints.places)
+    return [contact for contact in found if contact is not None]
+
+
+def _contact(place: Place, acting: Array) -> Contact | None:
+    block, start = place.block, place.where.start
+    holonomic = block.holonomic or (False,) * len(block.names)
+    along = tuple(start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row])
+    up = next((start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground), None)
+    if not along and up is None:
+        return None
+    point = along[0] if along else up
+    assert point is not None
+    name = getattr(block.kind, "frame", None)
+    return Contact(name if isinstance(name, str) else block.names[point - start], along, up, point)
+
+
+class NormalForces:
+    """Forces with which the ground pushes up against each contact; below zero where the model pulls it down.
+
+    The model keeps contacts on the ground whatever that takes. Where a row keeps a contact at its height the force is
+    that row's multiplier. On a base that moves in the plane it follows from the motion: the ground gives what the
+    momentum of the robot and its weight ask for, upwards and about the axes along the ground. Forces on frames act at
+    their frames, and forces along the ground in its plane. Of forces that do all this those of least norm count, and
+    none below zero where that is possible. An axle of ``NoSideSlip`` has no width here: its two wheels take a couple
+    about its heading, of any size. What the supports cannot balance, such as the pitch of two wheels without casters,
+    is left out.
+
+    Args:
+        reduced: the model.
+
+    Attributes:
+        contacts: that carry, (c,).
+        names: theirs.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> reduced = system.reduce()
+        >>> normal = rnc.analysis.NormalForces(reduced)
+        >>> state = reduced.at(robot.configuration(), np.zeros(2))
+        >>> forces = normal.at(state, np.zeros(2))
+        >>> normal.names, bool(forces[0].round(6) == forces[1].round(6) > 0)
+        (('left_wheel', 'right_wheel'), True)
+    """
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        self._reduced, self._model = reduced, reduced.robot.model
+        self._kinematics, self._data = Kinematics(reduced.robot), self._model.createData()
+        found = contacts_of(reduced)
+        random = reduced.robot.random_configuration(np.random.default_rng(0))
+        rows = reduced.all_constraints.jacobian(self._kinematics.position(random))
+        carrying = [each.up is not None and bool(np.abs(rows[each.up]).max() > _SMALL) for each in found]
+        down = float(self._model.gravity.linear[2]) < 0
+        planar = down and self._moves_along(random, 0) and self._moves_along(random, 1)
+        planar = planar and not self._moves_along(random, 2)
+        self._planar = planar
+        kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
+        self.contacts = [each for each, _ in kept]
+        self.names = tuple(each.name for each in self.contacts)
+        self._by_row = np.array([carries for _, carries in kept], dtype=bool)
+
+    def _moves_along(self, q: Array, axis: int) -> bool:
+        """Whether the whole robot can move along an axis of the world without turning, constraints apart."""
+        pin.computeJointJacobians(self._model, self._data, q)
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        heavy = [joint for joint in range(1, self._model.njoints) if self._model.inertias[joint].mass > 0]
+        stack = np.vstack([pin.getJointJacobian(self._model, self._data, joint, frame) for joint in heavy])
+        wanted = np.tile(np.eye(6)[axis], len(heavy))
+        left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
+        return bool(np.abs(left).max() < _SMALL)
+
+    def at(self, state: Evaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
+        """Normal forces [N].
+
+        Args:
+            state: states (...,) of the model.
+            T: inputs of the actuators (..., p).
+            external: generalized forces (..., nv) beside them, such as damping and friction.
+        """
+        multipliers = state.contact_forces(T, external)
+        batch = state.q.shape[:-1]
+        forces = np.zeros((*batch, len(self.contacts)))
+        if not self.contacts:
+            return forces
+        v_dot, rows = state.acceleration(T, external), state.all_rows
+        everything = (state.q, state.v, v_dot, np.broadcast_to(T, (*batch, self._reduced.p)), multipliers, rows)
+        for index in np.ndindex(batch):
+            forces[index] = self._one(*(each[index] for each in everything))
+        return forces
+
+    def _one(self, q: Array, v: Array, v_dot: Array, T: Array, multipliers: Array, rows: Array) -> Array:
+        forces = np.zeros(len(self.contacts))
+        up = [
+            each.up
+            for each, carries in zip(self.contacts, self._by_row, strict=True)
+            if carries and each.up is not None
+        ]
+        if up:
+            pushing = -multipliers[up]
+            if (pushing < 0).any():
+                pushing = nonnegative(pushing, scipy.linalg.null_space(rows.T, rcond=_SMALL)[up])
+            forces[self._by_row] = pushing
+        if self._planar and not self._by_row.all():
+            forces[~self._by_row] = self._of_motion(q, v, v_dot, T, forces)
+        return forces
+
+    def _of_motion(self, q: Array, v: Array, v_dot: Array, T: Array, known: Array) -> Array:
+        """Forces of the contacts that no row keeps at their height."""
+        lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
+        points, across = (each[[contact.point for contact in self.contacts]] for each in lines)
+        ground = np.array([0.0, 0.0, points[:, 2].min()])
+        wrench = self._needed(q, v, v_dot, T)
+        moment = wrench.angular - np.cross(ground, wrench.linear)
+        # Upward forces by what they give: their sum, and moments about the axes along the ground.
+        gives = np.vstack([np.ones(len(points)), points[:, 1], -points[:, 0]])
+        needed = np.array([wrench.linear[2], moment[0], moment[1]]) - gives @ known
+        axles = np.array([contact.up is None for contact in self.contacts])
+        spread = np.sqrt(points[:, :2].var(axis=0).sum()) or 1.0
+        couples = spread * np.vstack([np.zeros(axles.sum()), across[axles, 1], -across[axles, 0]])
+        return balanced(gives[:, ~self._by_row], couples, needed)
+
+    def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> pin.Force:
+        """What acts on the robot from outside beside gravity, less forces on frames: a wrench about the origin."""
+        model, data = self._model, self._data
+        pin.rnea(model, data, q, v, v_dot)
+        pin.framesForwardKinematics(model, data, q)
+        total = pin.Force.Zero()
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                total += data.oMi[joint].act(data.f[joint])
+        for column, frame, row in self._reduced.actuation.frames:
+            total -= data.oMf[frame].act(pin.Force(T[column] * np.eye(6)[row]))
+        return total
+
+
+def balanced(gives: Float[Array, "3 n"], couples: Float[Array, "3 k"], needed: Array) -> Float[Array, " n"]:
+    """Forces with a given sum and the best possible moments, of least norm together with couples.
+
+    No force is below zero where that is possible.
+
+    Args:
+        gives: sum (ones) and moments for unit forces.
+        couples: zeros, and moments for unit couples.
+        needed: sum and moments, (3,).
+    """
+    count, everything = gives.shape[1], np.hstack([gives, couples])
+    found = np.zeros(everything.shape[1])
+    found[:count] = needed[0] / count
+    sums, moments = everything[0], everything[1:]
+    free = np.eye(len(found)) - np.outer(sums, sums) / count  # directions that keep the sum
+    found = found + free @ (np.linalg.pinv(moments @ free, rcond=_SMALL) @ (needed[1:] - moments @ found))
+    forces = found[:count]
+    if (forces < 0).any():
+        forces = nonnegative(forces, scipy.linalg.null_space(everything, rcond=_SMALL)[:count])
+    return forces
+
+
+def nonnegative(forces: Float[Array, " c"], free: Float[Array, "c d"]) -> Float[Array, " c"]:
+    """The forces none of which is below zero, shifted as little as possible; unchanged where there are none.
+
+    Args:
+        forces: (c,).
+        free: orthonormal directions, of which these are the rows (c, d), along which they may be shifted.
+    """
+    if not free.shape[1]:
+        return forces
+    # Least distance programming: Lawson and Hanson, Solving Least Squares Problems, chapter 23.
+    size = np.abs(forces).max()
+    E = np.vstack([free.T, -forces / size])
+    target = np.eye(len(E))[-1]
+    found = E @ nnls(E, target)[0] - target
+    if np.linalg.norm(found) < _ROUNDING:
+        return forces
+    shifted: Array = forces - free @ (size * found[:-1] / found[-1])
+    return np.where(np.abs(shifted) < _ROUNDING * size, 0.0, shifted)
+
+
+def first_lift_off(times: Array, forces: Array, names: Sequence[str]) -> LiftOff | None:
+    """The first contact whose normal force is below zero by more than rounding; None where all hold.
+
+    Args:
+        times: (N,) [s].
+        forces: normal forces (N, c) [N]; NaN where they are not known.
+        names: of the contacts (c,).
+    """
+    if not forces.size:
+        return None
+    known = np.nan_to_num(forces)
+    below = known < -_ROUNDING * max(float(np.abs(known).sum(axis=1).max()), 1.0)
+    if not below.any():
+        return None
+    sample = int(np.argmax(below.any(axis=1)))
+    which = int(np.argmin(np.where(below[sample], known[sample], np.inf)))
+    return LiftOff(names[which], float(times[sample]), float(known[sample, which]), float(known[sample:, which].min()))
