@@ -196,6 +196,16 @@ def test_vehicles_are_seen_from_above_with_their_headings(drive):
         np.testing.assert_allclose(tip, [np.cos(yaw), np.sin(yaw)], atol=1e-12)
 
 
+def test_a_view_from_above_leaves_the_terminal_alone(run, caplog):
+    """Also of what does not move, of which it shows the surroundings."""
+    still = replace(run, x2=np.repeat(run.x2[:1], len(run.time), axis=0), info=replace(run.info, goals=()))
+    for shown in (run, still):
+        axes = plot_top_view(shown).axes[0]
+        axes.figure.draw_without_rendering()
+        assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) >= 0.1
+    assert caplog.records == []
+
+
 def test_what_turns_on_the_spot_shows_it():
     headings = np.linspace(0.0, 3.0, 50)
     turning = GroundPath("cart", np.zeros((50, 2)), headings)
@@ -232,6 +242,19 @@ def test_no_panel_has_more_lines_than_can_be_told_apart(drive):
             assert 1 <= len(panel.series) <= 6
             assert len(panel.series) * (1 + len(panel.series[0].compared)) <= 6
             assert len({each.name for each in panel.series}) == len(panel.series)
+
+
+def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
+    """A humanoid with hands: three panels of angles, and a word about the others."""
+    names = tuple(f"joint_{k}" for k in range(100))
+    columns = replace(run.info.outputs.x2, names=names, units=("rad",) * 100, angular=(False,) * 100, quasi=())
+    x2 = np.linspace(0.0, 1.0, len(run.time))[:, None] * np.arange(100)
+    info = replace(run.info, outputs=replace(run.info.outputs, x2=columns), goals=())
+    none = dict.fromkeys(("x2_desired", "v2", "v2_desired", "F"), np.full_like(x2, np.nan))
+    crowd = replace(run, info=info, x2=x2, **none)
+    angles = [panel for panel in panels(crowd) if panel.label == "angle [rad]"]
+    assert [panel.note for panel in angles] == ["18 of 101, moving most"] * 3
+    assert [each.name for panel in angles for each in panel.series] == [f"joint {k}" for k in range(82, 100)]
 
 
 def test_joints_of_a_limb_stay_together():

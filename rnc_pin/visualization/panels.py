@@ -16,6 +16,8 @@ from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.simulation.run_info import Columns
 
 MOST = 6  # lines of a panel that can be told apart
+_PANELS = 3  # of one quantity, or the others would not be seen
+_FEWEST = 6  # lines of one quantity that are shown in any case
 _LONGEST_NAME = 60
 _SMALLEST = 1e-8  # of what an error axis shows
 
@@ -79,8 +81,10 @@ def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None)
         names: of the outputs, of which rates are not shown then; all by default, those with goals first.
     """
     found = list(_outputs_of(run) if names is None else names)
-    groups = _grouped_by(found, lambda name: _quantity(run, name))
-    shown = [panel for label, group in groups for panel in _panels_of_outputs(run, others, label, group)]
+    shown = []
+    for label, group in _grouped_by(found, lambda name: _quantity(run, name)):
+        most, note = (group, "") if names is not None else _moving_most(group, lambda name: _of(run, name), others)
+        shown += _panels_of_outputs(run, others, label, most, note)
     return shown if names is not None else [*_rates(run, others), *shown]
 
 
@@ -166,6 +170,22 @@ def _where(run: Trajectory, name: str) -> tuple[str, Columns, int]:
     raise KeyError(name)
 
 
+def _of(run: Trajectory, name: str) -> np.ndarray:
+    """Values of an output, (N,)."""
+    kind, _, column = _where(run, name)
+    values: np.ndarray = getattr(run, kind)[:, column]
+    return values
+
+
+def _moving_most(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
+    """Of very many series those that move most, in the order that they have, and a note that says so."""
+    count = max(_FEWEST, _PANELS * _room(others))
+    if len(names) <= count:
+        return list(names), ""
+    most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
+    return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
+
+
 def _is_integral(run: Trajectory, name: str) -> bool:
     _, columns, column = _where(run, name)
     return bool(columns.quasi) and columns.quasi[column]
@@ -197,18 +217,20 @@ def _called(run: Trajectory, name: str) -> str:
     return f"integral of {words(name)}" if _is_integral(run, name) else words(name)
 
 
-def _panels_of_outputs(run: Trajectory, others: Others, label: str, names: Sequence[str]) -> list[Panel]:
+def _panels_of_outputs(
+    run: Trajectory, others: Others, label: str, names: Sequence[str], note: str = ""
+) -> list[Panel]:
     def series(name: str) -> Series:
         kind, _, column = _where(run, name)
         desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
         compared = {each: getattr(other, kind)[:, column] for each, other in others.items() if _has(other, run, kind)}
-        return Series(_called(run, name), getattr(run, kind)[:, column], desired, compared)
+        return Series(_called(run, name), _of(run, name), desired, compared)
 
     room = _room(others)
     parts = [list(names)]
     if len(names) > room:  # those with references first, and by themselves
         parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
-    return [Panel(label, tuple(map(series, part))) for group in parts for part in split(group, room)]
+    return [Panel(label, tuple(map(series, part)), note=note) for group in parts for part in split(group, room)]
 
 
 def _has(other: Trajectory, run: Trajectory, kind: str) -> bool:
@@ -271,9 +293,10 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
     for label, group in _grouped_by(
         names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
     ):
-        for part in split(group):
+        most, note = _moving_most(group, lambda name: run.T[:, names.index(name)], {})
+        for part in split(most):
             series = tuple(Series(words(name), run.T[:, names.index(name)]) for name in part)
-            found.append(Panel(label, series, "input"))
+            found.append(Panel(label, series, "input", note))
     return found
 
 

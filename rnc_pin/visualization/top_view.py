@@ -154,11 +154,9 @@ def _draw_headings(axes: Axes, path: GroundPath, color: str) -> None:
 
 
 def _frame_equally(axes: Axes) -> None:
-    """Limits that show the paths with both axes to one scale, and standstill as a dot."""
+    """Show both axes to one scale, and standstill as a dot."""
+    middle = np.array([(axes.dataLim.x0 + axes.dataLim.x1) / 2, (axes.dataLim.y0 + axes.dataLim.y1) / 2])
+    axes.update_datalim([middle - _SMALLEST, middle + _SMALLEST])
     axes.margins(0.08)
-    axes.autoscale_view()
-    for low, high, limits in ((*axes.get_xlim(), axes.set_xlim), (*axes.get_ylim(), axes.set_ylim)):
-        if high - low < 2 * _SMALLEST:
-            middle = (low + high) / 2
-            limits(middle - _SMALLEST, middle + _SMALLEST)
     axes.set_aspect("equal", adjustable="datalim")
+    axes.autoscale_view()
