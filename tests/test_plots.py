@@ -196,6 +196,17 @@ def test_vehicles_are_seen_from_above_with_their_headings(drive):
         np.testing.assert_allclose(tip, [np.cos(yaw), np.sin(yaw)], atol=1e-12)
 
 
+def test_a_goal_that_stays_is_marked(drive):
+    """A path that is told is a line; of a place that is told, a line could not be seen."""
+    run, _ = drive
+    told = replace(run, x1_desired=np.broadcast_to([1.0, 2.0, *([np.nan] * (run.x1.shape[1] - 2))], run.x1.shape))
+    axes = plot_top_view(told).axes[0]
+    (goal,) = [line for line in axes.get_lines() if line.get_marker() == "x"]
+    assert (goal.get_xdata().tolist(), goal.get_ydata().tolist()) == ([1.0], [2.0])
+    assert [text.get_text() for text in axes.get_legend().get_texts()][-1] == "goal"
+    assert not [line for line in plot_top_view(run).axes[0].get_lines() if line.get_marker() == "x"]
+
+
 def test_a_view_from_above_leaves_the_terminal_alone(run, caplog):
     """Also of what does not move, of which it shows the surroundings."""
     still = replace(run, x2=np.repeat(run.x2[:1], len(run.time), axis=0), info=replace(run.info, goals=()))

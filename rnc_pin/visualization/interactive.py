@@ -128,7 +128,12 @@ def _add_top_view(figure: Any, paths: Sequence[GroundPath], others: Others) -> N
                 name=f"heading of {path.name}",
                 marker={"symbol": "arrow", "size": 12, "angle": angles, "color": ps.COLORS[k]},
             )  # fmt: skip
-        if path.desired is not None:
+        if path.goal is not None:
+            figure.add_scatter(
+                x=path.goal[:1], y=path.goal[1:], mode="markers", name=f"goal of {path.name}", row=1, col=1,
+                marker={"symbol": "x", "size": 10, "color": "black"},
+            )  # fmt: skip
+        elif path.desired is not None:
             _add_path(figure, path.desired, f"{path.name} from above, desired", "black", "dot")
     for index, (dash, label) in enumerate(zip(cycle(_DASHES), others, strict=False)):
         for path in ground_paths(others[label]):

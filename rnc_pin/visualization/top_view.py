@@ -43,6 +43,14 @@ class GroundPath:
         """Longer side of the box about it [m]."""
         return float(np.ptp(self.points, axis=0).max(initial=0.0))
 
+    @property
+    def goal(self) -> np.ndarray | None:
+        """Where it should be all the time, (2,) [m]; None where it is told a path."""
+        if self.desired is None or not np.allclose(self.desired, self.desired[-1], rtol=0.0, atol=1e-9):
+            return None
+        last: np.ndarray = self.desired[-1]
+        return last
+
     def marks(self) -> np.ndarray:
         """Samples at which its heading is shown: evenly along the way, turning on the spot included."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -119,10 +127,13 @@ def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Entry]
             axes.plot(*path.points[-1], "o", color=color, markeredgecolor="white")
         axes.plot(*path.points[0], "o", color="white", markeredgecolor=color, markersize=7, zorder=4)
     entries += _compared(axes, paths, others)
-    desired = [path.desired for path in paths if path.desired is not None]
+    desired = [path.desired for path in paths if path.desired is not None and path.goal is None]
     lines = [axes.plot(*points.T, color="black", ls=ps.DOTS, lw=1.3)[0] for points in desired]
     if lines:
         entries.append(ps.Entry("desired", lines[:1]))
+    goals = [path.goal for path in paths if path.goal is not None]
+    if goals:
+        entries.append(ps.Entry("goal", axes.plot(*np.transpose(goals), "x", color="black", markersize=7, mew=1.8)))
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     _frame_equally(axes)
