@@ -110,6 +110,26 @@ def test_preflight_warns_and_the_reference_is_slowed_until_it_holds(sleigh):
     assert within_grip(sleigh, task, slowed, q0, rnc.Grip(sleigh, friction=0.2), controller=follow) is slowed
 
 
+def test_a_second_factor_is_asked_of_the_slowed_reference(sleigh):
+    """What an error at the start asks for does not slow down, so that the first factor is not enough."""
+    task = rnc.Task.of(sleigh, list(sleigh.reducing.names), [])
+    reference, grip = TaskReference(turn(), rnc.planning.Hold([])), rnc.Grip(sleigh, friction=0.02)
+    q0 = sleigh.robot.configuration({"root_joint": [0.0, 0.0, 0.1]})
+
+    def needed(primary, dt):
+        follow = rnc.control.ReducingOutputController(sleigh, primary)
+        return grip_along(sleigh, grip, *rnc.kinematic_rollout(sleigh, follow, q0, primary.duration, dt))
+
+    first = needed(reference.primary, 0.02).slower
+    second = needed(Slowed(reference.primary, first), 0.02 * first).slower
+    assert second > 1.001
+    slowed = within_grip(
+        sleigh, task, reference, q0, grip, controller=lambda r: rnc.control.ReducingOutputController(sleigh, r.primary)
+    )
+    assert slowed.duration == pytest.approx(2.0 * first * second, rel=1e-9)
+    assert needed(slowed.primary, 0.02 * first * second).used < 1.005
+
+
 @pytest.mark.parametrize(
     ("friction", "loads", "words"),
     [
@@ -135,3 +155,21 @@ def test_a_scenario_is_warned_of_its_grip_refused_or_slowed():
     assert "times as long, so that wheels hold on" in slowed.experiment.warnings[0]
     with pytest.raises(rnc.ConfigurationError, match="grip: is only known beforehand"):
         plan("mobile-manipulator-two-phase", {**quiet, "grip": {"friction": 0.5}})
+
+
+def test_factors_by_which_a_scenario_slows_references_multiply():
+    """One factor is not quite enough on this ground, and the next is asked of what is slowed already.
+
+    Forces of inertia fall with the square: on a ground that grips a quarter as well everything takes twice as long.
+    """
+    made, factors = {}, {}
+    for friction in (0.005, 0.02):
+        changes = {"comparisons": {}, "simulation.duration": 4.0, "grip.friction": friction, "grip.slow": True}
+        made[friction] = plan("unicycle", changes).experiment
+        (said,) = made[friction].warnings  # and nothing of wheels that slip
+        factors[friction] = float(said.split("references take ")[1].split(" times")[0])
+    assert factors[0.005] == pytest.approx(2 * factors[0.02], rel=0.01)
+    each = made[0.02]
+    run = rnc.simulate(each.reduced, each.controller, each.q0, 4.0 * factors[0.02], 0.01)
+    used = rnc.Grip(each.reduced, 0.02).used_by(run.q, run.v2, np.gradient(run.v2, 0.01, axis=0))
+    assert 0.9 < used.max() < 1.02

@@ -197,6 +197,30 @@ def test_a_free_ball_and_a_leaning_disk_roll():
     assert q < 5e-3
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.03])
+def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
+    """A table on three casters, points or balls, whose frames are turned in all directions."""
+    model = pin.Model()
+    model.name = "table"
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(root, pin.Inertia(3.0, np.array([0.02, 0.01, 0.1]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    corners = {"front": (0.4, 0.0, 0.0), "left": (-0.3, 0.3, np.pi), "right": (-0.3, -0.3, 0.5 * np.pi)}
+    for name, (x, y, roll) in corners.items():
+        place = pin.SE3(pin.rpy.rpyToMatrix(roll, 0.0, 0.3), np.array([x, y, -0.5]))
+        model.addFrame(pin.Frame(name, root, 0, place, pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.Caster(name, radius) for name in corners]).reduce()
+    q0 = robot.configuration({"root_joint": [0, 0, 0.5 + radius, 0, 0, 0, 1]})
+    assert np.abs(reduced.position_residual(q0)).max() < 1e-12
+    plant = MuJoCoPlant(reduced, q0=q0)
+    plant.reset(q0, np.zeros(6))
+    plant.advance(0.5)
+    q, v = plant.read()
+    assert plant.stance == "as it is"
+    np.testing.assert_allclose(q, q0, atol=5e-4)  # they sink in by less, and a ball for a point is 1 mm high
+    np.testing.assert_allclose(v, 0, atol=1e-3)
+
+
 def test_a_differential_drive_grips_and_follows_the_model():
     reduced = differential_drive()
     q0, T = reduced.robot.configuration(), np.array([0.5, 0.6])

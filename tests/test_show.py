@@ -115,6 +115,26 @@ def test_lines_of_action_are_where_and_along_what_a_row_holds(name):
             np.testing.assert_allclose(directions[row] @ moved, A[row] @ v, atol=1e-10)
 
 
+@pytest.mark.parametrize("kind", [rnc.RollingBall, rnc.Caster], ids=["ball", "caster"])
+def test_a_force_on_a_ball_acts_where_it_touches_the_ground(kind):
+    """One state or many: at the lowest point, whose velocity the rows are, whatever the attitude."""
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot, [kind("ball", 0.3)])
+    generator, kinematics = np.random.default_rng(2), Kinematics(robot)
+    q = np.stack([system.assembled(robot.random_configuration(generator)) for _ in range(4)])
+    for state in (q, q[1]):
+        position = kinematics.position(state)
+        points, directions = system.rows.lines_of_action(position)
+        center = position.placement(robot.frame_id("ball")).translation
+        np.testing.assert_allclose(points[..., 2], 0, atol=1e-9)
+        np.testing.assert_allclose(points[..., :2] - center[..., None, :2], 0, atol=1e-12)
+        J = position.jacobian(robot.frame_id("ball"))
+        arms = np.broadcast_to(points - center[..., None, :], directions.shape)
+        moments = np.cross(arms, directions)
+        rows = np.concatenate([directions, moments], axis=-1) @ J
+        np.testing.assert_allclose(rows, system.rows.jacobian(position), atol=1e-9)
+
+
 def test_a_momentum_acts_on_no_point():
     reduced = systems.space_robot()
     position = Kinematics(reduced.robot).position(reduced.robot.configuration())

@@ -18,6 +18,7 @@ from rnc_pin.robots.robot import Robot
 _ALONG = 1e-3  # what a drawn wheel may be off the line of its axle, in radii
 _LARGE = 0.5  # of the largest cylinder on an axle: what is smaller is its shaft or a hub
 _UP = np.array([0.0, 0.0, 1.0])
+_POINT = 1e-3  # radius of the ball that stands for a point [m]
 
 Grip = Literal["all", "forward", "across", "none"]
 """Along which directions it holds on to the ground: all, its heading alone, across it alone, or none."""
@@ -94,11 +95,7 @@ def _wheel(robot: Robot, kind: RollingWheel, rows: RollingRows) -> Contact:
 
 def _ball(robot: Robot, name: str, radius: float, grip: Grip) -> Contact:
     frame = robot.model.frames[robot.frame_id(name)]
-    center = frame.placement.translation.copy()
-    if not radius:  # a point: a small ball above it
-        radius = 1e-3
-        center = center + frame.placement.rotation @ (radius * _UP)
-    return Contact(name, frame.parentJoint, center, _UP, radius, grip, round=True)
+    return Contact(name, frame.parentJoint, frame.placement.translation.copy(), _UP, radius, grip, round=True)
 
 
 # ------------------------------------------------------------------ knife edges
@@ -167,6 +164,8 @@ def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tu
             center, _ = each.at(placement)
             found.append(replace(each, radius=float(center[2]) - ground))
             continue
+        if not each.radius:  # the ball is above its point, however the axes of the frame are turned
+            each = replace(each, radius=_POINT, center=each.center + _POINT * each.up)
         gap = low[each.name] - ground
         if gap > 0.01 * each.radius:
             raise ConfigurationError(
