@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,7 @@ from rnc_pin.robots import urdf_files
 from rnc_pin.robots.admission import check_model
 from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
 from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, values_of
+from rnc_pin.robots.link_masses import LinkMass, with_link_masses
 from rnc_pin.robots.locked import Locked
 from rnc_pin.robots.mounted import Mounted
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
@@ -77,6 +79,7 @@ class Robot(Printed):
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
         self.locked: dict[str, float] = {}
+        self._frozen: frozenset[str] = frozenset()  # these and locked joints of several values
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
@@ -121,7 +124,7 @@ class Robot(Printed):
                 so where a value changes by more than 1e-9.
             masses: link to mass [kg], for links whose inertia is not there or useless: spread evenly over the box
                 around the link's collision geometry (visual where it has none), or over a ball of radius 0.05 m where
-                it has neither. What the file says of the link's inertia no longer counts.
+                it has neither. Links with an inertia of their own are refused: ``with_masses`` changes theirs.
 
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
@@ -234,6 +237,7 @@ class Robot(Printed):
             robot = admitted(locked.model)
             robot._load_geometry = partial(locked.geometry, read.geometry)
         robot.mimics, robot.closures = read.mimics, read.closures
+        robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # ball joints couple nothing
                 robot.locked[name] = float(np.ravel(value)[0])
@@ -293,9 +297,36 @@ class Robot(Printed):
             text = f"robot '{other.name}': loops that it closes with the world are left out where it is mounted"
             warnings.warn(text, ModelWarning, stacklevel=2)
         robot.locked = {**self.locked, **other.locked}
+        robot._frozen = self._frozen | other._frozen
         robot.packages = {**other.packages, **self.packages}
         robot.folders = (*self.folders, *other.folders)
         robot.far_packages = {**other.far_packages, **self.far_packages}
+        return robot
+
+    def with_masses(self, masses: Mapping[str, LinkMass]) -> Robot:
+        """A new robot whose links have other masses: for parameter studies. This one stays as it is.
+
+        A mass [kg] scales the link's rotational inertia with it and leaves its centre of mass where it is.
+        Links that are fixed to each other are told apart, and so are links behind locked joints.
+
+        Args:
+            masses: link to mass [kg]; or to a ``pinocchio.Inertia`` in the link's own frame, which takes its place.
+
+        Raises:
+            ModelError: no such link, one without a mass to scale, or a mass that is not positive.
+
+        Example:
+            >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+            >>> heavy = robot.with_masses({"link_3": 5.0})
+            >>> robot.model.inertias[4].mass, heavy.model.inertias[4].mass
+            (1.0, 5.0)
+        """
+        if not isinstance(masses, Mapping):
+            raise ModelError(f"masses have to be a mapping of links to masses [kg], found {type(masses).__name__}")
+        model = with_link_masses(self.model, masses, self._frozen, self.name)
+        check_model(model)
+        robot = copy(self)
+        robot.model, robot.locked = model, dict(self.locked)
         return robot
 
     # ------------------------------------------------------------------ names

@@ -19,7 +19,7 @@ _FLAT = 1e-2  # of a box's longest edge: no edge is taken as shorter
 
 
 def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
-    """Let links have masses, spread evenly over the box around their geometry; in place of what the file says.
+    """Let links without a useful inertia have masses, spread evenly over the box around their geometry.
 
     Collision geometry counts, visual geometry where there is none, and a ball of radius ``BALL`` where there is
     neither or its meshes cannot be read.
@@ -30,7 +30,7 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
         path: of the file, for messages.
 
     Raises:
-        ModelError: no such link, or a mass that is not positive.
+        ModelError: no such link, one with a useful inertia, or a mass that is not positive.
     """
     links = {str(link.get("name")): link for link in root.findall("link")}
     for name, mass in masses.items():
@@ -39,6 +39,12 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
         if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0 < mass < np.inf:
             raise ModelError(f"{path}: mass of link '{name}' has to be positive [kg], found {mass!r}")
         link = links[name]
+        body = _body(link)
+        if body.mass > 0 and np.linalg.eigvalsh(body.inertia)[0] > 0:
+            raise ModelError(
+                f"{path}: masses: link '{name}' has an inertia of its own ({body.mass:g} kg), and masses= is for links "
+                f"without a useful one: robot.with_masses({{'{name}': {mass!r}}}) gives it another mass"
+            )
         for inertial in link.findall("inertial"):
             link.remove(inertial)
         link.append(_inertial(float(mass), *_box(link)))
