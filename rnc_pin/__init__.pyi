@@ -1,7 +1,18 @@
 """What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
 
 from . import analysis, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
-from .analysis import Equilibrium, Grip, Linearization, Report, analyze, equilibrium, linearize, lqr
+from .analysis import (
+    Equilibrium,
+    Grip,
+    Linearization,
+    Report,
+    SteadyMotion,
+    analyze,
+    continuation,
+    equilibrium,
+    linearize,
+    lqr,
+)
 from .constraints import (
     AckermannSteering,
     Caster,
@@ -103,6 +114,7 @@ __all__ = [
     "RollingWheel",
     "SimulationError",
     "SingularityError",
+    "SteadyMotion",
     "Stop",
     "Task",
     "Trajectory",
@@ -110,6 +122,7 @@ __all__ = [
     "analysis",
     "analyze",
     "constraints",
+    "continuation",
     "control",
     "equilibrium",
     "errors",

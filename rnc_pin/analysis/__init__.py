@@ -1,6 +1,7 @@
 """What a system can do, before it is controlled."""
 
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
+from rnc_pin.analysis.continuation import SteadyMotion, continuation
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
 from rnc_pin.analysis.grip import Grip, lift_off_along
 from rnc_pin.analysis.growth import GrowthEvidence, growth_vector
@@ -29,9 +30,11 @@ __all__ = [
     "Report",
     "Singularity",
     "Spread",
+    "SteadyMotion",
     "analyze",
     "boundedness",
     "classify",
+    "continuation",
     "equilibrium",
     "first_lift_off",
     "growth_vector",

@@ -1,8 +1,12 @@
-"""Configurations at which a reduced system rests, and the inputs that hold it there."""
+"""Configurations at which a reduced system rests or moves steadily, and the inputs that hold it there.
+
+In a steady motion (a relative equilibrium) the shape stays: the velocity is a combination of symmetries, such as
+driving on flat ground, turning in place or wheels that spin, and the reduced velocities are constant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +15,9 @@ import scipy.linalg
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ConstraintError, InputError
+from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
+from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
+from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.admission import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -42,12 +47,28 @@ class Equilibrium(NamedTuple):
     """The smallest inputs that do."""
     residual: float
     """Largest reduced force that is left unbalanced [N or N m]."""
+    v2: Float[Array, r]
+    """Reduced velocities; zero at rest."""
 
 
-def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v2: Array | None = None) -> Equilibrium:
-    """Find the equilibrium nearest to a guess: ``G(q) = input_matrix(q) T``, the holonomic rows satisfied.
+Velocities = Array | Sequence[float] | Mapping[str, float]
 
-    Newton steps on the configuration manifold with exact derivatives. Where equilibria are many, as those of every
+
+def equilibrium(
+    reduced: ReducedModel,
+    guess: Array,
+    hold: Sequence[str] = (),
+    v2: Velocities | None = None,
+    cyclic: Sequence[str] = (),
+) -> Equilibrium:
+    """Find the equilibrium or the steady motion nearest to a guess.
+
+    At rest ``G(q) = input_matrix(q) T`` holds, and the holonomic rows are satisfied. In a steady motion ``v2`` is
+    constant and no shape variable moves: the velocity is a combination of symmetries, which are found
+    (``analysis.symmetry``). So the hitches of a vehicle in a circle, or the lean of a pendulum that turns, are found.
+    Where constraints are affine, as on a table that turns at a given rate, a motion with ``v2 = 0`` is steady too.
+
+    Newton steps on the configuration manifold with exact derivatives. Where solutions are many, as those of every
     place on the ground are, it goes towards the one that changes the entries of ``v`` least, in the sum of squares, rad
     and m alike. What the actuators can hold stays as it is.
 
@@ -55,12 +76,15 @@ def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v
         reduced: the model, fully actuated or not.
         guess: configuration (nq,) to start from.
         hold: joints whose positions stay as in the guess.
-        v2: instead of at rest, moving steadily with these reduced velocities (r,): ``v2_dot = 0``.
+        v2: reduced velocities (r,) of a steady motion; or those of some reducing outputs by name, and the others are
+            found, near zero. At rest by default.
+        cyclic: joints, or entries of v by name, that may move in a steady motion although the dynamics depend on them,
+            such as a wheel that is a little unbalanced. The motion is then steady at this position of them.
 
     Raises:
-        ConstraintError: none was found; or constraints are affine, so that nothing rests.
+        ConstraintError: none was found; names the shape variable that moves, or the velocity that changes.
         InputError: shapes do not fit.
-        ModelError: no such joint.
+        ModelError: no such joint or output.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
@@ -72,22 +96,57 @@ def equilibrium(reduced: ReducedModel, guess: Array, hold: Sequence[str] = (), v
         0.0
         >>> rnc.linearize(reduced, found.q, T=found.T).A.shape
         (9, 9)
+        >>> turning = rnc.equilibrium(reduced, robot.configuration({"pitch": 2.0}), v2=[0.0, 0.0, 7.0])
+        >>> round(robot.joint_values(turning.q)["pitch"], 3)  # weight and centrifugal force balance
+        2.125
     """
-    if reduced.affine:
-        raise ConstraintError("constraints are affine, 'A v = mu' with mu not zero: nothing rests under them")
-    v2 = np.zeros(reduced.r) if v2 is None else vector(v2, reduced.r, "v2")
     q = np.asarray(guess, float)
+    given, open_rates = velocities(reduced, v2)
     _ = reduced.at(q)  # refuses what is no configuration
     if q.ndim > 1:
         raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
+    moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
+    symmetries = find_symmetries(reduced, q, cyclic) if moves else None
+    return search(reduced, q, given, hold, symmetries, open_rates)
+
+
+def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
+    """Reduced velocities (r,), and which of them are to be found (r,).
+
+    Raises:
+        InputError: the shape does not fit.
+        ModelError: no such reducing output.
+    """
+    found, names = np.zeros(reduced.r), reduced.reducing.names
+    if v2 is None:
+        return found, np.zeros(reduced.r, dtype=bool)
+    if not isinstance(v2, Mapping):
+        return vector(v2, reduced.r, "v2"), np.zeros(reduced.r, dtype=bool)
+    for name in v2:
+        if name not in names:
+            raise ModelError(f"v2: no reducing output '{name}'{nearest(str(name), names)}")
+    given = [names.index(name) for name in v2]
+    found[given] = vector(np.array(list(v2.values()), dtype=float), len(v2), "v2")
+    return found, ~np.isin(np.arange(reduced.r), given)
+
+
+def search(
+    reduced: ReducedModel,
+    guess: Array,
+    v2: Array,
+    hold: Sequence[str],
+    symmetries: Symmetries | None,
+    open_rates: Array,
+) -> Equilibrium:
+    """The solution nearest to a guess (q, v2), among motions along ``symmetries``; at rest if those are None."""
     free = np.ones(reduced.n, dtype=bool)
     for joint in hold:
         free[reduced.robot.velocity_indices(joint)] = False
-    search = _Search(reduced, v2, free, q)
-    found = search.back_towards_the_guess(search.any_near())
-    state = reduced.at(found.q, v2)
+    looking = _Search(reduced, v2, free, guess, symmetries, open_rates)
+    found = looking.back_towards_the_guess(looking.any_near())
+    state = reduced.at(found.q, found.v2)
     left = state.inverse_dynamics(np.zeros(reduced.r)) - state.input_matrix @ found.T
-    return Equilibrium(found.q, found.T, float(np.abs(left).max()))
+    return Equilibrium(found.q, found.T, float(np.abs(left).max()), found.v2)
 
 
 class _Point(NamedTuple):
@@ -103,23 +162,40 @@ class _Point(NamedTuple):
     """Of the holonomic rows."""
     names: tuple[str, ...]
     """Of the accelerations, (r,)."""
+    v2: Array
+    shape_rates: Array
+    """The part of v (nv,) that is no symmetry; empty at rest."""
 
     @property
     def left(self) -> float:
         """How far from an equilibrium."""
-        return float(np.linalg.norm(np.concatenate([self.force, self.gap])))
+        return float(np.linalg.norm(np.concatenate([self.force, self.gap, self.shape_rates])))
 
 
 class _Search:
-    def __init__(self, reduced: ReducedModel, v2: Array, free: Array, guess: Array) -> None:
-        self._reduced, self._v2, self._free, self._guess = reduced, v2, free, guess
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        v2: Array,
+        free: Array,
+        guess: Array,
+        symmetries: Symmetries | None = None,
+        open_rates: Array | None = None,
+    ) -> None:
+        self._reduced, self._v2, self._guess = reduced, v2, guess
+        self._symmetries = symmetries
+        self._open = np.zeros(reduced.r, dtype=bool) if open_rates is None else open_rates
+        self._free = np.concatenate([free, np.ones(int(self._open.sum()), dtype=bool)])
         self._model = reduced.robot.model
         self._kinematics = Kinematics(reduced.robot)
         self._size = 1.0 + float(np.linalg.norm(self._model.gravity.linear)) + float(v2 @ v2)
+        if reduced.affine:
+            b = reduced.at(guess).b
+            self._size += float(b @ b)
 
     def any_near(self) -> _Point:
         """An equilibrium, by steps that are as small as can be."""
-        here = self._at(self._guess)
+        here = self._at(self._guess, self._v2)
         for _ in range(_STEPS):
             if self._rests(here, _STILL):
                 return here
@@ -129,20 +205,30 @@ class _Search:
             here = ahead
         if self._rests(here):
             return here
-        worst, apart = int(np.argmax(np.abs(here.v2_dot))), ""
+        raise self._not_found(here)
+
+    def _not_found(self, here: _Point) -> ConstraintError:
+        apart = ""
         if (np.abs(here.gap) > _GOOD).any():
             row, gap = self._reduced.assembly.worst(here.q)
             apart = f", and {row} is left {abs(gap):.3g} from zero"
-        raise ConstraintError(
-            f"no equilibrium found near the guess: at best the rate of '{here.names[worst]}' changes by "
-            f"{here.v2_dot[worst]:.3g} a second{apart}"
-        )
+        kind = "equilibrium" if self._symmetries is None else "steady motion"
+        near = f"no {kind} found near the guess: at best"
+        if (np.abs(here.shape_rates) > _GOOD * self._size).any():
+            worst = int(np.argmax(np.abs(here.shape_rates)))
+            name = self._reduced.robot.velocity_names[worst]
+            return ConstraintError(
+                f"{near} the shape variable '{name}' moves by {here.shape_rates[worst]:.3g} a second{apart}"
+            )
+        worst = int(np.argmax(np.abs(here.v2_dot)))
+        changes = f"the rate of '{here.names[worst]}' changes by {here.v2_dot[worst]:.3g} a second"
+        return ConstraintError(f"{near} {changes}{apart}")
 
     def _ahead(self, here: _Point) -> _Point | None:
         """Where Newton's step leads, halved until that is nearer to an equilibrium; None if it never is."""
         step = self._limited(self._newton(here)[0])
         for _ in range(_HALVINGS):
-            ahead = self._at(pin.integrate(self._model, here.q, step))
+            ahead = self._after(here, step)
             if ahead.left < here.left:
                 return ahead
             step = 0.5 * step
@@ -153,38 +239,60 @@ class _Search:
         here = found
         for _ in range(_STEPS):
             newton, null_space = self._newton(here)
-            away = pin.difference(self._model, self._guess, here.q)
-            step = self._limited(newton - null_space @ (null_space.T @ away))
+            step = self._limited(newton - null_space @ (null_space.T @ self._away(here)))
             if np.abs(step).max() <= _STILL:
                 break
-            here = self._at(pin.integrate(self._model, here.q, step))
+            here = self._after(here, step)
         return here if self._rests(here) and self._distance(here) < self._distance(found) else found
 
+    def _after(self, here: _Point, step: Array) -> _Point:
+        n, v2 = self._reduced.n, here.v2.copy()
+        v2[self._open] += step[n:]
+        return self._at(pin.integrate(self._model, here.q, step[:n]), v2)
+
+    def _away(self, point: _Point) -> Array:
+        """How far from the guess, in q and in the rates that are to be found."""
+        return np.concatenate([pin.difference(self._model, self._guess, point.q), (point.v2 - self._v2)[self._open]])
+
     def _distance(self, point: _Point) -> float:
-        return float(np.linalg.norm(pin.difference(self._model, self._guess, point.q)))
+        return float(np.linalg.norm(self._away(point)))
 
     def _rests(self, point: _Point, still: float = _GOOD) -> bool:
-        return bool((np.abs(point.v2_dot) <= still * self._size).all() and (np.abs(point.gap) <= _GOOD).all())
+        return bool(
+            (np.abs(point.v2_dot) <= still * self._size).all()
+            and (np.abs(point.gap) <= _GOOD).all()
+            and (np.abs(point.shape_rates) <= still * self._size).all()
+        )
 
     def _limited(self, step: Array) -> Array:
         return step / max(1.0, float(np.abs(step).max()) / _LONGEST)
 
-    def _at(self, q: Array) -> _Point:
-        reduced = self._reduced.settled_at(q)
+    def _at(self, q: Array, v2: Array | None = None) -> _Point:
+        v2 = self._v2 if v2 is None else v2
+        reduced = self._settled(q)
         assembly = reduced.assembly
-        state = reduced.at(q, self._v2)
+        state = reduced.at(q, v2)
         scale = 1.0 / np.sqrt(np.diag(state.H))
         influence = scale[:, None] * state.input_matrix
         needed = scale * state.inverse_dynamics(np.zeros(reduced.r))
         T = np.linalg.pinv(influence, rcond=_UNACTUATED) @ needed
         gap = assembly.residual(q)[assembly.leading]
-        return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, reduced.reducing.names)
+        rates = np.zeros(0)
+        if self._symmetries is not None:
+            rates = state.v - self._symmetries.directions(q) @ self._symmetries.coefficients(q, state.v)
+        return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, reduced.reducing.names, v2, rates)
+
+    def _settled(self, q: Array) -> ReducedModel:
+        """The model with the rows that are chosen at q; with other velocities only where all of them are zero."""
+        reduced = self._reduced.settled_at(q)
+        same = self._symmetries is None or reduced.reducing.names == self._reduced.reducing.names
+        return reduced if same else self._reduced
 
     def _newton(self, here: _Point) -> tuple[Array, Array]:
-        """The least change of q (nv,) towards an equilibrium, and a basis (nv, k) of those that keep to equilibria."""
-        reduced = self._reduced.settled_at(here.q)
+        """The least change of q and open rates (nv + k,) towards an equilibrium; a basis of those that keep to it."""
+        reduced = self._settled(here.q)
         n = reduced.n
-        derivatives = state_derivatives(reduced, here.q, self._v2, here.T)
+        derivatives = state_derivatives(reduced, here.q, here.v2, here.T)
         # Of the unbalanced force H v2_dot, since what H does far from an equilibrium must not lead astray.
         along = reduced.at(np.tile(here.q, (n, 1)), v=np.eye(n))
         R, R_dot, M = along.R, along.R_dot, along.M
@@ -192,21 +300,41 @@ class _Search:
         H = reduced.inertia(here.q)
         scale = 1.0 / np.sqrt(np.diag(H))[:, None]
         force_q = scale * (H @ derivatives.v2_dot_q + (H_q @ here.v2_dot).T)
+        force_x = np.hstack([force_q, scale * (H @ derivatives.v2_dot_v2[:, self._open])])
         # Inputs take up what they can; the rest, and the holonomic rows, are for q.
         influence = scale * (H @ derivatives.v2_dot_T)
         unreached = scipy.linalg.null_space(influence.T, rcond=_UNACTUATED) if reduced.p else np.eye(reduced.r)
-        rows, gap = unreached.T @ force_q, unreached.T @ here.force
+        rows, gap = unreached.T @ force_x, unreached.T @ here.force
         assembly = reduced.assembly
         if assembly.size:
             closing = assembly.jacobian(self._kinematics.position(here.q))[assembly.leading]
+            closing = np.pad(closing, ((0, 0), (0, int(self._open.sum()))))
             rows, gap = np.vstack([rows, closing]), np.concatenate([gap, here.gap])
+        if self._symmetries is not None:
+            rows = np.vstack([rows, self._shape_gradient(here, derivatives)])
+            gap = np.concatenate([gap, here.shape_rates])
+        size = len(self._free)
         rows = rows[:, self._free]
-        step = np.zeros(reduced.n)
+        step = np.zeros(size)
         if len(rows):
             step[self._free] = np.linalg.lstsq(rows, -gap, rcond=_DEPENDENT)[0]
             kernel = scipy.linalg.null_space(rows, rcond=_DEPENDENT)
         else:
             kernel = np.eye(int(self._free.sum()))
-        basis = np.zeros((reduced.n, kernel.shape[1]))
+        basis = np.zeros((size, kernel.shape[1]))
         basis[self._free] = kernel
         return step, basis
+
+    def _shape_gradient(self, here: _Point, derivatives: StateDerivatives) -> Array:
+        """Derivatives (nv, nv + k) of the shape rates, exact where they are zero."""
+        assert self._symmetries is not None
+        directions = self._symmetries.directions(here.q)
+        coefficients = self._symmetries.coefficients(here.q, derivatives.v)
+        changes = np.hstack(
+            [
+                derivatives.v_q - self._symmetries.gradient(here.q, coefficients),
+                derivatives.v_v2[:, self._open],
+            ]
+        )
+        symmetric = scipy.linalg.orth(directions, rcond=_DEPENDENT)
+        return changes - symmetric @ (symmetric.T @ changes)

@@ -37,12 +37,14 @@ class StateFeedbackSettings(ControllerSettings):
     """Rates of reducing outputs in the steady motion that it keeps; the initial ones by default."""
     hold: list[str] = []
     """Joints that are in the equilibrium where the run starts."""
+    cyclic: list[str] = []
+    """Joints that may move in a steady motion although the dynamics depend on them, such as an unbalanced wheel."""
 
     def make(self, context: Context) -> Built:
         reduced = context.reduced
         v2 = context.v2_0 if self.v2 is None else reduced_velocity(reduced, self.v2, "controller.v2")
         try:
-            found = equilibrium(reduced, context.q0, self.hold, v2)
+            found = equilibrium(reduced, context.q0, self.hold, v2, self.cyclic)
             linear = linearize(reduced, found.q, v2, found.T, self.coordinates, self.rates)
             K = lqr(linear, self.state_cost, self.input_cost)
         except RncError as error:

@@ -1,0 +1,181 @@
+"""Directions of motion along which a reduced system does not change: over flat ground, about a wheel's own axle.
+
+Two kinds are looked for: motions of the whole robot in the world, and motions of joints in their own axes. A
+direction is a symmetry if neither the velocities of all bodies nor the reduced accelerations change along it, at given
+reduced velocities and inputs, and if it keeps the holonomic rows. These changes are linear in the direction and come
+from analytic derivatives, so that symmetries are a null space over sampled states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.robots.robot import Robot
+
+_SAMPLES, _TRIES = 4, 40
+_SPREAD = 1.0  # of sampled configurations [rad or m]
+_UNCHANGED = 1e-6  # of the largest change along any direction
+_DEPENDENT = 1e-9
+_NO_CHANGE = 1e-12  # what counts as none along all of them
+
+
+class Symmetries:
+    """Symmetries of a reduced system.
+
+    Args:
+        reduced: the model.
+        twists: motions of the whole robot, (6, k) in the world [m/s, rad/s].
+        joints: rates of joints in their own axes, (nv, s - k).
+
+    Attributes:
+        size: how many there are, s.
+    """
+
+    def __init__(self, reduced: ReducedModel, twists: np.ndarray, joints: np.ndarray) -> None:
+        self._model = reduced.robot.model
+        self._data = self._model.createData()
+        self._twists, self._joints = twists, joints
+        self.size = twists.shape[1] + joints.shape[1]
+
+    def coefficients(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Those of the symmetries (s,) that make up a velocity (nv,) best."""
+        return np.linalg.lstsq(self.directions(q), v, rcond=_DEPENDENT)[0]
+
+    def own_axes(self, coefficients: np.ndarray) -> np.ndarray:
+        """The part (nv,) of a motion that joints make in their own axes."""
+        return self._joints @ coefficients[self._twists.shape[1] :]
+
+    def directions(self, q: np.ndarray) -> np.ndarray:
+        """Their velocities (nv, s) at a configuration (nq,)."""
+        return np.hstack([self._whole(q)[0] @ self._twists, self._joints])
+
+    def gradient(self, q: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Derivatives (nv, nv) of ``directions(q) @ coefficients``, the last index that of the direction of change."""
+        n, model = self._model.nv, self._model
+        result = np.zeros((n, n))
+        k = self._twists.shape[1]
+        if not k:
+            return result
+        X, inverse = self._whole(q)
+        velocity = X @ self._twists @ coefficients[:k]
+        for direction in range(n):  # of J X = twist, the twist being constant
+            pin.computeJointJacobiansTimeVariation(model, self._data, q, np.eye(n)[direction])
+            rates = [
+                pin.getJointJacobianTimeVariation(model, self._data, joint, pin.WORLD).reshape(6, n) @ velocity
+                for joint in range(1, model.njoints)
+            ]
+            result[:, direction] = -inverse @ np.concatenate(rates)
+        return result
+
+    def _whole(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _whole_motions(self._model, self._data, q)[:2]
+
+
+def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] = ()) -> Symmetries:
+    """The symmetries of a system, by derivatives at sampled states near a configuration.
+
+    Args:
+        reduced: the model.
+        q: configuration (nq,) around which to look.
+        cyclic: joints, or entries of v, that count as symmetries although the dynamics depend on them.
+
+    Raises:
+        ModelError: no such joint.
+        ConstraintError: no regular configurations near q.
+    """
+    robot, n = reduced.robot, reduced.n
+    model, data = robot.model, robot.model.createData()
+    of_robot, of_joints = [np.zeros((0, 6))], [np.zeros((0, n))]
+    generator = np.random.default_rng(0)
+    for configuration in _sampled(reduced, q, generator):
+        here = reduced.settled_at(configuration)
+        changes = _changes(here, configuration, generator)
+        X, _, misfit = _whole_motions(model, data, configuration)
+        of_robot += [misfit, *(_scaled(each) @ X for each in (changes.bodies, *changes.others))]
+        of_joints += [_scaled(each) for each in (changes.joints, *changes.others)]
+    columns = [_null_space(np.vstack(of_joints)), *(_entries(robot, name) for name in cyclic)]
+    return Symmetries(reduced, _null_space(np.vstack(of_robot)), scipy.linalg.orth(np.hstack(columns)))
+
+
+def _entries(robot: Robot, name: str) -> np.ndarray:
+    """Unit velocities (nv, k) of a joint, or of an entry of v."""
+    names = robot.velocity_names
+    where = [names.index(name)] if name in names else robot.velocity_indices(name)
+    return np.eye(robot.nv)[:, where]
+
+
+class _Changes(NamedTuple):
+    """Changes of what a system does along each direction, (k, nv) each, at given velocities and inputs."""
+
+    joints: np.ndarray
+    """Of the velocity in axes that move along with the joints."""
+    bodies: np.ndarray
+    """Of the velocities of all bodies in their own axes, which tell of a robot that moves as a whole."""
+    others: tuple[np.ndarray, np.ndarray]
+    """Of reduced accelerations, and of holonomic rows."""
+
+
+def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> _Changes:
+    v2, T = generator.normal(size=reduced.r), generator.normal(size=reduced.p)
+    derivatives = state_derivatives(reduced, q, v2, T)
+    model, assembly = reduced.robot.model, reduced.assembly
+    data = model.createData()
+    pin.computeForwardKinematicsDerivatives(model, data, q, derivatives.v, np.zeros(reduced.n))
+    bodies = []
+    for joint in range(1, model.njoints):
+        along_q, along_v = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
+        # One column comes as a vector.
+        bodies.append(along_q.reshape(6, -1) + along_v.reshape(6, -1) @ derivatives.v_q)
+    closing = np.zeros((0, reduced.n))
+    if assembly.size:
+        closing = assembly.jacobian(Kinematics(reduced.robot).position(q))[assembly.leading]
+    bracket, v = frame_bracket(model), derivatives.v
+    carried = np.stack([bracket(each, v) for each in np.eye(reduced.n)], axis=-1)
+    return _Changes(derivatives.v_q + carried, np.vstack(bodies), (derivatives.v2_dot_q, closing))
+
+
+def _sampled(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> list[np.ndarray]:
+    """Regular configurations near one that satisfy the holonomic rows."""
+    found: list[np.ndarray] = []
+    for _ in range(_TRIES):
+        tangent = generator.uniform(-_SPREAD, _SPREAD, reduced.n)
+        try:
+            configuration = reduced.assembled(pin.integrate(reduced.robot.model, q, tangent))
+            _ = reduced.at(configuration).R
+        except (ConstraintError, SingularityError):
+            continue
+        found.append(configuration)
+        if len(found) == _SAMPLES:
+            return found
+    raise ConstraintError("no steady motion: there are no regular configurations near the guess")
+
+
+def _whole_motions(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocities (nv, 6) by which all bodies move with a unit twist, the inverse that gave them, and the misfit."""
+    pin.computeJointJacobians(model, data, q)
+    joints = range(1, model.njoints)
+    J = np.vstack([pin.getJointJacobian(model, data, joint, pin.WORLD).reshape(6, -1) for joint in joints])
+    inverse, twists = np.linalg.pinv(J), np.tile(np.eye(6), (len(joints), 1))
+    X = inverse @ twists
+    return X, inverse, J @ X - twists
+
+
+def _scaled(changes: np.ndarray) -> np.ndarray:
+    largest = np.abs(changes).max(initial=0.0)
+    return changes / largest if largest > _NO_CHANGE else np.zeros_like(changes)
+
+
+def _null_space(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what changes nothing, to ``_UNCHANGED``."""
+    _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1], rows.shape[1]))]))
+    return right[values < _UNCHANGED].T

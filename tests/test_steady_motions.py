@@ -1,0 +1,292 @@
+"""Relative equilibria, their symmetries, and branches of them: against closed forms and published speeds."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, upright
+from rnc_pin.analysis.differences import gradient
+from rnc_pin.analysis.symmetry import find_symmetries
+from systems import ALL
+from test_linearization import vertical_disk, wheeled_pendulum
+from test_vehicles import trailers
+
+G, L = 9.81, 0.8
+
+
+def hoop(rate):
+    """A bead on a hoop of radius L that turns about the vertical: a pendulum in a plane that turns."""
+    model = pin.Model()
+    model.name = "hoop"
+    plane = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "plane")
+    model.appendBodyToJoint(plane, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    bead = model.addJoint(plane, pin.JointModelRY(), pin.SE3.Identity(), "bead")
+    model.appendBodyToJoint(bead, pin.Inertia(0.3, np.array([0.0, 0.0, -L]), np.zeros((3, 3))), pin.SE3.Identity())
+    turned = rnc.Pfaffian(
+        lambda q: np.array([[1.0, 0.0]]),
+        lambda q, v: np.zeros((1, 2)),
+        ["turned"],
+        rate=lambda q: np.array([rate]),
+        rate_dot=lambda q, v: np.zeros(1),
+    )
+    return rnc.NonholonomicSystem(rnc.Robot(model), [turned], []).reduce([rnc.JointPosition("bead")])
+
+
+def circle(steering, hitches):
+    """Hitch angles in a circle: axles of 1 m bars hitched on axles stand at radii ``r_k^2 = r_(k-1)^2 - 1``."""
+    radius, found = 1 / np.tan(steering), []
+    for _ in range(hitches):
+        radius = np.sqrt(radius**2 - 1)
+        found.append(-np.arctan2(1.0, radius))
+    return found
+
+
+# ---------------------------------------------------------------------- steady motions
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("speed", [1.0, -0.4])
+def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed, tmp_path):
+    reduced = trailers(count, tmp_path)
+    guess = reduced.robot.configuration({"front_steering": 0.3, "root_joint": (1.0, -2.0, 0.7)})
+    found = rnc.equilibrium(reduced, guess, ["front_steering"], [speed, 0.0])
+    joints = reduced.robot.joint_values(found.q)
+    assert joints["front_steering"] == 0.3
+    np.testing.assert_allclose([joints[f"hitch_{k + 1}"] for k in range(count)], circle(0.3, count), atol=1e-9)
+    np.testing.assert_allclose(joints["root_joint"], (1.0, -2.0, 0.7), atol=1e-6)
+    # Under these inputs it goes on like this, around a circle.
+    run = rnc.free_motion(reduced, found.q, found.v2, 2.0, dt=0.5, inputs=found.T)
+    np.testing.assert_allclose(run.q[:, 4:], np.tile(found.q[4:], (len(run.q), 1)), atol=1e-8)
+    centre = np.array([1.0, -2.0]) + np.array([-np.sin(0.7), np.cos(0.7)]) / np.tan(0.3)
+    np.testing.assert_allclose(np.linalg.norm(run.q[:, :2] - centre, axis=1), 1 / np.tan(0.3), atol=1e-6)
+
+
+def test_rates_that_are_not_given_are_found(tmp_path):
+    """Steering held, its rate has to be zero."""
+    reduced = trailers(1, tmp_path)
+    guess = reduced.robot.configuration({"front_steering": 0.3, "hitch_1": -0.2})
+    found = rnc.equilibrium(reduced, guess, ["front_steering"], {"tractor_speed_x": 2.0})
+    np.testing.assert_allclose(found.v2, [2.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.q[5], circle(0.3, 1)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("joints", "hold", "v2", "words"),
+    [
+        ({"front_steering": 1.15}, ["front_steering"], [1.0, 0.0], "'hitch_1' moves by -1"),  # the circle is too small
+        ({"front_steering": 0.3}, ["front_steering", "hitch_1"], [1.0, 0.0], r"'hitch_1' moves by -0\.309 a second"),
+        ({"front_steering": 0.3}, [], [1.0, 0.1], r"'front_steering' moves by 0\.1 a second"),
+    ],
+)
+def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words, tmp_path):
+    reduced = trailers(1, tmp_path)
+    with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
+        rnc.equilibrium(reduced, reduced.robot.configuration(joints), hold, v2)
+    assert "\n" not in str(told.value)
+
+
+def test_what_turns_stands_upright_or_is_thrown_out():
+    """``(m h^2 + I_x - I_z) cos(pitch) = -m h (g / w^2 + r)``: motors that keep it on its circle push the body."""
+    reduced = wheeled_pendulum()
+    robot, rate = reduced.robot, 7.0
+    body = robot.model.inertias[robot.model.getJointId("pitch")]
+    h, inertia = body.lever[2], np.diag(body.inertia)
+    expected = np.arccos(-body.mass * h * (G / rate**2 + 0.1) / (body.mass * h**2 + inertia[0] - inertia[2]))
+    for guess, pitch in ((1.2, expected), (-1.2, -expected), (0.05, 0.0)):
+        found = rnc.equilibrium(reduced, robot.configuration({"pitch": guess}), v2=[0.0, 0.0, rate])
+        assert robot.joint_values(found.q)["pitch"] == pytest.approx(pitch, abs=1e-8)
+        np.testing.assert_allclose(reduced.forward_dynamics(found.q, found.v2, found.T), 0, atol=1e-7)
+
+
+def test_a_bead_on_a_hoop_that_turns():
+    """``cos(angle) = g / (l w^2)``: affine constraints move, and yet the bead rests on the hoop."""
+    reduced = hoop(5.0)
+    for guess, angle in ((1.0, np.arccos(G / (L * 25))), (-1.0, -np.arccos(G / (L * 25))), (0.1, 0.0), (3.0, np.pi)):
+        found = rnc.equilibrium(reduced, reduced.robot.configuration({"bead": guess}))
+        assert found.q[1] == pytest.approx(angle, abs=1e-8)
+        np.testing.assert_array_equal(found.v2, [0.0])
+
+
+def test_under_a_momentum_a_robot_turns_as_one_piece():
+    """Its motors hold what the recursive Newton-Euler algorithm says of platform and arm in rigid rotation."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    joints = robot.joint_names[1:]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform", 6.0)], joints)
+    reduced = system.reduce([rnc.JointPosition(joint) for joint in joints])
+    guess = robot.configuration({"joint_1": 0.4, "joint_2": 1.1, "joint_3": -0.7})
+    found = rnc.equilibrium(reduced, guess)
+    np.testing.assert_allclose(found.q, guess, atol=1e-9)
+    data = robot.model.createData()
+    v = np.array([6.0 / pin.crba(robot.model, data, found.q)[0, 0], 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found.T, pin.rnea(robot.model, data, found.q, v, np.zeros(4))[1:], atol=1e-7)
+
+
+def test_under_a_momentum_nothing_is_fixed_in_the_world():
+    """With reducing outputs that are the tip's position the robot cannot turn around it."""
+    reduced = ALL["spinning_space_robot"]()
+    with pytest.raises(rnc.ConstraintError, match=r"no steady motion found .* shape variable"):
+        rnc.equilibrium(reduced, reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.1}))
+
+
+def test_a_wheel_that_is_unbalanced_may_be_named():
+    reduced = ALL["bicycle"]()
+    robot = reduced.robot
+    guess, speed = reduced.assembled(robot.configuration()), {reduced.reducing.names[-1]: 3.0}
+    with pytest.raises(rnc.ConstraintError, match="no steady motion"):
+        rnc.equilibrium(reduced, guess, v2=speed)
+    found = rnc.equilibrium(reduced, guess, v2=speed, cyclic=["rear_wheel", "front_wheel"])
+    v = dict(zip(robot.velocity_names, reduced.at(found.q, found.v2).v, strict=True))
+    assert abs(v["steer"]) < 1e-9
+    assert abs(v["rear_wheel"]) > 1.0
+
+
+# ---------------------------------------------------------------------- symmetries
+
+
+def free_body(inertia, gravity=(0, 0, 0)):
+    model = pin.Model()
+    model.name = "body"
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.diag(inertia)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("body", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    model.gravity.linear = np.array(gravity, float)
+    return rnc.NonholonomicSystem(rnc.Robot(model), [])
+
+
+def in_the_world(system):
+    return system.reduce([rnc.FramePosition("body", "xyz"), rnc.FrameOrientation("body")])
+
+
+@pytest.mark.parametrize(
+    ("make", "whole", "own"),
+    [
+        (lambda: hoop(2.0), 1, 1),  # the plane turns, and with it everything
+        (vertical_disk, 3, 1),  # on flat ground, its axle
+        (wheeled_pendulum, 3, 2),
+        (ALL["fire_truck"], 3, 0),
+        (ALL["four_bar"], 0, 0),
+        (bicycle, 3, 2),
+        (lambda: free_body((1, 2, 3)).reduce(), 6, 0),
+        (lambda: free_body((1, 2, 3), (0, 0.6, -0.8)).reduce(), 4, 0),  # turning about gravity alone
+        (lambda: in_the_world(free_body((1, 1, 1))), 3, 3),  # a ball may be turned in its own axes
+        (lambda: in_the_world(free_body((1, 2, 1))), 3, 1),
+    ],
+    ids=["hoop", "disk", "pendulum", "fire truck", "four-bar", "bicycle", "free", "falling", "ball", "spindle"],
+)
+def test_symmetries_are_those_of_ground_and_wheels(make, whole, own):
+    reduced = make()
+    q = upright() if reduced is bicycle() else reduced.robot.configuration()
+    found = find_symmetries(reduced, q)
+    assert (found._twists.shape[1], found._joints.shape[1]) == (whole, own)
+
+
+@pytest.mark.parametrize("make", [bicycle, ALL["fire_truck"], vertical_disk])
+def test_how_symmetries_vary_is_exact(make):
+    reduced = make()
+    q = upright() if reduced is bicycle() else reduced.robot.configuration({})
+    generator = np.random.default_rng(3)
+    found = find_symmetries(reduced, q)
+    q = pin.integrate(reduced.robot.model, q, 0.4 * generator.normal(size=reduced.n))
+    coefficients = generator.normal(size=found.size)
+    expected = gradient(reduced.robot.model, lambda p: found.directions(p) @ coefficients, q)
+    np.testing.assert_allclose(found.gradient(q, coefficients), expected, atol=1e-9)
+
+
+# ---------------------------------------------------------------------- branches
+
+
+def test_the_pitchfork_of_the_hoop():
+    """At ``w^2 = g / l`` the bottom becomes unstable, and two stable branches leave it."""
+    critical, q = np.sqrt(G / L), np.zeros(2)
+    rates = critical * np.array([0.3, 0.9, 0.999, 1.001, 1.1, 2.0])
+    for motion, rate in zip(rnc.continuation(hoop, q, rates), rates, strict=True):
+        assert motion.q[1] == pytest.approx(0.0, abs=1e-9)
+        assert motion.stable == (rate < critical)
+        root = np.sqrt(complex(rate**2 - G / L))
+        np.testing.assert_allclose(np.sort_complex(motion.eigenvalues), np.sort_complex([-root, root]), atol=1e-7)
+    for motion in rnc.continuation(hoop, np.array([0.0, 1.3]), rates[:2:-1]):
+        angle = np.arccos(G / (L * motion.value**2))
+        assert motion.q[1] == pytest.approx(angle, abs=1e-7)
+        assert motion.stable
+        np.testing.assert_allclose(np.abs(motion.eigenvalues.imag), motion.value * np.sin(angle), rtol=1e-5)
+
+
+def test_a_bicycle_is_stable_between_its_weave_and_its_capsize_speed():
+    """4.292 to 6.024 m/s (Meijaard et al. 2007), and the eigenvalues are the published ones."""
+    special = REFERENCE["linear"]["special_speeds"]
+    speeds = [4.0, special["v_w"] - 1e-3, special["v_w"] + 1e-3, 5.0, special["v_c"] - 1e-3, special["v_c"] + 1e-3, 8.0]
+    branch = rnc.continuation(bicycle(), upright(), np.array(speeds) / REAR, parameter="rear_axle")
+    assert [motion.stable for motion in branch] == [False, False, True, True, True, False, False]
+    published = REFERENCE["linear"]["eigenvalues"]["5"]
+    expected = np.array([*(np.array(published["real"]) + 1j * np.array(published["imag"])), 0.0])
+    np.testing.assert_allclose(np.sort_complex(branch[3].eigenvalues), np.sort_complex(expected), atol=1e-8)
+
+
+def test_a_bicycle_leans_in_a_circle():
+    """Steered by 0.02, it leans by about ``v^2 steer cos(tilt) / (g wheelbase)``, and a free run goes on like this.
+
+    The lean rate that goes with it is no zero: the frame pitches a little, and turns about its own x axis too.
+    """
+    reduced = bicycle()
+    robot = reduced.robot
+    guess = reduced.assembled(robot.configuration({"root_joint": (0, 0, REAR, 0, 0, 0, 1), "steering": 0.02}))
+    found = rnc.equilibrium(reduced, guess, ["steering"], {"rear_axle": 4.0 / REAR})
+    steering = robot.joint_values(found.q)["steering"]
+    roll = pin.rpy.matrixToRpy(pin.Quaternion(found.q[3:7]).toRotationMatrix())[0]
+    assert abs(roll) == pytest.approx(16.0 * abs(steering) * np.cos(np.pi / 10) / (1.02 * G), rel=0.01)
+    run = rnc.free_motion(reduced, found.q, found.v2, 1.0, dt=0.25, inputs=found.T)
+    np.testing.assert_allclose(run.v2, np.tile(found.v2, (len(run.v2), 1)), atol=1e-6)
+    np.testing.assert_allclose(run.q[:, 2], found.q[2], atol=1e-7)
+    assert np.ptp(run.q[:, 1]) > 0.05
+    with pytest.raises(rnc.ConstraintError, match="no steady motion"):
+        rnc.equilibrium(reduced, guess, ["steering"], [0.0, 0.0, 4.0 / REAR])
+
+
+def test_a_trailer_follows_forwards_and_folds_backwards(tmp_path):
+    """Straight ahead the hitch fades at the speed over 1 m, and so does the rate of a free steering."""
+    reduced = trailers(1, tmp_path)
+    branch = rnc.continuation(
+        reduced, reduced.robot.configuration(), [2.0, 1.0, -1.0], parameter="tractor_speed_x", hold=["front_steering"]
+    )
+    for motion, speed in zip(branch, (2.0, 1.0, -1.0), strict=True):
+        np.testing.assert_allclose(np.sort(motion.eigenvalues.real), np.sort([-speed, -speed, 0, 0]), atol=1e-6)
+        assert motion.stable == (speed > 0)
+        assert motion.value == speed
+
+
+def test_an_equilibrium_at_rest_has_its_stability_too():
+    """A pendulum on wheels falls at any weight of gravity, and hangs at rest."""
+    reduced = wheeled_pendulum()
+    for pitch, stable in ((0.0, False), (np.pi, True)):
+        (motion,) = rnc.continuation(lambda value: reduced, reduced.robot.configuration({"pitch": pitch}), [1.0])
+        assert motion.stable == stable
+
+
+def test_a_branch_that_does_not_go_on_is_said():
+    with pytest.raises(rnc.ConstraintError, match=r"^no steady motion at 4\.\d+, next to 4\.?\d*: no steady"):
+        rnc.continuation(hoop, np.array([0.0, np.arccos(G / (L * 16.0))]), [4.0, 5.0], hold=["bead"])
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (
+            lambda r, q: rnc.equilibrium(r, q, v2={"axel": 1.0}),
+            rnc.ModelError,
+            "v2: no reducing output 'axel'; did you",
+        ),
+        (lambda r, q: rnc.equilibrium(r, q, v2={"axle": np.nan}), rnc.InputError, "v2"),
+        (lambda r, q: rnc.equilibrium(r, q, v2=[1.0, 0.0], cyclic=["axel"]), rnc.ModelError, "axel"),
+        (lambda r, q: rnc.continuation(r, q, [1.0]), rnc.InputError, "the name of a reducing output as parameter"),
+        (lambda r, q: rnc.continuation(lambda p: r, q, [1.0], "axle"), rnc.InputError, "or a function without one"),
+        (lambda r, q: rnc.continuation(r, q, [1.0], "axel"), rnc.ModelError, "did you mean 'axle'"),
+        (lambda r, q: rnc.continuation(r, q, [np.nan], "axle"), rnc.InputError, "values"),
+        (lambda r, q: rnc.continuation(r, q[:-1], [1.0], "axle"), rnc.InputError, "q has shape"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(call, error, words):
+    reduced = vertical_disk()
+    with pytest.raises(error, match=words) as told:
+        call(reduced, reduced.robot.configuration())
+    assert "\n" not in str(told.value)
