@@ -124,7 +124,7 @@ class NormalForces:
         down = float(self._model.gravity.linear[2]) < 0
         planar = down and self._moves_along(random, 0) and self._moves_along(random, 1)
         planar = planar and not self._moves_along(random, 2)
-        self._planar = planar
+        self._roots = [joint for joint in range(1, self._model.njoints) if self._model.parents[joint] == 0]
         kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
         self.contacts = [each for each, _ in kept]
         self.names = tuple(each.name for each in self.contacts)
@@ -148,63 +148,67 @@ class NormalForces:
             T: inputs of the actuators (..., p).
             external: generalized forces (..., nv) beside them, such as damping and friction.
         """
-        multipliers = state.contact_forces(T, external)
         batch = state.q.shape[:-1]
         forces = np.zeros((*batch, len(self.contacts)))
         if not self.contacts:
             return forces
-        v_dot, rows = state.acceleration(T, external), state.all_rows
-        everything = (state.q, state.v, v_dot, np.broadcast_to(T, (*batch, self._reduced.p)), multipliers, rows)
-        for index in np.ndindex(batch):
-            forces[index] = self._one(*(each[index] for each in everything))
+        if self._by_row.any():
+            forces[..., self._by_row] = self._of_rows(state.contact_forces(T, external), state.all_rows)
+        if not self._by_row.all():
+            v_dot, T = state.acceleration(T, external), np.broadcast_to(T, (*batch, self._reduced.p))
+            count = int(np.prod(batch))
+            flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
+            q, v, v_dot, T, known = flat
+            wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
+            known[:, ~self._by_row] = self._of_motion(q, wrenches, known)
+            forces = known.reshape(forces.shape)
         return forces
 
-    def _one(self, q: Array, v: Array, v_dot: Array, T: Array, multipliers: Array, rows: Array) -> Array:
-        forces = np.zeros(len(self.contacts))
-        up = [
-            each.up
-            for each, carries in zip(self.contacts, self._by_row, strict=True)
-            if carries and each.up is not None
-        ]
-        if up:
-            pushing = -multipliers[up]
-            if (pushing < 0).any():
-                pushing = nonnegative(pushing, scipy.linalg.null_space(rows.T, rcond=_SMALL)[up])
-            forces[self._by_row] = pushing
-        if self._planar and not self._by_row.all():
-            forces[~self._by_row] = self._of_motion(q, v, v_dot, T, forces)
-        return forces
+    def _of_rows(self, multipliers: Array, rows: Array) -> Array:
+        """Forces of the contacts that rows keep at their height."""
+        carried = zip(self.contacts, self._by_row, strict=True)
+        up = [each.up for each, carries in carried if carries and each.up is not None]
+        pushing = -multipliers[..., up]
+        for i in np.argwhere((pushing < 0).any(axis=-1)):
+            index = tuple(i)
+            pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
+        return pushing
 
-    def _of_motion(self, q: Array, v: Array, v_dot: Array, T: Array, known: Array) -> Array:
-        """Forces of the contacts that no row keeps at their height."""
+    def _of_motion(self, q: Array, wrenches: Array, known: Array) -> Array:
+        """Forces (N, c) of the contacts that no row keeps at their height, for what is needed from outside (N, 6)."""
         lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
-        points, across = (each[[contact.point for contact in self.contacts]] for each in lines)
-        ground = np.array([0.0, 0.0, points[:, 2].min()])
-        wrench = self._needed(q, v, v_dot, T)
-        moment = wrench.angular - np.cross(ground, wrench.linear)
+        points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
+        ground = points[..., 2].min(axis=1)
+        ones = np.ones(points.shape[:2])
         # Upward forces by what they give: their sum, and moments about the axes along the ground.
-        gives = np.vstack([np.ones(len(points)), points[:, 1], -points[:, 0]])
-        needed = np.array([wrench.linear[2], moment[0], moment[1]]) - gives @ known
-        axles = np.array([contact.up is None for contact in self.contacts])
-        spread = np.sqrt(points[:, :2].var(axis=0).sum()) or 1.0
-        couples = spread * np.vstack([np.zeros(axles.sum()), across[axles, 1], -across[axles, 0]])
-        return balanced(gives[:, ~self._by_row], couples, needed)
+        gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
+        force, moment = wrenches[:, :3], wrenches[:, 3:]
+        needed = np.stack(
+            [force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1
+        )
+        needed = needed - np.matvec(gives, known)
+        axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
+        spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
+        spread = np.where(spread > 0, spread, 1.0)[:, None, None]
+        headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
+        return balanced(gives[..., ~self._by_row], spread * headings[..., axles], needed)
 
-    def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> pin.Force:
-        """What acts on the robot from outside beside gravity, less forces on frames: a wrench about the origin."""
+    def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
+        """Force and moment about the origin that act from outside, beside gravity and forces on frames."""
         model, data = self._model, self._data
         pin.rnea(model, data, q, v, v_dot)
         pin.framesForwardKinematics(model, data, q)
         total = pin.Force.Zero()
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0:
-                total += data.oMi[joint].act(data.f[joint])
+        for joint in self._roots:
+            total += data.oMi[joint].act(data.f[joint])
         for column, frame, row in self._reduced.actuation.frames:
             total -= data.oMf[frame].act(pin.Force(T[column] * np.eye(6)[row]))
-        return total
+        return np.asarray(total.vector)
 
 
-def balanced(gives: Float[Array, "3 n"], couples: Float[Array, "3 k"], needed: Array) -> Float[Array, " n"]:
+def balanced(
+    gives: Float[Array, "N 3 n"], couples: Float[Array, "N 3 k"], needed: Float[Array, "N 3"]
+) -> Float[Array, "N n"]:
     """Forces with a given sum and the best possible moments, of least norm together with couples.
 
     No force is below zero where that is possible.
@@ -212,17 +216,18 @@ def balanced(gives: Float[Array, "3 n"], couples: Float[Array, "3 k"], needed: A
     Args:
         gives: sum (ones) and moments for unit forces.
         couples: zeros, and moments for unit couples.
-        needed: sum and moments, (3,).
+        needed: sum and moments.
     """
-    count, everything = gives.shape[1], np.hstack([gives, couples])
-    found = np.zeros(everything.shape[1])
-    found[:count] = needed[0] / count
-    sums, moments = everything[0], everything[1:]
-    free = np.eye(len(found)) - np.outer(sums, sums) / count  # directions that keep the sum
-    found = found + free @ (np.linalg.pinv(moments @ free, rcond=_SMALL) @ (needed[1:] - moments @ found))
-    forces = found[:count]
-    if (forces < 0).any():
-        forces = nonnegative(forces, scipy.linalg.null_space(everything, rcond=_SMALL)[:count])
+    count, everything = gives.shape[-1], np.concatenate([gives, couples], axis=-1)
+    found = np.zeros((len(gives), everything.shape[-1]))
+    found[:, :count] = needed[:, :1] / count
+    sums, moments = everything[0, 0], everything[:, 1:]
+    free = np.eye(len(sums)) - np.outer(sums, sums) / count  # directions that keep the sum
+    left = needed[:, 1:] - np.matvec(moments, found)
+    found = found + np.matvec(free @ np.linalg.pinv(moments @ free, rcond=_SMALL), left)
+    forces: Array = found[:, :count]
+    for i in np.flatnonzero((forces < 0).any(axis=1)):
+        forces[i] = nonnegative(forces[i], scipy.linalg.null_space(everything[i], rcond=_SMALL)[:count])
     return forces
 
 

@@ -1,0 +1,203 @@
+"""Normal forces: two ways to compute them beside each other, closed forms, and lift-offs that are told."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import minimize
+
+import rnc_pin as rnc
+from rnc_pin.analysis import NormalForces, first_lift_off
+from rnc_pin.analysis.normal_forces import balanced, nonnegative
+from rnc_pin.planning import MinimumJerk
+from rnc_pin.plants import FaultyMachine
+from rnc_pin.simulation import ReducedPlant, margins_along
+from rnc_pin.visualization.plots import plot_overview, plot_run
+
+WHEELS = ["left_wheel_joint", "right_wheel_joint"]
+G = 9.81
+
+
+def cart(base, gravity=None):
+    """A differential drive on two wheels and a caster ahead of them."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base=base, gravity=gravity)
+    contacts = [rnc.RollingWheel(wheel, 0.1) for wheel in ("left_wheel", "right_wheel")]
+    system = rnc.NonholonomicSystem(robot, [*contacts, rnc.Caster("nose", radius=0.1)], WHEELS)
+    reduced = system.reduce([rnc.JointPosition(wheel) for wheel in WHEELS])
+    return reduced, reduced.assembled(robot.configuration())
+
+
+class Push:
+    """Constant inputs."""
+
+    def __init__(self, T):
+        self.T = np.array(T, dtype=float)
+
+    def initial_state(self, measurement):
+        return 0
+
+    def step(self, t, measurement, state):
+        return rnc.control.Command(T=self.T), state
+
+
+def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
+    """The same robot twice: on a planar base no row carries, on a free base three rows do."""
+    (planar, q_planar), (free, q_free) = cart("planar"), cart("free")
+    generator = np.random.default_rng(0)
+    v2, T = generator.normal(size=(20, 2)) * 8.0, generator.normal(size=(20, 2)) * 20.0
+    ours = NormalForces(planar).at(planar.at(np.tile(q_planar, (20, 1)), v2), T)
+    state = free.at(np.tile(q_free, (20, 1)), v2)
+    vertical = [name.startswith("vertical") for name in free.all_constraints.names]
+    np.testing.assert_allclose(ours, -state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
+    np.testing.assert_allclose(NormalForces(free).at(state, T), ours, atol=1e-9 * 215.0)
+    assert (ours < 0).any()
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_the_weight_rests_on_the_supports_as_statics_say(base):
+    reduced, q = cart(base)
+    model, data = reduced.robot.model, reduced.robot.model.createData()
+    normal = NormalForces(reduced)
+    forces = normal.at(reduced.at(q, np.zeros(2)), np.zeros(2))
+    weight, ahead = G * pin.computeTotalMass(model), pin.centerOfMass(model, data, q)[0] - q[0]
+    assert normal.names == ("left_wheel", "right_wheel", "nose")
+    np.testing.assert_allclose(forces[2], weight * ahead / 0.3, rtol=1e-9)  # the nose is 0.3 m ahead of the axle
+    np.testing.assert_allclose(forces[:2], (weight - forces[2]) / 2, rtol=1e-9)
+
+
+def critical(reduced, q):
+    """Torque of both wheels at which the nose carries nothing, from rest: forces are affine in inputs."""
+    normal, rest = NormalForces(reduced), reduced.at(q, np.zeros(2))
+    still, pushed = (normal.at(rest, np.full(2, T))[2] for T in (0.0, 1.0))
+    return still / (still - pushed)
+
+
+@pytest.mark.parametrize("base", ["planar", "free"])
+def test_a_run_names_the_first_contact_that_would_lift_off(base):
+    reduced, q = cart(base)
+    limit = critical(reduced, q)
+    held = rnc.simulate(reduced, Push([0.99 * limit] * 2), q, 0.05, 0.01)
+    lifted = rnc.simulate(reduced, Push([1.5 * limit] * 2), q, 0.05, 0.01)
+    assert rnc.summarize(held)["lift_off"] is None
+    found = rnc.summarize(lifted)["lift_off"]
+    assert (found["contact"], found["time"]) == ("nose", 0.0)
+    still = NormalForces(reduced).at(reduced.at(q, np.zeros(2)), np.zeros(2))[2]
+    assert found["force"] == pytest.approx(-0.5 * still, rel=1e-9)
+    assert found["lowest"] <= found["force"]
+    assert lifted.info.outputs.normal_forces == ("left_wheel", "right_wheel", "nose")
+    np.testing.assert_allclose(lifted.normal_forces.sum(axis=1), 215.82, rtol=1e-6)
+
+
+def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
+    reduced, q = cart("planar")
+    run = rnc.simulate(reduced, Push([1.0, 0.5]), q, 0.05, 0.01)
+    run.save(tmp_path / "run.npz")
+    again = rnc.Trajectory.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
+    assert again.info.outputs.normal_forces == run.info.outputs.normal_forces
+    for figure in (plot_overview(run), plot_run(run)):
+        panel = next(axes for axes in figure.axes if axes.get_ylabel() == "normal force [N]")
+        for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), column)
+    with np.load(tmp_path / "run.npz") as file:
+        older = {name: file[name] for name in file.files if name != "normal_forces"}
+    np.savez(tmp_path / "older.npz", **older)
+    assert rnc.Trajectory.load(tmp_path / "older.npz").normal_forces.shape == (6, 0)
+
+
+def test_forces_are_those_of_the_masses_that_move():
+    """A plant that is twice as heavy presses twice as much; another machine is not asked."""
+    reduced, q = cart("planar")
+    other, _ = cart("planar")
+    for joint, inertia in enumerate(other.robot.model.inertias):
+        other.robot.model.inertias[joint] = pin.Inertia(2 * inertia.mass, inertia.lever, 2 * inertia.inertia)
+    machine = FaultyMachine(ReducedPlant(other), rnc.Faults(), reduced, 0.01)
+    heavy = rnc.simulate(reduced, Push([2.0, 2.0]), q, 0.05, 0.01, machine=machine)
+    light = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01)
+    np.testing.assert_allclose(heavy.normal_forces, 2 * light.normal_forces, rtol=1e-9)
+
+    class Elsewhere:
+        def __init__(self, plant):
+            self.reset, self.read, self.apply, self.advance = plant.reset, plant.read, plant.apply, plant.advance
+
+    unknown = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01, machine=Elsewhere(ReducedPlant(reduced)))
+    assert unknown.normal_forces.shape == (6, 0)
+
+
+def test_where_nothing_presses_on_the_ground_there_are_no_normal_forces():
+    assert NormalForces(cart("planar", gravity=(0, 0, 0))[0]).names == ()
+    robot = rnc.Robot.from_urdf("space_robot.urdf")  # bolted to the world
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("tip")], robot.joint_names).reduce()
+    assert NormalForces(reduced).names == ()
+
+
+def test_preflight_and_grip_report_a_caster_that_lifts_off():
+    """Grip looks at wheels, which hold; the caster ahead of them does not when the cart sets off too fast."""
+    reduced, q = cart("planar")
+    for duration, lifts in ((6.0, False), (0.9, True)):
+        reference = MinimumJerk(np.zeros(2), [12.0, 12.0], duration)
+        controller = rnc.control.ReducingOutputController(reduced, reference)
+        margins = margins_along(reduced, controller, q, duration)
+        assert (margins.lift_off is not None) == lifts
+        assert bool(margins.complaints()) == lifts
+        needed = margins_along(reduced, controller, q, duration, grip=rnc.Grip(reduced, friction=5.0)).grip
+        assert needed.used < 1.0
+        assert needed.lift_off == margins.lift_off
+        if lifts:
+            assert margins.lift_off.contact == "nose"
+            said = needed.complaints()[0]
+            assert said == margins.complaints()[0]
+            assert "contact 'nose' would lift off at t = 0." in said
+
+
+def test_four_supports_carry_what_they_can_without_pulling():
+    """Least norm alone pulls at a corner: it is the closest that pushes instead, by a general optimiser."""
+    corners = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    gives = np.vstack([np.ones(4), corners[:, 1], -corners[:, 0]])
+    place = np.array([0.7, 0.6])
+    needed = np.array([10.0, 10.0 * place[1], -10.0 * place[0]])
+    plain = np.linalg.pinv(gives) @ needed
+    assert plain.min() < 0
+    forces = balanced(gives[None], np.zeros((1, 3, 0)), needed[None])[0]
+    assert forces.min() >= 0
+    np.testing.assert_allclose(gives @ forces, needed, atol=1e-9)
+    best = minimize(
+        lambda f: f @ f,
+        np.full(4, 2.5),
+        bounds=[(0, None)] * 4,
+        constraints={"type": "eq", "fun": lambda f: gives @ f - needed},
+    )
+    np.testing.assert_allclose(forces, best.x, atol=1e-4)
+    outside = balanced(gives[None], np.zeros((1, 3, 0)), (needed * [1, 2, 2])[None])[0]  # it would tip over
+    np.testing.assert_allclose(outside, np.linalg.pinv(gives) @ (needed * [1, 2, 2]), atol=1e-9)
+    np.testing.assert_array_equal(nonnegative(np.array([1.0, -1.0]), np.zeros((2, 0))), [1.0, -1.0])
+
+
+def test_the_first_lift_off_is_the_first_below_rounding():
+    times, forces = np.arange(4.0), np.array([[5.0, 5.0], [9.0, -1e-9], [10.5, -0.5], [12.0, -2.0]])
+    found = first_lift_off(times, forces, ("front", "rear"))
+    assert (found.contact, found.time, found.force, found.lowest) == ("rear", 2.0, -0.5, -2.0)
+    assert str(found) == "contact 'rear' would lift off at t = 2.00 s: the model pulls it down with up to 2 N"
+    assert first_lift_off(times, np.full((4, 1), np.nan), ("front",)) is None
+    assert first_lift_off(times, forces[:, :0], ()) is None
+
+
+SCENARIO = """
+robot: {urdf: differential_drive.urdf, base: planar}
+constraints:
+  - rolling_wheel: {frame: left_wheel, radius: 0.1}
+  - rolling_wheel: {frame: right_wheel, radius: 0.1}
+  - caster: {frame: nose, radius: 0.1}
+actuators: [left_wheel_joint, right_wheel_joint]
+outputs: {reducing: [{joint: left_wheel_joint}, {joint: right_wheel_joint}]}
+reference: {primary: {minimum_jerk: {to: [12, 12], duration: 0.9}}}
+controller: {type: reducing_outputs, tracker: computed_torque}
+simulation: {duration: 0.3, dt: 0.01}
+"""
+
+
+def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path):
+    (tmp_path / "cart.yaml").write_text(SCENARIO)
+    status, out, said = call("run", tmp_path / "cart.yaml", "--out", tmp_path / "out", "--force")
+    assert status == 0, said
+    assert said.count("warning: contact 'nose' would lift off at t = 0.") == 2  # before the run, and after it
+    assert "normal force of nose, lowest" in out
