@@ -16,6 +16,9 @@ import yaml
 
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import built_in_names, find_scenario
+from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.pictures import draw, picture_names
+from rnc_pin.scenario.run import execute, plan
 from terminal import results
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
@@ -88,7 +91,7 @@ def test_run_writes_what_the_manual_says(first_run):
     written = {path.name for path in folder.iterdir()} - {".rnc_pin"}
     assert written == {
         "trajectory.npz", "trajectory_platform_uncontrolled.npz", "summary.json", "scenario.yaml",
-        "figure_4a.png", "figure_4b.png", "overview.png", "animation.html",
+        "figure_4a.png", "figure_4b.png", "overview.png", "top_view.png", "animation.html",
     }  # fmt: skip
     assert all(name in process.stdout for name in written)
     for picture in folder.glob("*.png"):
@@ -157,6 +160,32 @@ def test_json_is_all_that_is_printed(tmp_path):
     assert elapsed > printed["wall_time"]  # reading, building and drawing are in it
     assert printed == parsed((tmp_path / "summary.json").read_text())
     assert set(files) == {path.name for path in tmp_path.iterdir()} - {".rnc_pin"}
+
+
+def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
+    """Of simulation, comparison and pictures, before each; at the end the whole time, of which the run is a part."""
+    process, folder = first_run
+    lines = process.stdout.splitlines()
+    assert [line for line in lines if line.endswith(" ...")] == [
+        "space-robot: reading the scenario ...",
+        "space-robot: simulating 0.2 s and 1 comparison ...",
+        "space-robot: drawing 5 pictures ...",
+    ]
+    assert lines[0] == "space-robot: reading the scenario ..."
+    elapsed = float(lines[-1].removeprefix("done in ").split(" s,")[0])
+    assert elapsed > parsed((folder / "summary.json").read_text())["wall_time"]
+
+
+def test_progress_tells_runs_and_pictures_apart(tmp_path):
+    prepared = plan("space-robot", {"simulation.duration": 0.05})
+    runs, pictures = [], []
+    result = execute(prepared, progress=lambda done, what: runs.append((done, what)))
+    assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
+    assert [done for done, _ in runs] == sorted(done for done, _ in runs)
+    assert runs[-1][0] == pytest.approx(prepared.total_duration)
+    with OutputFolder(tmp_path / "out") as folder:
+        draw(prepared, result, folder, lambda done, what: pictures.append((done, what)))
+    assert pictures == list(enumerate(picture_names(prepared)))
 
 
 def test_a_failed_run_has_status_1_and_keeps_its_results(tmp_path):
@@ -243,7 +272,15 @@ def test_a_run_into_its_own_folder_replaces_the_one_before(call, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert call("run", "space-robot", *SHORT, *ALONE, "--set", "plots={}", "--out", tmp_path)[0] == 0
     written = {path.name for path in tmp_path.iterdir()} - {".rnc_pin"}
-    expected = {"trajectory.npz", "summary.json", "scenario.yaml", "overview.png", "animation.html", "notes.txt"}
+    expected = {
+        "trajectory.npz",
+        "summary.json",
+        "scenario.yaml",
+        "overview.png",
+        "top_view.png",
+        "animation.html",
+        "notes.txt",
+    }
     assert written == expected
 
 
@@ -267,30 +304,71 @@ def test_inspect_says_what_the_paper_says_of_the_space_robot(call):
     assert (report["primary"], report["redundant"]) == (["tip_x", "tip_y"], ["joint_1"])
 
 
-def test_inspect_for_people(call):
-    status, out, _ = call("inspect", "space-robot", "--samples", 4)
+def told(page):
+    """A page as one line, without the frame of its table."""
+    return " ".join(page.replace("│", " ").split())
+
+
+INTRODUCTIONS = {
+    "space-robot": (
+        "'space_robot' is a robot whose momentum is conserved: its base is fixed, and it has 4 joints and 3 actuators. "
+        "It has 3 independent motions (tip_x, tip_y and joint_1) in 4 degrees of freedom, "
+        "and together they still lead to every configuration nearby. "
+        "It cannot change its momentum about platform; it becomes singular where its constraints leave no free choice "
+        "of tip_x, tip_y and joint_1. space-robot (space_robot)"
+    ),
+    "snakeboard": (
+        "'snakeboard' is a vehicle on 2 knife edges: its base moves in the plane, and it has 3 joints and 3 actuators. "
+        "It has 4 independent motions (rotor, front_steering, back_steering and board_speed_x) in 6 degrees of "
+        "freedom, and together they still lead to every configuration nearby. "
+        "It cannot slide sideways at front_truck and back_truck; no actuator drives board_speed_x, "
+        "and no singular configuration was found between 16 samples. snakeboard (snakeboard)"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INTRODUCTIONS)
+def test_inspect_begins_with_three_sentences(name, call):
+    """The kind of robot, its motions, and what it cannot do; then the table."""
+    status, out, _ = call("inspect", name, "--samples", 16)
     assert status == 0
-    assert "(3, 4): completely nonholonomic" in out
-    assert "Lemma 1" in out
+    assert told(out).startswith(INTRODUCTIONS[name])
 
 
 def test_inspect_answers_every_question_on_one_page(call):
-    """Space robot: what is constrained and how, what is driven, which class and why, where it is singular."""
+    """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
     status, out, _ = call("inspect", "space-robot", "--samples", 16)
     assert status == 0
-    page = " ".join(out.replace("│", " ").split())
     for words in (
         "4 degrees of freedom less 1 independent constraint row leave 3: tip_x, tip_y, joint_1",
         "momentum(platform) nonholonomic",
         "no combination of rows is integrable",
-        "rank of R^T B 3 of 3: every F can be realised",
+        "reach completely nonholonomic",
+        "every force on the motions can be realised",
+        "redundancy class 1",
+        "singular where momentum(platform), tip_x, tip_y",
+        "singular where redundant motions cannot move platform, e.g. at platform =",
+    ):
+        assert words in told(out)
+    for words in ("Lemma 1", "R^T B", "A4", "|V|", "condition of E", "x22"):
+        assert words not in out
+    assert len(out.splitlines()) <= 50
+
+
+def test_inspect_has_the_papers_numbers_for_who_asks(call):
+    status, out, _ = call("inspect", "space-robot", "--samples", 16, "--details")
+    assert status == 0
+    for words in (
+        "(3, 4): completely nonholonomic",
+        "(rank of R^T B: 3 of 3)",
         "class 1: A4 has full row rank",
         "A4 1 x 1",
         "E is singular where momentum(platform), tip_x, tip_y",
-        "A4 is singular where x22 cannot move platform, e.g. at platform =",
+        "A4 is singular where redundant motions cannot move platform",
+        "Lemma 1 holds",
+        "|V| at unit rates",
     ):
-        assert words in page
-    assert len(out.splitlines()) <= 50
+        assert words in told(out)
 
 
 BARE_SYSTEM = """
@@ -317,7 +395,8 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     assert len(report["dropped_rows"]) == 3
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
-    assert "not every F can be realised" in out
+    assert "not every force on the motions can be realised" in told(out)
+    assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
     assert "1 integrable combination" in out
 
 

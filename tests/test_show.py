@@ -210,6 +210,15 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     np.testing.assert_allclose(board.figures(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
 
 
+def test_the_board_tells_an_integral_from_a_speed():
+    """The error of what a speed adds up to is in metres, and is no error of a speed."""
+    reduced = systems.fire_truck()
+    names = Names.of(output_names(reduced))
+    (speed,) = (name for name in reduced.reducing.names if "speed" in name)
+    labels = Board(names, [speed], Poses(reduced.robot), None, margin=False).labels()
+    assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
+
+
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))

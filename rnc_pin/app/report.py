@@ -9,20 +9,25 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
 from rnc_pin.analysis import Boundedness, Redundancy, Report
+from rnc_pin.app.sentences import sentences
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 
 
-def print_report(system: str, reduced: ReducedModel, task: Task, report: Report) -> None:
-    """What ``inspect`` found, on one page.
+def print_report(system: str, reduced: ReducedModel, task: Task, report: Report, details: bool = False) -> None:
+    """What ``inspect`` found: three sentences, and a table.
 
     Args:
         system: what the user calls it.
         reduced: the system.
         task: how its outputs are divided.
         report: what was found.
+        details: whether the numbers of the paper are told, too: blocks of A*, condition of E, Lemma 1.
     """
     console = Console(markup=False, emoji=False)
+    for sentence in sentences(reduced, report):
+        console.print(sentence, highlight=False)
+    console.print()
     title = f"{system} ({reduced.robot.name})"
     table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
     table.add_column(style="bold", no_wrap=True)
@@ -36,13 +41,17 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report)
     reach = (
         "completely nonholonomic" if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
     )
-    table.add_row("growth vector", f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}")
-    table.add_row("actuators", _actuation(reduced.actuation.names, report))
-    table.add_row("redundancy", _redundancy(task, report.redundancy))
-    table.add_row("singular", _singular(report))
-    lemma = ", ".join(f"{name} {value:.1e}" for name, value in report.lemma1.items())
-    holds = "holds" if report.lemma1_holds else "DOES NOT HOLD"
-    table.add_row("Lemma 1", f"{holds}: {lemma}\n{_bounds(report.lemma1_bounds)}")
+    vector = f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}"
+    table.add_row("reach", vector if details or not report.growth_evidence.decided else reach)
+    table.add_row("actuators", _actuation(reduced.actuation.names, report, details))
+    table.add_row("redundancy", _redundancy(task, report.redundancy, details))
+    table.add_row("singular", _singular(report, details))
+    if details:
+        lemma = ", ".join(f"{name} {value:.1e}" for name, value in report.lemma1.items())
+        holds = "holds" if report.lemma1_holds else "DOES NOT HOLD"
+        table.add_row("Lemma 1", f"{holds}: {lemma}\n{_bounds(report.lemma1_bounds)}")
+    elif not report.lemma1_holds:
+        table.add_row("Lemma 1", "DOES NOT HOLD: --details has the residuals")
     console.print(table, highlight=False)
 
 
@@ -65,22 +74,30 @@ def _constraint_rows(report: Report) -> RenderableType:
     return Group(rows, *(f"{count if k == 0 else ' ' * len(count)}  {each}" for k, each in enumerate(combinations)))
 
 
-def _actuation(actuators: Sequence[str], report: Report) -> str:
+def _actuation(actuators: Sequence[str], report: Report, details: bool) -> str:
     rank, r = report.actuation_rank, report.r
-    verdict = f"rank of R^T B {rank} of {r}: every F can be realised"
+    verdict = "every force on the motions can be realised"
     if rank < r:
-        verdict = f"rank of R^T B {rank} of {r}: not every F can be realised, {_list(report.unactuated)} fall short"
+        verdict = f"not every force on the motions can be realised: {_list(report.unactuated)} fall short"
+    if details:
+        verdict = f"{verdict} (rank of R^T B: {rank} of {r})"
     spare = report.p - rank
     return f"{_list(actuators)}\n{verdict}" + (f", with {spare} actuators to spare" if spare else "")
 
 
-def _redundancy(task: Task, found: Redundancy) -> RenderableType:
+def _redundancy(task: Task, found: Redundancy, details: bool) -> RenderableType:
     parts = Table.grid(padding=(0, 2))
-    parts.add_row("x21 primary", _list(task.primary_names))
-    parts.add_row("x22 redundant", _list(task.redundant_names))
-    parts.add_row("x11 tracked by x22", _list(found.tracked))
-    parts.add_row("x12 driven by x21", _list(found.driven))
-    verdict = f"class {found.redundancy_class or 'none'}: {found.reason}"
+    for symbol, what, names in (
+        ("x21", "primary motions", task.primary_names),
+        ("x22", "redundant motions", task.redundant_names),
+        ("x11", "outputs that the redundant motions can steer", found.tracked),
+        ("x12", "outputs that follow from the primary motions", found.driven),
+    ):
+        parts.add_row(f"{symbol} {what}" if details else what, _list(names))
+    verdict = f"class {found.redundancy_class or 'none'}"
+    if not details:
+        return Group(verdict, parts)
+    verdict = f"{verdict}: {found.reason}"
     if found.evidence is None:
         return Group(verdict, parts)
     blocks = Table(box=None, padding=(0, 1, 0, 0))
@@ -102,19 +119,20 @@ def _figure(value: float) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.3g}"
 
 
-def _singular(report: Report) -> str:
-    lines = [
-        f"condition of E {_spread(report.condition)}; {report.singular_samples} of {report.samples} samples singular"
-    ]
+def _singular(report: Report, details: bool) -> str:
+    lines = [f"{report.singular_samples} of {report.samples} samples singular"]
+    if details:
+        lines[0] = f"condition of E {_spread(report.condition)}; {lines[0]}"
     for each in report.singularities:
         rows, several = _list(each.rows), len(each.rows) > 1
         if each.matrix == "E":
             what = f"{rows} depend on each other"
         else:
-            what = f"x22 cannot move {rows}" + (" independently" if several else "")
+            what = f"redundant motions cannot move {rows}" + (" independently" if several else "")
         if each.located:
-            lines.append(f"{each.matrix} is singular where {what}{_where(each.configuration)}")
-        else:
+            matrix = f"{each.matrix} is " if details else ""
+            lines.append(f"{matrix}singular where {what}{_where(each.configuration)}")
+        elif details:
             size = _figure(each.smallest_singular_value)
             lines.append(f"{each.matrix}: nowhere, as far as samples tell; smallest singular value {size} ({rows})")
     return "\n".join(lines)

@@ -118,10 +118,11 @@ def run(**given: Given) -> int:
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
 @click.option("--seed", type=int, default=0, help="Of the sampled configurations.")
+@click.option("--details", is_flag=True, help="Add the numbers of the paper: blocks of A*, condition of E, Lemma 1.")
 @_json
 @_debug
 def inspect(**given: Given) -> None:
-    """Say what a SYSTEM can do: rows, rank, actuation, redundancy class, Lemma 1."""
+    """Say what a SYSTEM can do, in three sentences and a table: motions, rows, actuation, redundancy, singularities."""
     find_scenario(given["system"])
     announce(f"{given['system']}: looking at the system", quiet=True)
     _command("inspect_system")(**given)

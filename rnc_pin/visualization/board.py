@@ -64,7 +64,7 @@ class Board:
             if k in names.coordinates[kind].rotations:
                 tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
-                tell(name, names.units[kind][k], [column])
+                tell(f"integral of {name}" if names.is_integral(kind, k) else name, names.units[kind][k], [column])
         self.rows = [Row("time", "s", lambda state: state.time), *errors[:_MOST_ERRORS], *_off_track(plan, poses)]
         if margin:
             self.rows.append(

@@ -11,6 +11,7 @@ GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
 ASPECT = 1.6
 _FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest is for figures, legend and player
 _CENTERINGS = 4
+_ROOM = 1.5  # around a robot that the camera follows, of its size
 # How far from the middle of the picture a robot may go, by the distance from the camera.
 _WIDE = 0.3  # what is farther is soon out of it
 _CLOSE = 0.1  # for a robot that fills it
@@ -22,6 +23,12 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
         return points
     path = np.array(plan.poses)[:, :2]
     return np.concatenate([points, np.column_stack([path, np.full(len(path), height)])])
+
+
+def spread_out(corners: np.ndarray) -> np.ndarray:
+    """Corners of a robot (N, 3), moved apart so that some of its tracks are in the picture."""
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    return middle + _ROOM * (corners - middle)
 
 
 def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
-from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, with_plan
+from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, spread_out, with_plan
 from rnc_pin.visualization.floor import floor_of
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.poses import Poses
@@ -25,7 +25,6 @@ from rnc_pin.visualization.view import View
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
 _FAR = 4.0  # times the robot's size: a picture of a longer way shows little of the robot
-_ROOM = 1.5  # around a robot that the camera follows, of its size
 _LAG = 6  # pictures of a live view between two of what is costly
 
 
@@ -142,7 +141,7 @@ class Show:
         far = self._path is None and radius > _FAR * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
-            shown = self._surroundings(first.q) if far and not self.shown.aside else whole
+            shown = spread_out(self.poses.corners(first.q)) if far and not self.shown.aside else whole
             camera, target = fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
@@ -152,12 +151,6 @@ class Show:
         if not self.shown.aside and (far or given is not None or not over):
             close = given is None and self._path is None
             self._follower = Follower(camera, target, self.poses.middle(first.q), close)
-
-    def _surroundings(self, q: np.ndarray) -> np.ndarray:
-        """Corners of the robot, moved apart so that some of its tracks are in the picture, (N, 3)."""
-        corners = self.poses.corners(q)
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        return middle + _ROOM * (corners - middle)
 
     # ------------------------------------------------------------------ elements
 

@@ -38,6 +38,7 @@ class Names(NamedTuple):
     names: Mapping[str, Sequence[str]]
     units: Mapping[str, Sequence[str]]
     coordinates: Mapping[str, Coordinates]
+    quasi: Mapping[str, Sequence[bool]]
 
     @classmethod
     def of(cls, outputs: OutputNames) -> Names:
@@ -47,7 +48,12 @@ class Names(NamedTuple):
             {kind: columns.names for kind, columns in kinds.items()},
             {kind: columns.units for kind, columns in kinds.items()},
             {kind: columns.coordinates for kind, columns in kinds.items()},
+            {kind: columns.quasi for kind, columns in kinds.items()},
         )
+
+    def is_integral(self, kind: str, column: int) -> bool:
+        """Whether an output is the integral of a quasi-velocity."""
+        return bool(self.quasi[kind]) and self.quasi[kind][column]
 
     def error(self, state: State, kind: str) -> np.ndarray:
         """Desired less actual values of the outputs "x1" or "x2" at a state."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 from rnc_pin.analysis import analyze
 from rnc_pin.app.messages import print_json
 from rnc_pin.app.report import print_report
+from rnc_pin.app.sentences import sentences
 from rnc_pin.scenario.builder import build_reduced, build_task
 from rnc_pin.scenario.files import chosen, find_scenario, parse_options, read_yaml
 from rnc_pin.scenario.loading import validate
 
 
-def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: int, as_json: bool) -> None:
+def inspect_system(
+    system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool
+) -> None:
     """Print what a system can do."""
     path = find_scenario(system)
     checked = validate(chosen(read_yaml(path), parse_options(options)), path.name)
@@ -18,10 +21,11 @@ def inspect_system(system: str, options: tuple[str, ...], samples: int, seed: in
     task = build_task(checked, reduced)
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
     if not as_json:
-        print_report(system, reduced, task, report)
+        print_report(system, reduced, task, report, details)
         return
     content = {
         "system": system,
+        "sentences": list(sentences(reduced, report)),
         "robot": built.robot.name,
         "joints": list(built.robot.joint_names),
         "reducing": list(reduced.reducing.names),
