@@ -53,6 +53,16 @@ lines that they concern. xacro files are read where they are, with their meshes.
 does all of it, where the packages are installed (`pip install '.[robots]'`; others
 by `pip install --no-deps`).
 
+Two kinds are in no row, as none of these packages has such a robot. `tests/test_draft_kinds.py` makes them:
+
+* **snake**: four bodies or more in a row (three where names say so), wheels on each that nothing drives, driven upright
+  joints between them. The first body goes one wave of a serpenoid; the joints follow by the constraints;
+* **spherical robot**: a round shell that encloses all else, driven joints inside. These follow their references, and
+  the shell rolls as it has to.
+
+Transmissions, `ros2_control` and plugins of simulators name the joints that are driven. In files without these, joints
+with an effort limit above zero are.
+
 | robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
 |---|---|---|---|---|---|---|---|
 """

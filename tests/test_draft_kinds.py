@@ -207,3 +207,22 @@ def test_other_bodies_are_no_balls(text, tmp_path, monkeypatch):
     """A box, a ball that something sticks out of, and one in which nothing is driven."""
     monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
     assert "a ball that" not in drafted(text, tmp_path)[1]
+
+
+# ---------------------------------------------------------------------- carts
+
+
+def test_wheels_that_the_file_does_not_drive_are_not_driven(tmp_path, monkeypatch):
+    """Four wheels of which a plugin drives the rear ones: the others roll along."""
+    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    parts = [link("base", 10.0, '<box size="0.6 0.3 0.1"/>')]
+    for end, x in (("front", 0.25), ("rear", -0.25)):
+        for side, y in (("left", 0.2), ("right", -0.2)):
+            parts.append(link(f"{end}_{side}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796 0 0"))
+            parts.append(joint(f"{end}_{side}_joint", "base", f"{end}_{side}", f"{x} {y} 0", "0 1 0"))
+    drive = "<left_joint>rear_left_joint</left_joint><right_joint>rear_right_joint</right_joint>"
+    plugin = f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{drive}</plugin></gazebo>'
+    content, _, path = drafted(f'<robot name="cart">{"".join(parts)}{plugin}</robot>', tmp_path)
+    assert content["actuators"] == ["rear_left_joint", "rear_right_joint"]
+    assert "the file drives other wheels, not front_left_joint, front_right_joint" in path.read_text()
+    assert execute(plan(str(path), {"simulation.duration": 1.0})).summary["outcome"] == "completed"

@@ -95,7 +95,7 @@ def _ways(site: Site, asked: str | None, source: Source, driven: frozenset[str])
         if segments:
             yield lambda: on_a_snake(segments, site)
         if wheels:
-            yield from _ways_on_wheels(chassis(wheels), site, asked, source)
+            yield from _ways_on_wheels(chassis(wheels), site, asked, source, driven)
             return
         if axles and not site.own_base:
             yield lambda: on_drawn_axles(axles, site)
@@ -105,7 +105,9 @@ def _ways(site: Site, asked: str | None, source: Source, driven: frozenset[str])
         yield lambda: held_fast(site)
 
 
-def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, source: Source) -> Iterator[_Way]:
+def _ways_on_wheels(
+    found: Chassis, site: Site, asked: str | None, source: Source, driven: frozenset[str]
+) -> Iterator[_Way]:
     if asked is None and balances(found, site):
         yield lambda: on_two_wheels(found, site)
     if asked is None and is_bicycle(found):
@@ -113,7 +115,7 @@ def _ways_on_wheels(found: Chassis, site: Site, asked: str | None, source: Sourc
     if has_rollers(found, site):
         yield lambda: on_rollers(found, site)
     elif found.fixed and found.is_straight:
-        yield lambda: on_wheels(found, site)
+        yield lambda: on_wheels(found, site, driven)
     elif found.fixed and not found.steered:  # discs at right angles that carry nothing
         yield lambda: without_wheels(site, asked, source.mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"

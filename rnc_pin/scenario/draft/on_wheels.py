@@ -13,8 +13,14 @@ from rnc_pin.scenario.draft.tolerances import SAME, first_smallest
 from rnc_pin.scenario.draft.wheels import UPRIGHT, Wheel
 
 
-def on_wheels(chassis: Chassis, site: Site) -> Mobility:
-    """Wheels on one axle or several, some of them steered, with casters and trailers."""
+def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()) -> Mobility:
+    """Wheels on one axle or several, some of them steered, with casters and trailers.
+
+    Args:
+        chassis: the wheels by what they do.
+        site: the robot.
+        driven: joints that the file says are driven; none where it does not say.
+    """
     result = planar(site, _kind(chassis), chassis.wheels)
     result.hold_carriers(chassis.wheels, site.start)
     gliding = [wheel.joint for wheel in chassis.balls]
@@ -22,6 +28,11 @@ def on_wheels(chassis: Chassis, site: Site) -> Mobility:
     for dolly in chassis.dollies:
         result.passive.add(dolly)
     _roll(result, chassis, site)
+    idle = [wheel.joint for wheel in chassis.fixed if wheel.joint not in driven]
+    if 0 < len(idle) < len(chassis.fixed):
+        result.actuators = [(entry, remark) for entry, remark in result.actuators if entry not in idle]
+        result.passive |= set(idle)
+        result.notes.append(f"the file drives other wheels, not {', '.join(idle)}")
     along = site.along(chassis.fixed[0].heading)
     result.outputs.append(({"frame_speed": {"frame": site.frame, "axis": along}}, DRIVEN))
     if chassis.steered:
