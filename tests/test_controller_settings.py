@@ -40,6 +40,7 @@ VALUES = {  # of every setting that some type has
     "input_cost": {"joint_1": 2.0},
     "v2": {"joint_1": 0.1},
     "hold": ["joint_1"],
+    "cyclic": ["joint_1"],
     **{name: values[name] for values in NEEDED.values() for name in values},
     **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
 }
