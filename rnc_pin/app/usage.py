@@ -139,7 +139,7 @@ def inspect(**given: Given) -> None:
     metavar="FOLDER",
     multiple=True,
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Where package:// paths are: a package, or a folder of packages; of MJCF a folder that it may name files of.",
+    help="Folder whose files the robot's file may name besides its own: a package, a folder of packages, or any other.",
 )
 @click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Hold a joint, at zero or at a value [rad or m].")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")

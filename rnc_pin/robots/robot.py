@@ -116,6 +116,7 @@ class Robot(Printed):
                 or free base is the joint ``root_joint``; its velocity is in the body's own axes.
             package_dirs: folders of packages, or packages themselves, for ``package://`` paths and xacro's
                 ``$(find ...)``. After them come ROS_PACKAGE_PATH, AMENT_PREFIX_PATH, and the folders above the file.
+                The file may name files below all of them, below its own folder and in its packages, and no others.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
             xacro_arguments: values for the arguments of a xacro file.
@@ -195,7 +196,7 @@ class Robot(Printed):
                 "planar" or "free", as for a URDF, take the place of a free joint.
             lock: joints to freeze and the values to freeze them at [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
-            package_dirs: folders beside the file's own that it may include files and take meshes from.
+            package_dirs: folders beside the file's own and its package that it may include files and take meshes from.
             snap: make axes of joints and orientations of bodies exact that the file holds rounded, as for a URDF.
 
         Raises:

@@ -38,7 +38,7 @@ class RobotSource(Strict):
     base: Literal["fixed", "planar", "free"] = "fixed"
     """How the root link meets the world. For an MJCF the default is what the file says."""
     package_dirs: list[str] = []
-    """Folders for ``package://`` paths, relative to the scenario's; of MJCF those that it may name files of."""
+    """Folders whose files the robot's file may name besides its own, and their packages; relative to the scenario's."""
     xacro_arguments: dict[str, str | float | bool] = {}
     """Values for the arguments of a xacro file."""
     lock: dict[str, float | list[float]] = {}
