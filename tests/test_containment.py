@@ -227,7 +227,7 @@ def test_an_mjcf_names_its_own_files(head, tree):
     assert vertices(rnc.Robot.from_mjcf(path)) == 4
 
 
-@pytest.mark.parametrize(("name", "words"), [("gone.obj", "no file"), ("pipe.obj", "no file")])
+@pytest.mark.parametrize(("name", "words"), [("gone.obj", "no mesh"), ("pipe.obj", "no mesh")])
 def test_a_mesh_of_an_mjcf_is_a_file(name, words, tree):
     os.mkfifo(tree / "robot/pipe.obj")
     head = f"<asset><mesh name='m' file='{name}'/></asset>"

@@ -54,7 +54,7 @@ def own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Pat
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
     if not is_file(found):
-        raise ModelError(f"{path}: {where}: no file '{found}'")
+        raise ModelError(f"{path}: {where}: no {'mesh' if where.startswith('<mesh') else 'file'} '{found}'")
     if found.stat().st_size > LARGEST:
         raise ModelError(f"{path}: {where}: '{found}' is larger than {LARGEST:,} bytes")
     return found
