@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,12 +14,14 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.optimize import nnls
 
+from rnc_pin.errors import SingularityError
 from rnc_pin.model.evaluation import Evaluation
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.kinematics import Kinematics, Position
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 
 _SMALL = 1e-9
+_SAMPLES = 3  # configurations, beside the neutral one, that say which rows carry
 _ROUNDING = 1e-6  # share of the weight below which a force counts as none
 
 
@@ -64,11 +67,23 @@ class LiftOff:
 
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
     """Contacts of a system with the ground: whatever does not slip along it, and what glides on it."""
-    position = Kinematics(reduced.robot).position(reduced.robot.configuration())
-    points, _ = reduced.all_constraints.lines_of_action(position)
-    acting = np.isfinite(points).all(axis=1)
+    acting = np.zeros(reduced.all_constraints.size, dtype=bool)
+    for position in _defined(reduced):
+        acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
     found = (_contact(place, acting) for place in reduced.all_constraints.places)
     return [contact for contact in found if contact is not None]
+
+
+def _defined(reduced: ReducedModel) -> Iterator[Position]:
+    """A few configurations, the neutral one among them, less those at which some row is undefined."""
+    kinematics, generator = Kinematics(reduced.robot), np.random.default_rng(0)
+    drawn = (reduced.robot.random_configuration(generator) for _ in range(_SAMPLES))
+    for q in (reduced.robot.configuration(), *drawn):
+        position = kinematics.position(q)
+        with suppress(SingularityError):
+            reduced.all_constraints.jacobian(position)
+            reduced.all_constraints.lines_of_action(position)
+            yield position
 
 
 def _contact(place: Place, acting: Array) -> Contact | None:
@@ -119,9 +134,11 @@ class NormalForces:
         self._kinematics, self._data = Kinematics(reduced.robot), self._model.createData()
         found = contacts_of(reduced)
         random = reduced.robot.random_configuration(np.random.default_rng(0))
-        rows = reduced.all_constraints.jacobian(self._kinematics.position(random))
-        carrying = [each.up is not None and bool(np.abs(rows[each.up]).max() > _SMALL) for each in found]
-        down = float(self._model.gravity.linear[2]) < 0
+        sizes = np.zeros(reduced.all_constraints.size)
+        for position in _defined(reduced):
+            sizes = np.fmax(sizes, np.abs(reduced.all_constraints.jacobian(position)).max(axis=1, initial=0.0))
+        carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
+        down = bool(found) and float(self._model.gravity.linear[2]) < 0
         planar = down and self._moves_along(random, 0) and self._moves_along(random, 1)
         planar = planar and not self._moves_along(random, 2)
         self._roots = [joint for joint in range(1, self._model.njoints) if self._model.parents[joint] == 0]
@@ -135,7 +152,10 @@ class NormalForces:
         pin.computeJointJacobians(self._model, self._data, q)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         heavy = [joint for joint in range(1, self._model.njoints) if self._model.inertias[joint].mass > 0]
-        stack = np.vstack([pin.getJointJacobian(self._model, self._data, joint, frame) for joint in heavy])
+        jacobians = [pin.getJointJacobian(self._model, self._data, joint, frame) for joint in heavy]
+        if not heavy:
+            return False
+        stack = np.vstack([each.reshape(6, self._model.nv) for each in jacobians])  # one degree of freedom comes flat
         wanted = np.tile(np.eye(6)[axis], len(heavy))
         left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
         return bool(np.abs(left).max() < _SMALL)
