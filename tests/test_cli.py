@@ -335,6 +335,17 @@ def test_inspect_begins_with_three_sentences(name, call):
     assert told(out).startswith(INTRODUCTIONS[name])
 
 
+def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
+    """The fingers of a Panda: no constraint of the scenario says it, the robot's file does."""
+    file = tmp_path / "hand.yaml"
+    locked = ", ".join(f"panda_joint{k}: 0" for k in range(1, 8))
+    reducing = "outputs: {reducing: [{joint: panda_finger_joint1}]}"
+    file.write_text(f"robot: {{example: panda, lock: {{{locked}}}}}\nactuators: [panda_finger_joint1]\n{reducing}\n")
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert "It cannot move coupled joints by themselves;" in told(out)
+
+
 def test_inspect_answers_every_question_on_one_page(call):
     """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
     status, out, _ = call("inspect", "space-robot", "--samples", 16)

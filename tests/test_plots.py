@@ -217,6 +217,14 @@ def test_a_view_from_above_leaves_the_terminal_alone(run, caplog):
     assert caplog.records == []
 
 
+def test_errors_of_nothing_leave_an_axis_that_can_be_read(drive):
+    run, _ = drive
+    kept = replace(run, x1_desired=np.where(np.isnan(run.x1_desired), np.nan, run.x1), x2_desired=run.x2)
+    for axes in (axes for axes in kept.plot().axes if axes.get_ylabel().startswith("error")):
+        bottom, top = axes.get_ylim()
+        assert 0 < 10 * bottom < top
+
+
 def test_what_turns_on_the_spot_shows_it():
     headings = np.linspace(0.0, 3.0, 50)
     turning = GroundPath("cart", np.zeros((50, 2)), headings)

@@ -32,8 +32,12 @@ def sentences(reduced: ReducedModel, report: Report) -> tuple[str, str, str]:
         reduced: the system.
         report: what was found of it.
     """
-    kinds = [place.block.kind for place in reduced.all_constraints.places if place.block.kind is not None]
-    return _kind(reduced, kinds), _motions(report, reduced.reducing.names), _limits(reduced, kinds, report)
+    blocks = [place.block for place in reduced.all_constraints.places]
+    kinds = [block.kind for block in blocks if block.kind is not None]
+    # Rows of no kind are couplings that the robot's file asks for.
+    coupled = len(kinds) < len(blocks) or any(isinstance(each, JointCoupling | AckermannSteering) for each in kinds)
+    barred = [*_barred(kinds), *(["move coupled joints by themselves"] if coupled else [])]
+    return _kind(reduced, kinds), _motions(report, reduced.reducing.names), _limits(reduced, barred, report)
 
 
 def _kind(reduced: ReducedModel, kinds: Sequence[ConstraintKind]) -> str:
@@ -69,8 +73,7 @@ def _motions(report: Report, names: Sequence[str]) -> str:
     return f"{said}, and together they lead to only {reach} of the {n} dimensions of its configurations."
 
 
-def _limits(reduced: ReducedModel, kinds: Sequence[ConstraintKind], report: Report) -> str:
-    barred = _barred(kinds)
+def _limits(reduced: ReducedModel, barred: Sequence[str], report: Report) -> str:
     undriven = f"no actuator drives {_and(report.unactuated)}" if report.actuation_rank < report.r else ""
     cannot = f"It cannot {_or(barred)}" if barred else "No constraint keeps it from any motion"
     return f"{cannot}; {undriven + ', and ' if undriven else ''}{_singular(reduced, report)}."
@@ -88,8 +91,6 @@ def _barred(kinds: Sequence[ConstraintKind]) -> list[str]:
     momenta = [kind.joint for kind in kinds if isinstance(kind, MomentumConservation)]
     found += [f"change its momentum about {_and(momenta)}"] if momenta else []
     found += ["open its loops"] if any(isinstance(kind, LoopClosure) for kind in kinds) else []
-    if any(isinstance(kind, JointCoupling | AckermannSteering) for kind in kinds):
-        found.append("move coupled joints by themselves")
     found += ["break the rows of your own"] if any(not isinstance(kind, _KNOWN) for kind in kinds) else []
     return found
 

@@ -183,8 +183,9 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
     if panel.log:
         axes.set_yscale("log")
     if panel.bottom is not None:
-        top = max((float(np.nanmax(each.values, initial=0.0)) for each in panel.series), default=0.0)
-        axes.set_ylim(panel.bottom, None if panel.log else max(1.1 * top, panel.bottom + 1e-3))
+        drawn = [values for each in panel.series for values in (each.values, *each.compared.values())]
+        top = max((float(np.nanmax(values, initial=0.0)) for values in drawn), default=0.0)
+        axes.set_ylim(panel.bottom, max(2 * top, 100 * panel.bottom) if panel.log else max(1.1 * top, 1e-3))
     if not (panel.log or panel.bottom is not None):
         _calm(axes)
     ps.legend_beside(axes, entries, panel.note)

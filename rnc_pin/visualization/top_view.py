@@ -15,7 +15,7 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.panels import MOST, Others, words
 
-_MARKS = 9  # headings along a path
+_MARKS = 12  # headings along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN = 0.15  # how far turning once by a radian counts between marks, of the extent of the path
 _SAME = 1e-3  # of the extent, below which two paths are one
 _SMALLEST = 0.05  # a picture shows at least so much to each side [m]
