@@ -225,6 +225,14 @@ def test_errors_of_nothing_leave_an_axis_that_can_be_read(drive):
         assert 0 < 10 * bottom < top
 
 
+def test_a_body_that_leans_is_one_path(drive):
+    """Its origin sways, the point on the ground does not: two points of one body."""
+    run, _ = drive
+    sways = replace(run, x1=run.x1 + 0.05 * np.sin(run.time)[:, None])
+    names = [path.name for path in ground_paths(sways)]
+    assert names.count("tractor") == 1
+
+
 def test_what_turns_on_the_spot_shows_it():
     headings = np.linspace(0.0, 3.0, 50)
     turning = GroundPath("cart", np.zeros((50, 2)), headings)

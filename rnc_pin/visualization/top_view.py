@@ -75,7 +75,12 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
     scale = max([_SMALLEST, *(each.extent for each in (*bodies, *frames))])
     found = list(bodies)
     for frame in frames:
-        same = [k for k, body in enumerate(found) if np.abs(body.points - frame.points).max() < _SAME * scale]
+        # A body that leans is drawn at another point than its frame, and is the same body.
+        same = [
+            k
+            for k, body in enumerate(found)
+            if body.name == frame.name or np.abs(body.points - frame.points).max() < _SAME * scale
+        ]
         if not same:
             found.append(frame)
         elif found[same[0]].desired is None:
