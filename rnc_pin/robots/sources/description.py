@@ -99,7 +99,7 @@ class Description:
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
 _DEEPEST = 400  # of MJCF, whose bodies are inside one another
-_MOST = 2_000_000  # elements: one takes more memory than its letters
+_MOST = 1_000_000  # elements: one takes more memory than its letters
 _BLANK = b" \t\r\n\0"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans
 
 _LONGEST = 1 << 16  # letters of a line
+_MOST_LINES = 8_000_000
 
 
 def read_obj(content: bytes) -> Mesh:
@@ -19,10 +20,13 @@ def read_obj(content: bytes) -> Mesh:
         MeshError: not well formed.
         ValueError: a word is no number.
     """
+    if content.count(b"\n") > _MOST_LINES:
+        raise MeshError(f"more than {_MOST_LINES:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
     for line in _lines(content):
         if line.startswith((b"v ", b"v\t")):
             vertices.extend(_vertex(line.split()))
+            check_counts(len(vertices) // 3, 0)
         elif line.startswith((b"f ", b"f\t")):
             words = line.split()
             count = len(vertices) // 3

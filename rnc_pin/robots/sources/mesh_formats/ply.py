@@ -18,6 +18,7 @@ _TYPES = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
 _LONGEST = 1 << 16  # bytes of a head or a line
+_MOST_ROWS = 6_000_000  # of all elements
 _Row = list[Sequence[float]]  # the values of each property
 
 
@@ -52,8 +53,6 @@ def read_ply(content: bytes) -> Mesh:
     body = _Bytes(content, start, order) if order else _Lines(content, start)
     points, corners, sizes = np.zeros((0, 3)), array("q"), array("q")
     for element in elements:
-        if element.size > len(content):  # of what has no properties too
-            raise MeshError(f"says {element.size:,} of '{element.name[:40]}' in {len(content):,} bytes")
         if element.name == "vertex":
             check_counts(element.size, 0)
             points = _points(body, element)
@@ -90,6 +89,9 @@ def _head(content: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(name, _TYPES[kind], None))
     if order is None or any(element.size < 0 for element in elements):
         raise MeshError("its head has no format, or a negative count")
+    rows = sum(element.size for element in elements)
+    if rows > min(_MOST_ROWS, len(content)):  # those without properties too
+        raise MeshError(f"says {rows:,} elements in {len(content):,} bytes, at most {_MOST_ROWS:,}")
     return order, elements, start
 
 
