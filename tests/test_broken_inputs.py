@@ -704,3 +704,110 @@ def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
         write(tmp_path, {"mine.yaml": content})
         status, _, error = call("inspect", "mine.yaml", "--samples", 2)
         assert (status, error) == (0, "")
+
+
+# ---------------------------------------------------------------------- arguments of Python
+
+
+def small():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
+    return system, reduced, target
+
+
+WRONG_ARGUMENTS = {
+    "no controller": ({"controller": None}, "expected a controller with initial_state and step"),
+    "a class": ({"controller": rnc.control.VelocityTracker}, "the controller is the class VelocityTracker: make one"),
+    "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
+    "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
+    "no q0": ({"q0": None}, r"q has shape \(\), expected"),
+    "words for v2_0": ({"v2_0": "fast"}, "v2 is not an array of numbers: 'fast'"),
+    "a time in words": ({"duration": "1"}, "duration '1' and dt 0.01 have to be positive numbers"),
+    "substeps in words": ({"substeps": "2"}, "substeps '2'"),
+    "a plant": ({"plant": 3}, "plant: expected a Plant, found a int"),
+    "a stop": ({"stop": "now"}, "stop: expected a Stop, found a str"),
+    "a machine": ({"machine": object()}, "machine: expected methods reset, read, apply, advance, found a object"),
+    "a loop": ({"loop": 3}, "loop: expected a mapping of options of ControlLoop"),
+    "an option": ({"loop": {"limit": True}}, "loop: no option 'limit'; did you mean 'limits'"),
+    "an observer": ({"observer": 3}, "observer: expected a function of a Sample"),
+    "meta": ({"meta": 3}, "meta: expected a Provenance or a mapping, found int"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_ARGUMENTS)
+def test_arguments_of_simulate_are_refused_before_anything_runs(what):
+    changed, words = WRONG_ARGUMENTS[what]
+    _, reduced, target = small()
+    tracker = rnc.control.VelocityTracker(target)
+    given = {
+        "reduced": reduced,
+        "controller": tracker,
+        "q0": reduced.robot.configuration(),
+        "duration": 0.1,
+        "dt": 0.01,
+    }
+    with pytest.raises(rnc.RncError, match=words):
+        rnc.simulate(**{**given, **changed})
+
+
+def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
+    system, reduced, target = small()
+    q0 = reduced.robot.configuration()
+    with pytest.raises(rnc.RncError, match=r"decides velocities, not forces: .* VelocityTracker\(it\)"):
+        rnc.simulate(reduced, target, q0, 0.1)
+
+    class Lazy:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            return rnc.control.Command(T=np.zeros(2))
+
+    with pytest.raises(rnc.RncError, match="has to return a Command and its state, found a Command"):
+        rnc.simulate(reduced, Lazy(), q0, 0.1)
+    with pytest.raises(
+        rnc.ConfigurationError, match=r"expected a ReducedModel, found a NonholonomicSystem: call reduce"
+    ):
+        rnc.simulate(system, Lazy(), q0, 0.1)
+
+
+def test_rows_without_names_are_numbered_through():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rows = np.eye(4)
+
+    def held(*which, names=None):
+        chosen = rows[list(which)]
+        return rnc.Pfaffian(lambda q: chosen, lambda q, v: 0 * chosen, names)
+
+    system = rnc.NonholonomicSystem(robot, [held(1), held(0, names=["mine"]), held(2, 3)][:2])
+    assert system.constraints.names == ("row[0]", "mine")
+    system = rnc.NonholonomicSystem(robot, [held(1), held(2, 3)])
+    assert system.constraints.names == ("row[0]", "row[1]", "row[2]")
+    again = held(1)
+    for kinds in ([again], [held(2), again]):  # a kind is a description: binding one leaves the others as they are
+        assert rnc.NonholonomicSystem(robot, kinds).constraints.names[-1] == f"row[{len(kinds) - 1}]"
+
+
+def test_a_plant_that_tells_no_work_has_no_drift(capsys):
+    _, reduced, target = small()
+
+    class Silent:
+        def __init__(self):
+            self.plant = rnc.simulation.ReducedPlant(reduced)
+
+        def __getattr__(self, name):
+            if name in ("reset", "read", "apply", "advance"):
+                return getattr(self.plant, name)
+            raise AttributeError(name)
+
+    tracker = rnc.control.VelocityTracker(target)
+    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, machine=Silent())
+    summary = rnc.summarize(run)
+    assert summary["energy_drift"] is None
+    print_summary(summary)
+    out = capsys.readouterr().out
+    assert "nan" not in out
+    assert "drift" not in out

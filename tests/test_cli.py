@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
+from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.output import OutputFolder
@@ -585,3 +586,38 @@ def test_the_module_is_the_command_too(tmp_path):
     command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert sorted(parsed(process.stdout)) == built_in_names()
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("duration=-1", "'duration' is not known; did you mean 'simulation.duration'?"),
+        ("dt=0", "'dt' is not known; did you mean 'simulation.dt'?"),
+        ("reducing=[]", "'reducing' is not known; did you mean 'outputs.reducing'?"),
+        ("simulation.duration=-1", "simulation.duration: expected greater than 0, found -1"),
+        ("durations=1", "'durations' is not known"),
+    ],
+)
+def test_a_key_of_a_level_below_is_named_with_its_level(option, words, call):
+    status, _, error = call("run", "space-robot", "--set", option)
+    assert status == 2
+    assert words in error
+
+
+def test_remedies_are_spelled_as_they_are_typed(capsys):
+    for message, words in (
+        (
+            "load the robot with base='planar' or 'free'",
+            "with --base planar or 'free' (in a scenario: robot: {base: planar})",
+        ),
+        (
+            "give 2 links masses with masses={'a': 0.1, 'b': 0.2}",
+            "with robot: {masses: {'a': 0.1, 'b': 0.2}} in the scenario",
+        ),
+        ("hold it with lock={'j': 0}, or", "hold it with robot: {lock: {'j': 0}} in the scenario, or"),
+        ("leave one of them out (mimic=False, where", "leave one of them out (mimic: false, where"),
+    ):
+        complain(message)
+        warn(message)
+        error = capsys.readouterr().err
+        assert error.count(words) == 2, error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 import warnings
@@ -18,6 +19,15 @@ from rnc_pin.plain import json_text
 def print_json(content: object) -> None:
     """Print JSON on standard output."""
     click.echo(json_text(content))
+
+
+_SPELLINGS = (
+    (re.compile(r"\bbase='(\w+)'( or '(\w+)')?"), r"--base \1\2 (in a scenario: robot: {base: \1})"),
+    (re.compile(r"\b(lock|masses)=(\{[^{}]*\})"), r"robot: {\1: \2} in the scenario"),
+    (re.compile(r"\bmimic=False\b"), "mimic: false"),
+    (re.compile(r"\bsnap=False\b"), "robot: {snap: false}"),
+)
+"""Arguments in Python, as remedies in errors have them, and how options and scenario files spell them."""
 
 
 def announce(text: str, quiet: bool = False) -> None:
@@ -40,12 +50,19 @@ def elapsed_time() -> float:
 
 def complain(message: str) -> None:
     """Say in one line what is wrong."""
-    click.echo(f"rnc-pin: error: {printable(message)}", err=True)
+    click.echo(f"rnc-pin: error: {printable(_as_typed(message))}", err=True)
 
 
 def warn(message: str) -> None:
     """Say in one line what to look out for."""
-    click.echo(f"rnc-pin: warning: {printable(message)}", err=True)
+    click.echo(f"rnc-pin: warning: {printable(_as_typed(message))}", err=True)
+
+
+def _as_typed(message: str) -> str:
+    """A message with remedies as options of the command line, or as a scenario file says them."""
+    for python, typed in _SPELLINGS:
+        message = python.sub(typed, message)
+    return message
 
 
 @contextmanager

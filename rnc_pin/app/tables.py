@@ -34,7 +34,8 @@ def print_summary(summary: Summary) -> None:
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
     if summary["position_residual_max"]:
         invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e}")
-    invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
+    if summary["energy_drift"] is not None:  # a plant that tells no work has none
+        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
     if summary["min_singular_value"] is not None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
     if "off_tracking_max" in summary:

@@ -21,7 +21,7 @@ class Pfaffian:
     Args:
         rows: ``rows(q) -> (k, nv)``.
         rows_dot: ``rows_dot(q, v) -> (k, nv)``, the rate of ``rows`` along v.
-        names: one for each row; ``row[0]``, ``row[1]``, ... by default.
+        names: one for each row; ``row[0]``, ``row[1]``, ... by default, numbered through all of a system.
         rate: ``rate(q) -> (k,)``, mu, for what moves by itself: a conveyor, a turntable.
         rate_dot: ``rate_dot(q, v) -> (k,)``, the rate of mu along v.
         residual: ``residual(q) -> (k,)`` for holonomic rows: the function of q whose rate is ``A v`` and which stays
@@ -61,6 +61,7 @@ class _PfaffianRows(Rows):
         self.names = tuple(kind.names or [f"row[{i}]" for i in range(self._shape[0])])
         if len(self.names) != self._shape[0]:
             raise ConstraintError(f"{len(self.names)} names for {self._shape[0]} Pfaffian rows")
+        self.unnamed = not kind.names
         self.units = ("",) * self._shape[0]
         self._kind = kind
         self.affine = kind.rate is not None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import InputError
+from rnc_pin.errors import InputError, printable
 from rnc_pin.robots.robot import Robot
 
 ArrayInput = Any  # whatever NumPy makes a float array of
@@ -27,7 +27,10 @@ class Admission:
 
     def configuration(self, q: ArrayInput) -> np.ndarray:
         """A copy of q (..., nq), so that what is computed from it stays true."""
-        q = np.array(q, float)  # by position: a keyword costs as much as the call
+        try:
+            q = np.array(q, float)  # by position: a keyword costs as much as the call
+        except (TypeError, ValueError):
+            raise _not_numbers("q", q) from None
         if q.shape == self._shape:  # one state, on the hot path
             if not isfinite(sum(q.tolist())):
                 check_finite("q", q)
@@ -47,7 +50,10 @@ _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that
 
 def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
     """A float array (..., size) of finite numbers."""
-    array = np.asarray(array, float)
+    try:
+        array = np.asarray(array, float)
+    except (TypeError, ValueError):
+        raise _not_numbers(name, array) from None
     if array.shape == (size,):
         if not isfinite(sum(array.tolist())):  # of few numbers faster than any array function
             check_finite(name, array)
@@ -56,6 +62,22 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
         raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
     check_finite(name, array)
     return array
+
+
+def numbers_of(array: ArrayInput, name: str) -> np.ndarray:
+    """A float array of its own, of any shape.
+
+    Raises:
+        InputError: it is not made of numbers.
+    """
+    try:
+        return np.array(array, float)
+    except (TypeError, ValueError):
+        raise _not_numbers(name, array) from None
+
+
+def _not_numbers(name: str, array: ArrayInput) -> InputError:
+    return InputError(f"{name} is not an array of numbers: {printable(repr(array), 60)}")
 
 
 def check_finite(name: str, array: np.ndarray) -> None:

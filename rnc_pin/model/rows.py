@@ -34,6 +34,7 @@ class Rows(ABC):
             does. A row that says False may still be integrable together with others.
         on_ground: whether a holonomic row that no joint can move is to be left alone, as the height of a wheel is
             over a base that moves in the plane. Others have to be satisfied.
+        unnamed: whether nobody gave the rows names, so that a system numbers them through.
         kind: the description that was bound, for those who make the same thing of other means, such as a simulator;
             None for rows that a system adds itself.
     """
@@ -45,6 +46,7 @@ class Rows(ABC):
     affine: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
+    unnamed: bool = False
     kind: ConstraintKind | None = None
 
     @abstractmethod

@@ -78,7 +78,7 @@ class NonholonomicSystem(Printed):
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
-        blocks = [_bound(kind, robot) for kind in constraints]
+        blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
         self.rows = RowStack(blocks)
@@ -204,6 +204,16 @@ def _bound(kind: ConstraintKind, robot: Robot) -> Rows:
     rows = kind.bind(robot)
     rows.kind = kind
     return rows
+
+
+def _numbered(blocks: list[Rows]) -> list[Rows]:
+    """The same, with rows that nobody named numbered through."""
+    count = 0
+    for block in blocks:
+        if block.unnamed:
+            block.names = tuple(f"row[{count + row}]" for row in range(len(block.names)))
+            count += len(block.names)
+    return blocks
 
 
 def _sampled_configurations(assembly: Assembly) -> np.ndarray:

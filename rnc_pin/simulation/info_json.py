@@ -70,6 +70,8 @@ def provenance_of(content: Provenance | Mapping[str, Json] | None) -> Provenance
     """
     if isinstance(content, Provenance):
         return content
+    if content is not None and not isinstance(content, Mapping):
+        raise ConfigurationError(f"meta: expected a Provenance or a mapping, found {type(content).__name__}")
     content = plain_mapping(content or {}, "meta")
     read = _Reader(content)
     return Provenance(

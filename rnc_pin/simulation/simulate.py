@@ -11,11 +11,13 @@ from rnc_pin.control.protocol import Command, Controller, State
 from rnc_pin.errors import InputError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
+from rnc_pin.model.admission import numbers_of
 from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
 from rnc_pin.plants import Machine
+from rnc_pin.simulation.arguments import check_parts
 from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.moving_plant import integrated
@@ -52,8 +54,11 @@ def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
     Raises:
         InputError: a duration or period that is not positive, less than one sample, or more than fit into memory.
     """
-    if not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
-        raise InputError(f"duration {duration} and dt {dt} have to be positive and substeps {substeps} at least 1")
+    numbers = all(isinstance(each, int | float | np.integer | np.floating) for each in (duration, dt, substeps))
+    if not numbers or not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
+        raise InputError(
+            f"duration {duration!r} and dt {dt!r} have to be positive numbers and substeps {substeps!r} at least 1"
+        )
     samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
     if not 2 <= samples <= _MOST_SAMPLES:
         raise InputError(
@@ -113,7 +118,8 @@ def simulate(
             for; a SimulationError where the controller or the observer raises, with what it raised as its cause.
         InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
             satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
-        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
+        ConfigurationError: an argument that is not what is expected, or ``meta`` has something else than is expected
+            under a key that is known.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -128,6 +134,7 @@ def simulate(
         >>> round(run.x2[-1, 0].item(), 2)
         0.5
     """
+    check_parts(reduced, controller, plant, stop, machine, loop, observer)
     provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
     seen = SeenMachine(ReducedPlant(reduced, plant, substeps) if machine is None else machine, reduced)
@@ -139,9 +146,7 @@ def simulate(
     usual.update(loop or {})
     control, watch = ControlLoop(reduced, controller, dt, **usual), Watch(stop, reduced.robot)
     nothing = np.zeros(reduced.r)
-    start = reduced.at(
-        assembled_start(reduced, np.array(q0, dtype=float)), np.zeros(reduced.r) if v2_0 is None else v2_0
-    )
+    start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), np.zeros(reduced.r) if v2_0 is None else v2_0)
     seen.machine.reset(start.q, start.v)
     if controller_state is None:
         controller_state = controller.initial_state(seen.look().measure(nothing))

@@ -44,7 +44,8 @@ class Summary(Compared):
     """That and the invariants of a run, ready for JSON.
 
     ``energy_drift`` is the largest change of energy that no work explains, relative to the largest kinetic exchange of
-    the run. ``lift_off`` is None where every contact holds, and where normal forces are not known.
+    the run; None where the plant tells no work. ``lift_off`` is None where every contact holds, and where normal forces
+    are not known.
     """
 
     scenario: str | None
@@ -52,7 +53,7 @@ class Summary(Compared):
     samples: int
     constraint_residual_max: float
     position_residual_max: float
-    energy_drift: float
+    energy_drift: float | None
     min_singular_value: float | None
     lift_off: LiftedOff | None
     max_input: dict[str, float]
@@ -112,7 +113,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
-        "energy_drift": float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0,
+        "energy_drift": _drift(balance, scale),
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
         "lift_off": _lift_off(trajectory),
         "max_input": {
@@ -136,6 +137,12 @@ def _lift_off(trajectory: Trajectory) -> LiftedOff | None:
     if found is None:
         return None
     return {"contact": found.contact, "time": found.time, "force": found.force, "lowest": found.lowest}
+
+
+def _drift(balance: np.ndarray, scale: float) -> float | None:
+    if np.isnan(balance).all() and len(balance):
+        return None
+    return float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0
 
 
 def _add_learning(summary: Summary, trajectory: Trajectory) -> None:

@@ -46,6 +46,15 @@ def wrong(key: str, message: str) -> PydanticCustomError:
     return PydanticCustomError("wrong_key", "{message}", {"key": key, "message": message})
 
 
+def _hint(model: type[BaseModel], key: str) -> str:
+    """Words that point to the key that is meant: of one of the same name a level below, or the nearest here."""
+    for name, field in model.model_fields.items():
+        for each in (field.annotation, *get_args(field.annotation)):
+            if isinstance(each, type) and issubclass(each, BaseModel) and key in each.model_fields:
+                return f"; did you mean '{name}.{key}'?"
+    return nearest(key, model.model_fields)
+
+
 class Strict(BaseModel):
     """A mapping that knows all its keys, and says the nearest for one it does not know."""
 
@@ -57,7 +66,7 @@ class Strict(BaseModel):
         if isinstance(raw, dict):
             for key, value in raw.items():
                 if key not in cls.model_fields:
-                    raise ValueError(f"'{key}' is not known{nearest(str(key), cls.model_fields)}")
+                    raise ValueError(f"'{key}' is not known{_hint(cls, str(key))}")
                 values = value if isinstance(value, list) else [value]
                 if any(isinstance(each, bool) for each in values) and not _takes(
                     bool, cls.model_fields[key].annotation
