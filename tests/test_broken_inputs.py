@@ -8,10 +8,13 @@ out, other formats than URDF, and mistakes that only show where parts of a scena
 import os
 import sys
 
+import numpy as np
 import pytest
 import yaml
 
+import rnc_pin as rnc
 from rnc_pin.app.cli import main
+from rnc_pin.app.tables import print_summary
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from terminal import results
 
@@ -768,9 +771,7 @@ def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
 
     with pytest.raises(rnc.RncError, match="has to return a Command and its state, found a Command"):
         rnc.simulate(reduced, Lazy(), q0, 0.1)
-    with pytest.raises(
-        rnc.ConfigurationError, match=r"expected a ReducedModel, found a NonholonomicSystem: call reduce"
-    ):
+    with pytest.raises(rnc.ConfigurationError, match="found a NonholonomicSystem: call reduce"):
         rnc.simulate(system, Lazy(), q0, 0.1)
 
 
