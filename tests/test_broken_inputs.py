@@ -759,7 +759,7 @@ def test_arguments_of_simulate_are_refused_before_anything_runs(what):
 def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
     system, reduced, target = small()
     q0 = reduced.robot.configuration()
-    with pytest.raises(rnc.RncError, match=r"decides velocities, not forces: .* VelocityTracker\(it\)"):
+    with pytest.raises(rnc.RncError, match=r"decides velocities, not forces: .*VelocityTracker\(it\)"):
         rnc.simulate(reduced, target, q0, 0.1)
 
     class Lazy:
