@@ -39,6 +39,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlesize": 11.0,
     "axes.titleweight": "bold",
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "lines.linewidth": 1.8,
     "lines.markersize": 5.0,
     "legend.frameon": False,
