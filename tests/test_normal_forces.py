@@ -11,7 +11,7 @@ from rnc_pin.analysis.normal_forces import balanced, nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyMachine
 from rnc_pin.simulation import ReducedPlant, margins_along
-from rnc_pin.visualization.plots import plot_overview, plot_run
+from rnc_pin.visualization.plots import plot_run
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
 G = 9.81
@@ -94,10 +94,9 @@ def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
     again = rnc.Trajectory.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
     assert again.info.outputs.normal_forces == run.info.outputs.normal_forces
-    for figure in (plot_overview(run), plot_run(run)):
-        panel = next(axes for axes in figure.axes if axes.get_ylabel() == "normal force [N]")
-        for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
-            np.testing.assert_array_equal(line.get_ydata(), column)
+    panel = next(axes for axes in plot_run(run).axes if axes.get_ylabel() == "normal force [N]")
+    for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), column)
     with np.load(tmp_path / "run.npz") as file:
         older = {name: file[name] for name in file.files if name != "normal_forces"}
     np.savez(tmp_path / "older.npz", **older)

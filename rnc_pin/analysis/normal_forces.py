@@ -70,8 +70,7 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
     for position in _defined(reduced):
         acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
-    found = (_contact(place, acting) for place in reduced.all_constraints.places)
-    return [contact for contact in found if contact is not None]
+    return [contact for place in reduced.all_constraints.places for contact in _contacts(place, acting)]
 
 
 def _defined(reduced: ReducedModel) -> Iterator[Position]:
@@ -86,17 +85,23 @@ def _defined(reduced: ReducedModel) -> Iterator[Position]:
             yield position
 
 
-def _contact(place: Place, acting: Array) -> Contact | None:
+def _contacts(place: Place, acting: Array) -> list[Contact]:
+    """Contacts of one constraint: one for its rows along the ground, and one for each further row that carries."""
     block, start = place.block, place.where.start
     holonomic = block.holonomic or (False,) * len(block.names)
     along = tuple(start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row])
-    up = next((start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground), None)
-    if not along and up is None:
-        return None
-    point = along[0] if along else up
-    assert point is not None
-    name = getattr(block.kind, "frame", None)
-    return Contact(name if isinstance(name, str) else block.names[point - start], along, up, point)
+    ups: list[int | None] = [start + row for row, fixed in enumerate(holonomic) if fixed and block.on_ground]
+    if along and not ups:
+        ups = [None]
+    frame = getattr(block.kind, "frame", None)
+    found = []
+    for number, up in enumerate(ups):
+        rows = along if number == 0 else ()
+        point = rows[0] if rows else up
+        assert point is not None
+        named = isinstance(frame, str) and len(ups) == 1
+        found.append(Contact(str(frame) if named else block.names[point - start], rows, up, point))
+    return found
 
 
 class NormalForces:
