@@ -159,6 +159,8 @@ def read_mesh_file(path: Path) -> None:
     """
     robot = path.with_name("r.urdf")
     robot.write_text(urdf([path.name]))
+    _draw(rnc.Robot.from_urdf(robot))
+    robot.write_text(urdf([path.name]).replace(_INERTIAL, ""))
     _draw(rnc.Robot.from_urdf(robot, masses={"b": 1.0}))
     kept = path.with_name(_KEPT)
     kept.mkdir(exist_ok=True)

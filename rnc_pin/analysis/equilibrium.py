@@ -26,6 +26,7 @@ _STEPS, _HALVINGS = 100, 12
 _LONGEST = 0.3  # step [rad or m]
 _STILL = 1e-10  # acceleration that counts as none, relative to those that gravity causes
 _GOOD = 1e-9  # the largest that is accepted, which a linearisation accepts too
+_ROUNDED = 1e-6  # the same of shape rates and gaps in motion: symmetries of a rounded file hold no better
 _DEPENDENT = 1e-9
 _UNACTUATED = 1e-10
 
@@ -214,7 +215,7 @@ class _Search:
             apart = f", and {row} is left {abs(gap):.3g} from zero"
         kind = "equilibrium" if self._symmetries is None else "steady motion"
         near = f"no {kind} found near the guess: at best"
-        if (np.abs(here.shape_rates) > _GOOD * self._size).any():
+        if (np.abs(here.shape_rates) > _ROUNDED * self._size).any():
             worst = int(np.argmax(np.abs(here.shape_rates)))
             name = self._reduced.robot.velocity_names[worst]
             return ConstraintError(
@@ -258,10 +259,11 @@ class _Search:
         return float(np.linalg.norm(self._away(point)))
 
     def _rests(self, point: _Point, still: float = _GOOD) -> bool:
+        kept = still if self._symmetries is None or still < _GOOD else _ROUNDED
         return bool(
             (np.abs(point.v2_dot) <= still * self._size).all()
-            and (np.abs(point.gap) <= _GOOD).all()
-            and (np.abs(point.shape_rates) <= still * self._size).all()
+            and (np.abs(point.gap) <= max(_GOOD, kept)).all()
+            and (np.abs(point.shape_rates) <= kept * self._size).all()
         )
 
     def _limited(self, step: Array) -> Array:

@@ -98,7 +98,7 @@ def _environment(variable: str) -> list[Path]:
 
 
 def _at(folder: Path, name: str) -> Iterator[Path]:
-    if (folder.name == name or package_name(folder) == name) and folder.is_dir():
+    if (folder.name == name or package_name(folder) == name) and os.path.isdir(folder):
         yield folder
-    if (folder / name).is_dir():
+    if os.path.isdir(folder / name):  # unlike Path.is_dir, False for a name that no file can have
         yield folder / name

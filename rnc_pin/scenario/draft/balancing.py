@@ -114,7 +114,8 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     sense = 1.0 if forward @ ahead > 0 else -1.0
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
-    result.feedback = {**feedback, "v2": dict(rolling)}
+    # A file's wheels are rarely symmetric about their axles to the last digit; their angles are no shape.
+    result.feedback = {**feedback, "v2": dict(rolling), "cyclic": [rear.joint, front.joint]}
     result.notes.append(
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
     )
