@@ -7,10 +7,12 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.factorization import dependences
 from rnc_pin.model.parts import Parts, VelocityRows
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 class Rails(VelocityRows):
@@ -36,7 +38,7 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
 
 
 def resting(parts, count=None):
-    return Evaluation(parts, np.zeros(parts.n if count is None else (count, parts.n)))
+    return ConfigurationEvaluation.at(parts, np.zeros(parts.n if count is None else (count, parts.n)))
 
 
 def test_one_state_is_settled_at_once_where_norms_say_that_no_row_depends_on_the_others():
@@ -47,7 +49,7 @@ def test_one_state_is_settled_at_once_where_norms_say_that_no_row_depends_on_the
         parts = on_rails([], (), np.diag(sizes), np.sqrt(product) * factor, lengths)
         one, many = resting(parts), resting(parts, 2)
         _ = one.E, many.E
-        assert ("R" in vars(one), one._settled[2] is True) == (quickly, quickly)
+        assert (one.factorization.regular is True) == quickly
         assert one.regular.shape == ()
         assert one.regular
         np.testing.assert_array_equal(many.regular, [True, True])
@@ -67,7 +69,7 @@ def test_each_row_is_as_dependent_as_its_angle_to_the_others_is_small(count):
         others = np.delete(E, k, axis=0)
         rest = np.linalg.norm(E[k] - np.linalg.lstsq(others.T, E[k])[0] @ others)
         expected.append(max(np.linalg.norm(E[k]), lengths[k]) / rest)
-    found = state._dependences(state.E, state.E_inverse)
+    found = dependences(state.E, state.E_inverse, state._parts.lengths)
     np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), rtol=1e-10)
     assert found.shape == (*state.q.shape[:-1], 4)
     worst = max(expected)
@@ -129,7 +131,7 @@ def test_rows_are_chosen_anew_where_they_are_not_well(count):
         assert found.tolist() == np.broadcast_to(kept, found.shape).tolist() or kept != [0, 1]
         assert (found == [0, 1]).all() == (kept == [0, 1])
         np.testing.assert_array_equal(state.A, rows[found])
-        assert state._by_default is False
+        assert state.factorization.kept is not None
 
 
 def test_rows_that_are_short_beside_their_length_elsewhere_count_for_less():
@@ -167,7 +169,7 @@ def test_constraints_that_lose_rank_keep_the_rows_that_they_had():
         third = size * np.array([np.sqrt(1 - sine**2), sine, 0.0])
         rows = np.array([[1.0, 0, 0], [1.0, 0, 0], third])
         state = resting(on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e12, [1.0, 1.0, length, 1.0]))
-        assert state._by_default != chosen
+        assert (state.factorization.kept is not None) == chosen
         assert state.regular == chosen
         assert state.kept.shape == (2,)
         if chosen:
@@ -186,7 +188,7 @@ def test_the_first_state_that_is_singular_is_told_with_the_rows_that_matter():
     values = np.linalg.svd(E / 2.0, compute_uv=False)
     for at, first in ((q, q[0, 0]), (q[1], q[1, 0]), (q[1, 2], q[1, 2])):
         with pytest.raises(rnc.SingularityError, match="singular configuration") as told:
-            _ = Evaluation(singular, at).R
+            _ = ConfigurationEvaluation.at(singular, at).R
         np.testing.assert_array_equal(told.value.q, first)
         assert not np.shares_memory(told.value.q, at)
         assert tuple(told.value.rows) == ("a", "b", "c", "y")
@@ -197,9 +199,9 @@ def test_the_first_state_that_is_singular_is_told_with_the_rows_that_matter():
     assert told.value.condition == pytest.approx(1e300)
     assert tuple(told.value.rows) == ("y",)
     assert resting(nothing).condition == np.inf
-    np.testing.assert_array_equal(resting(nothing).scaled_stack(), np.diag([1.0, 0.0]))
+    np.testing.assert_array_equal(resting(nothing).scaled_stack, np.diag([1.0, 0.0]))
     short = on_rails([], (), np.diag([0.5, -3.0, 0.7]), 1e8, [0.2, 0.0, 1.4])
-    np.testing.assert_array_equal(resting(short).scaled_stack(), np.diag([1.0, -1.0, 0.5]))
+    np.testing.assert_array_equal(resting(short).scaled_stack, np.diag([1.0, -1.0, 0.5]))
 
 
 # ---------------------------------------------------------------------- forces
@@ -209,7 +211,7 @@ def held(rows, T, lengths, masses=(2.0, 3.0, 5.0), count=None):
     """Bodies on rails that rows of which the first two count keep from moving, but for the last; pushed by T."""
     parts = on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e8, lengths, False, masses, ["s0", "s1", "s2"])
     shape = () if count is None else (count,)
-    state = Evaluation(parts, np.zeros((*shape, 3)), np.ones((*shape, 1)))
+    state = StateEvaluation.at(parts, np.zeros((*shape, 3)), np.ones((*shape, 1)))
     T = np.broadcast_to(T, (*shape, 3))
     np.testing.assert_allclose(state.v2_dot(T), T[..., 2:] / 5.0, rtol=1e-6)
     np.testing.assert_allclose(state.flow(T).power, T[..., 2], rtol=1e-6)
@@ -270,7 +272,7 @@ def test_inputs_are_the_smallest_that_give_the_forces(count):
 
 def test_one_of_many_states_whose_forces_have_no_bound():
     state = pushed(1e10 * np.eye(2), 2)
-    state = Evaluation(state._parts, state.q, np.zeros((2, 2)))
+    state = StateEvaluation.at(state._parts, state.q, np.zeros((2, 2)))
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
     with (
         np.errstate(over="ignore", invalid="ignore"),

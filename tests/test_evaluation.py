@@ -153,11 +153,11 @@ def test_each_quantity_is_computed_once(monkeypatch):
     assert state.E_inverse is state.E_inverse
 
 
-def test_a_position_knows_no_velocity():
+def test_a_configuration_has_no_velocity():
     position = space_robot().at(space_robot().robot.configuration({"joint_2": 1.0})).position
     assert not hasattr(position, "acceleration")
     assert not hasattr(position.moving(np.zeros(4)), "jacobian_dot")
-    with pytest.raises(rnc.InputError, match="a velocity is needed: give v2, or v as it was measured"):
+    with pytest.raises(rnc.InputError, match="'v' needs a velocity: give v2, or v as it was measured"):
         _ = space_robot().at(position.q).v
 
 
@@ -498,3 +498,36 @@ def test_no_states_have_answers_of_the_right_shapes(name, lead):
             assert np.shape(found) == (*lead, *np.shape(expected[what])[1:]), what
     assert reduced.at(one, np.zeros((*lead, reduced.r))).v.shape == (*lead, reduced.n)
     assert reduced.at(np.zeros((*lead, reduced.robot.nq)), np.zeros(reduced.r)).v.shape == (*lead, reduced.n)
+
+
+# ---------------------------------------------------------------------- read-only
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_arrays_are_read_only(quantity):
+    """One state and many: a caller that writes to a quantity gets an error and changes nothing."""
+    reduced = tiago()
+    q, v2 = states_of(reduced, 2)
+    for state in (reduced.at(q, v2), reduced.at(q[0], v2[0])):
+        found = getattr(state, quantity)
+        if isinstance(found, np.ndarray) and found.ndim > q.ndim - 1:
+            with pytest.raises(ValueError, match="read-only"):
+                found[...] = 0.0
+
+
+def test_a_controller_cannot_move_the_robot_by_its_measurement():
+    """In place, it gets an error; the run so far is kept."""
+    reduced = space_robot()
+
+    class Writes:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            measurement.q[0] += 0.1
+            return rnc.control.Command(T=np.zeros(reduced.p)), None
+
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    with pytest.raises(rnc.SimulationError, match="read-only") as caught:
+        rnc.simulate(reduced, Writes(), q0, 0.1, 0.01)
+    assert isinstance(caught.value.__cause__, ValueError)

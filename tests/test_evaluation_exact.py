@@ -8,10 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import Parts, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 N, MEET = 5, 0.3  # degrees of freedom; first coordinate at which the first two constraint rows are parallel
 
@@ -198,16 +198,16 @@ def test_all_of_it_where_other_rows_had_to_be_chosen(system, single):
     """R, the forces and all that follows do not depend on the choice; what is of the rows is of those in A."""
     q, v2 = states(system.generator, PLACES)
     T, damping = system.generator.normal(size=(2, 3, 4)), np.linspace(0.1, 0.9, N)
-    many = Evaluation(system.parts, q, v2)
+    many = StateEvaluation.at(system.parts, q, v2)
     for i in np.ndindex(2, 3):
-        state, at = (Evaluation(system.parts, q[i], v2[i]), ()) if single else (many, i)
+        state, at = (StateEvaluation.at(system.parts, q[i], v2[i]), ()) if single else (many, i)
         inputs = T[i] if single else T
         found, calls, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
             system, q[i], v2[i], T[i], damping
         )
         for name, here in found.items():
             assert_close(getattr(state, name)[at], here, name)
-        assert_close(Evaluation(system.steady, state.q).B[at], system.steady.actuation.constant, "constant B")
+        assert_close(StateEvaluation.at(system.steady, state.q).B[at], system.steady.actuation.constant, "constant B")
         kept = np.broadcast_to(state.kept, (2, 3, 2))[i]
         default = PLACES[i] not in (0.0, 1e-6, 1e-5)
         assert kept.tolist() == [0, 1] or not default
@@ -237,7 +237,7 @@ def test_all_of_it_where_other_rows_had_to_be_chosen(system, single):
         lengths = np.linalg.norm(state.E[at], axis=1)
         natural = np.concatenate([system.parts.lengths[:0], np.array([1.1, 0.9, 1.3, 0.7])[kept], [1.0, 2.0, 0.5]])
         scaled = state.E[at] / np.maximum(lengths, natural)[:, None]
-        assert_close(state.scaled_stack()[at], scaled, "scaled_stack")
+        assert_close(state.scaled_stack[at], scaled, "scaled_stack")
         values = np.linalg.svd(scaled, compute_uv=False)
         assert_close(np.asarray(state.condition)[at], values[0] / values[-1], "condition")
         assert_close(np.asarray(state.smallest_singular_value)[at], values[-1], "smallest_singular_value")
@@ -252,10 +252,10 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
     integrals = system.generator.normal(size=(2, 3, 3))
     for i in np.ndindex(2, 3):
         state, at = (
-            (Evaluation(system.parts, q[i], v=slipping[i]), ())
+            (StateEvaluation.at(system.parts, q[i], v=slipping[i]), ())
             if single
             else (
-                Evaluation(system.parts, q, v=slipping),
+                StateEvaluation.at(system.parts, q, v=slipping),
                 i,
             )
         )
@@ -299,17 +299,17 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
     of_v = ("v", "motion", "rates", "v1", "E_dot", "R_dot", "J1_dot", "A_star_dot", "b_dot", "g", "V", "G")
     for places in (np.array(0.7), np.array(0.0), PLACES):
         q, v2 = states(system.generator, places)
-        state = Evaluation(system.parts, q, v2)
+        state = StateEvaluation.at(system.parts, q, v2)
         found = {name: getattr(state, name) for name in (*of_q, *of_v)}
         values, slip = state.outputs()[0], system.generator.normal(size=(*places.shape, N))
-        other = state.moving(slip)
+        other = state.with_velocity(slip)
         assert all(getattr(other, name) is found[name] for name in of_q)
         assert all(getattr(other, name) is not found[name] for name in of_v)
         assert other.outputs()[0] is values
         assert other.E is state.E
         np.testing.assert_array_equal(other.kept, state.kept)
-        seen = Evaluation(system.parts, q, v=slip).as_seen_by(system.parts)
+        seen = StateEvaluation.at(system.parts, q, v=slip).in_reduction(system.parts)
         np.testing.assert_array_equal(seen.v, slip)
-        same = state.as_seen_by(system.parts.in_entries([0, 1, 2], free=True))
+        same = state.in_reduction(system.parts.in_entries([0, 1, 2], free=True))
         assert (same.position, same.motion, same.v) == (state.position, state.motion, state.v)
-        assert Evaluation(system.parts, q, v2).as_seen_by(system.parts).q is q
+        assert StateEvaluation.at(system.parts, q, v2).in_reduction(system.parts).q is q

@@ -24,11 +24,11 @@ from rnc_pin.control import (
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.model import assembly
 from rnc_pin.model.assembly import _out_of_reach
-from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.independence import _choose
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.once import once
 from rnc_pin.model.rows import check_defined
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.planning import CarPath, Hold
 from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
 from test_closed_forms import estimating
@@ -113,7 +113,7 @@ def test_a_momentum_of_grams_is_no_nearer_to_zero(scale):
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")])
     scaled = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
     for q, _ in random_states(reduced, 4):
-        np.testing.assert_allclose(scaled.at(q).scaled_stack(), reduced.at(q).scaled_stack(), atol=1e-12)
+        np.testing.assert_allclose(scaled.at(q).scaled_stack, reduced.at(q).scaled_stack, atol=1e-12)
 
 
 def test_closing_a_loop_is_quadratic(monkeypatch):
@@ -177,9 +177,9 @@ def test_velocities_of_joints_for_many_states():
         np.testing.assert_allclose(found[i], data.v[3].vector, atol=1e-14)
 
 
-def test_what_is_computed_once_is_documented_on_its_class():
-    assert isinstance(Evaluation.R, once)
-    assert Evaluation.R.__doc__
+def test_cached_and_forwarded_properties_are_documented_on_their_classes():
+    assert ConfigurationEvaluation.R.__doc__.startswith("Null-space basis")
+    assert StateEvaluation.R.__doc__ == ConfigurationEvaluation.R.__doc__
 
 
 def test_what_is_learnt_describes_itself():

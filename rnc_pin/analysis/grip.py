@@ -10,8 +10,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, contacts_of, first_lift_off
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _SMALL = 1e-9
 
@@ -86,7 +86,7 @@ class Grip:
         forces = [np.linalg.norm(multipliers[..., list(each.along)], axis=-1) for each in self._contacts]
         return np.stack(forces, axis=-1)
 
-    def _upwards(self, state: Evaluation, T: Array) -> Array:
+    def _upwards(self, state: StateEvaluation, T: Array) -> Array:
         normal = self.normal.at(state, T)
         loads = np.zeros((*normal.shape[:-1], len(self.names)))
         for column, contact in enumerate(self._contacts):

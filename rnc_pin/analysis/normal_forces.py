@@ -15,10 +15,10 @@ from numpy import ndarray as Array
 from scipy.optimize import nnls
 
 from rnc_pin.errors import SingularityError
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.kinematics import Kinematics, Position
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _SMALL = 1e-9
 _SAMPLES = 3  # configurations, beside the neutral one, that say which rows carry
@@ -165,7 +165,7 @@ class NormalForces:
         left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
         return bool(np.abs(left).max() < _SMALL)
 
-    def at(self, state: Evaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
+    def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
         """Normal forces [N].
 
         Args:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 
@@ -186,7 +187,7 @@ def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> n
     ways = np.linalg.pinv(J, rcond=_RANK) @ alone
     possible = np.abs(J @ ways - alone).max(axis=1, keepdims=True) < _POSSIBLE
     ways = np.where(possible, ways, here.R[..., task.redundant])
-    rates = [here.moving(way).A_star_dot for way in np.moveaxis(ways, -1, 0)]
+    rates = [StateEvaluation(here, v=way).A_star_dot for way in np.moveaxis(ways, -1, 0)]
     return np.stack(rates, axis=-1)[:, task.vertical][:, :, task.primary]
 
 

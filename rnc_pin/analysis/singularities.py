@@ -51,7 +51,7 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
     names = (*reduced.constraints.names, *reduced.reducing.names)
 
     def matrix(q: np.ndarray) -> np.ndarray:
-        return reduced.at(q).scaled_stack()
+        return reduced.at(q).scaled_stack
 
     return _search("E", matrix, lambda q: _sign(matrix(q)), names, reduced, configurations)
 

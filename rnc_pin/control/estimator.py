@@ -13,9 +13,9 @@ from rnc_pin.control.estimation import Regressor, adapt
 from rnc_pin.control.protocol import Description, elapsed_time, listed
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import Spelled
 
 Bound = float | Sequence[float] | np.ndarray
@@ -116,7 +116,7 @@ class Estimator(Spelled):
         return {"unknown": list(self.regressor.names), "initial": self.initial, "alpha": self.alpha}
 
 
-def believed(measurement: Measurement, guess: Evaluation) -> Measurement:
+def believed(measurement: Measurement, guess: StateEvaluation) -> Measurement:
     """A measurement with the kinematics of an estimated model in the place of the true ones."""
     seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
     return seen if seen.missing is None else seen._replace(excess=apply(guess.input_matrix, seen.missing))

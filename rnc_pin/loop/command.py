@@ -10,8 +10,8 @@ import numpy as np
 from rnc_pin.control.protocol import Command, State, VelocityTarget
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.loop.options import named
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _OVER_IT = "put a controller of forces over it, such as rnc.control.VelocityTracker(it) or ComputedTorque(reduced, it)"
 
@@ -29,7 +29,7 @@ def read_answer(answer: Any) -> tuple[Command, State]:
     return command, state
 
 
-def inputs_of(reduced: ReducedModel, state: Evaluation, command: Command) -> np.ndarray:
+def inputs_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -> np.ndarray:
     """Actuator inputs (p,) of a command.
 
     Raises:

@@ -22,9 +22,9 @@ from rnc_pin.loop.state_checks import check_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.admission import vector
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _A_LITTLE_MORE = 1 + 1e-9  # than a time that is a sum of steps
 _SAFE = ("hold", "brake", "zero", "raise")
@@ -36,7 +36,7 @@ class Decision(NamedTuple):
 
     time: float
     """The controller's [s]."""
-    state: Evaluation
+    state: StateEvaluation
     """As it was measured."""
     measurement: Measurement
     command: Command
@@ -170,7 +170,9 @@ class ControlLoop:
             self.state = self.state._replace(trouble=printable(reason), failed=True)
             return self._safe(taken.v)
 
-    def decide(self, t: float, state: Evaluation, integrals: Float[Array, " r"] | None = None) -> Float[Array, " p"]:
+    def decide(
+        self, t: float, state: StateEvaluation, integrals: Float[Array, " r"] | None = None
+    ) -> Float[Array, " p"]:
         """The same for a state that is known to be true and has been evaluated; errors are raised.
 
         Args:
@@ -226,7 +228,7 @@ class ControlLoop:
         self.state = self.state._replace(T=T, missing=_missing(self.last.asked, T))
         self.last = self.last._replace(T=T)
 
-    def _integrated(self, t: float, state: Evaluation) -> np.ndarray:
+    def _integrated(self, t: float, state: StateEvaluation) -> np.ndarray:
         """Integrals of the reducing velocities, by the trapezoidal rule."""
         before = self.state
         if before.time is None or before.integrals is None or before.v2 is None:

@@ -7,6 +7,7 @@ everything, and the single questions, a line each.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import overload
 
 import numpy as np
 from jaxtyping import Float
@@ -16,12 +17,13 @@ from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.admission import Admission, ArrayInput, spread, vector
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parts import Parts
 from rnc_pin.model.portrait import output_items, system_lines, system_title
 from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
 from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
@@ -124,14 +126,25 @@ class ReducedModel(Printed):
 
     # ------------------------------------------------------------------ one evaluation
 
-    def at(self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None) -> Evaluation:
-        """The model at states: every quantity is computed when first asked for, once.
+    @overload
+    def at(self, q: ArrayInput) -> ConfigurationEvaluation: ...
+
+    @overload
+    def at(self, q: ArrayInput, v2: ArrayInput) -> StateEvaluation: ...
+
+    @overload
+    def at(self, q: ArrayInput, *, v: ArrayInput) -> StateEvaluation: ...
+
+    def at(
+        self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None
+    ) -> ConfigurationEvaluation | StateEvaluation:
+        """Evaluate the model at states: each quantity is computed on first use, once, and is read-only.
 
         Args:
             q: configurations (..., nq).
             v2: reduced velocities (..., r).
             v: instead, full velocities (..., nv) as they were measured; they need not satisfy the constraints. Without
-                any velocity the evaluation knows what depends on q alone.
+                any velocity the evaluation has the quantities that depend on q alone.
         """
         q = self._admission.configuration(q)
         if v2 is not None:
@@ -140,11 +153,11 @@ class ReducedModel(Printed):
             v2 = vector(v2, self._parts.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
                 q, v2 = spread(q, v2, "v2")
-            return Evaluation(self._parts, q, v2)
+            return StateEvaluation.at(self._parts, q, v2)
         if v is not None:
             q, v = spread(q, vector(v, self._parts.n, "v"), "v")
-            return Evaluation(self._parts, q, v=v.copy())
-        return Evaluation(self._parts, q)
+            return StateEvaluation.at(self._parts, q, v=v.copy())
+        return ConfigurationEvaluation.at(self._parts, q)
 
     def settled_at(self, q: ArrayInput) -> ReducedModel:
         """The same with the rows, and where no outputs were named the entries of v, that are chosen at q (nq,)."""
@@ -178,7 +191,7 @@ class ReducedModel(Printed):
         return self.at(q).allocate(F)
 
     def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
-        """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``; see ``Evaluation``."""
+        """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``."""
         return self.at(q, v2).multipliers(T)
 
     def contact_forces(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch k"]:
@@ -237,11 +250,11 @@ class ReducedModel(Printed):
         traces = self._alone(q, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
         return np.moveaxis(traces, 0, -1)
 
-    def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[Evaluation], Array]) -> Array:
+    def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[StateEvaluation], Array]) -> Array:
         """Something (s, ...) of the states in which one output after the other moves alone at unit rate."""
         here = self.at(q)
-        each = [what(here.moving(here.R[..., j])) for j in along]
-        return np.stack(each) if each else np.zeros((0, *what(here.moving(here.R[..., 0])).shape))
+        each = [what(StateEvaluation(here, v=here.R[..., j])) for j in along]
+        return np.stack(each) if each else np.zeros((0, *what(StateEvaluation(here, v=here.R[..., 0])).shape))
 
     # ------------------------------------------------------------------ measurements
 

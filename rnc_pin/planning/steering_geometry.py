@@ -11,10 +11,10 @@ from numpy import ndarray as Array
 from scipy.interpolate import CubicHermiteSpline
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.frame_velocity import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _STEPS = 100  # of the table from curvature zero to the largest; outputs between them are exact to 1e-9
 _ROUNDED = 1e-3  # side slip, or motion while the vehicle only steers, that rounding in a file may cause
@@ -133,7 +133,7 @@ class SteeringGeometry:
 
     def _row(self, q: Array) -> _Row:
         here = self._reduced.at(q)
-        steering = here.moving(here.R[:, self._steering])
+        steering = StateEvaluation(here, v=here.R[:, self._steering])
         W, rates = self._rows.jacobian(here.position) @ here.R, self._rates(steering)
         driven, steered = W[:, self._speed], W[:, self._steering]
         length = 1.0 / self._largest
@@ -144,7 +144,7 @@ class SteeringGeometry:
         if np.abs(steered * [1.0, 1.0, length]).max() > _ROUNDED * length:
             self._refuse(f"moves while '{self._name}' turns and the vehicle stands")
         curvature = driven[2] / driven[0]
-        along = self._rates(here.moving(here.R[:, self._speed] / driven[0]))
+        along = self._rates(StateEvaluation(here, v=here.R[:, self._speed] / driven[0]))
         if abs(self._slope(along, driven, curvature)) > _ROUNDED / length**2:
             self._refuse(f"turns by more than '{self._name}': the curvature of its path changes while it is driven")
         slope = self._slope(rates, driven, curvature)
@@ -153,7 +153,7 @@ class SteeringGeometry:
         output = float(here.outputs()[1][self._steering])
         return _Row(output, float(curvature), float(slope), float(driven[0]), float(rates[0]))
 
-    def _rates(self, state: Evaluation) -> Array:
+    def _rates(self, state: StateEvaluation) -> Array:
         """Time derivative of forward, sideways and turning speed (3,) per unit rate of the speed output."""
         rates = state.rates
         W_dot = self._rows.jacobian_dot(rates) @ state.R + self._rows.jacobian(rates) @ state.R_dot

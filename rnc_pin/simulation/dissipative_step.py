@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 
 from rnc_pin.math.linear_algebra import apply_transposed
-from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.dry_friction import DryFriction, FrictionForces
 from rnc_pin.simulation.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
@@ -78,7 +78,7 @@ class DissipativeStep:
         """Forces until the first row comes to rest."""
         return np.where(np.isinf(chosen.stops), chosen.forces, -self.friction.limits * np.sign(chosen.speeds))
 
-    def _stopped(self, state: Evaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Y after rows (k,) were brought to rest; the energy that this takes is work of friction."""
         after = self.friction.stopped(state, which)
         if after is state:
@@ -120,7 +120,7 @@ class DissipativeStep:
         """
         r, moving = len(linear.decay), self._moving
 
-        def held(state: Evaluation) -> Evaluation:
+        def held(state: StateEvaluation) -> StateEvaluation:
             return state if sticking is None else self.friction.stopped(state, sticking)
 
         smooth = moving.rate(T, external, held)
@@ -138,7 +138,7 @@ class DissipativeStep:
         end[-1] += _half_square(linear.inverse @ end[:r])
         return q, end
 
-    def _linear(self, state: Evaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
+    def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
         """The linear part of the motion at a state, and accelerations (r,) without dry friction."""
         R, H, damping = state.R, state.H, self._moving.damping
         if damping is None:

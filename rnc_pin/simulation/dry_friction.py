@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.exponential_runge_kutta import LinearPart, phi_functions
 
 _AT_REST = 1e-9  # speed that counts as rest, as a share of what friction takes away in the step
@@ -68,7 +68,7 @@ class DryFriction:
         self._actuators = limit > 0
         self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
 
-    def rows(self, state: Evaluation) -> np.ndarray:
+    def rows(self, state: StateEvaluation) -> np.ndarray:
         """Rows (k, nv) that give the speeds."""
         return np.vstack([self._rows, state.B.T]) if self._actuators else self._rows
 
@@ -80,7 +80,7 @@ class DryFriction:
         """Of the forces (k,) those at the joints, (nv,); None where there are none."""
         return forces[: len(self._joints)] @ self._rows if len(self._joints) else None
 
-    def choose(self, state: Evaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
+    def choose(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
         """Forces during a step.
 
         Args:
@@ -111,7 +111,7 @@ class DryFriction:
             stops[row] = brentq(lambda t, row=row: later(t)[row], 0.0, h, rtol=_RANK)
         return FrictionForces(forces, sticking, speeds, stops)
 
-    def stopped(self, state: Evaluation, which: np.ndarray) -> Evaluation:
+    def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
         """The state after impulses that bring some rows (k,) to rest; others move as the inertia lets them."""
         if not which.any():
             return state
@@ -119,7 +119,7 @@ class DryFriction:
         along = rows @ R
         moved = np.linalg.solve(state.H, along.T)
         impulse = np.linalg.lstsq(along @ moved, rows @ state.v, rcond=_RANK)[0]
-        return state.moving(state.v - R @ (moved @ impulse))
+        return state.with_velocity(state.v - R @ (moved @ impulse))
 
 
 def _least_energy(pushed: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,8 @@ import pinocchio as pin
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
 from rnc_pin.simulation.ending import outcome_of, raise_with
@@ -86,7 +86,7 @@ def free_motion(
     feedback = inputs if callable(inputs) else None
     constant = moving.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
 
-    def at(t: float, state: Evaluation) -> np.ndarray:
+    def at(t: float, state: StateEvaluation) -> np.ndarray:
         if feedback is None:
             return constant
         return moving.saturate(np.asarray(feedback(t, state.q, state.v2), dtype=float))

@@ -8,10 +8,10 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import ConstantRows
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.lie_runge_kutta import Rate
 from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.velocity_chart import VelocityChart
@@ -73,33 +73,33 @@ class MovingPlant:
         """Integrals of the reducing velocities, (r,)."""
         return y[self._r : 2 * self._r]
 
-    def at(self, q: np.ndarray, y: np.ndarray) -> Evaluation:
+    def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """The state in the present chart."""
         return self._chart.at(q, y[: self._r])
 
-    def integral_rows(self, state: Evaluation) -> np.ndarray:
+    def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Rows (r, nv) of what is integrated besides, zero where nothing is."""
         rows = np.zeros((self._r, self.reduced.n))
         if self._carried.size:
             rows[self._where] = self._carried.jacobian(state.position)
         return rows
 
-    def seen(self, q: np.ndarray, y: np.ndarray) -> Evaluation:
+    def seen(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """The state as the model's outputs see it."""
-        return self.at(q, y).as_seen_by(self.reduced.parts)
+        return self.at(q, y).in_reduction(self.reduced.parts)
 
-    def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[Evaluation, np.ndarray]:
+    def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """The state as the model's outputs see it, and y in a chart that suits it."""
         here = self.at(q, y)
         if self._chart.is_left(here):
             v = here.v
             self._chart = VelocityChart(self.reduced.parts, q)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])
-        return here.as_seen_by(self.reduced.parts), y
+        return here.in_reduction(self.reduced.parts), y
 
     # ------------------------------------------------------------------ motion
 
-    def damping_force(self, state: Evaluation) -> np.ndarray | None:
+    def damping_force(self, state: StateEvaluation) -> np.ndarray | None:
         """Generalized force (nv,) of damping; None where nothing is damped."""
         return None if self.damping is None else -self.damping * state.v
 
@@ -107,7 +107,7 @@ class MovingPlant:
         """Inputs that the actuators can give."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
-    def first_slope(self, state: Evaluation, T: np.ndarray) -> Slope:
+    def first_slope(self, state: StateEvaluation, T: np.ndarray) -> Slope:
         """How (q, y) begins to change at a state that the model's outputs have seen: nothing is evaluated again."""
         v, v2_dot, power = state.flow(T, self.damping)
         return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
@@ -116,7 +116,7 @@ class MovingPlant:
         self,
         T: np.ndarray,
         external: np.ndarray | None = None,
-        held: Callable[[Evaluation], Evaluation] | None = None,
+        held: Callable[[StateEvaluation], StateEvaluation] | None = None,
     ) -> Rate:
         """How (q, y) changes under constant forces, for an integrator.
 
@@ -135,7 +135,7 @@ class MovingPlant:
 
         return rate
 
-    def _y_dot(self, w_dot: np.ndarray, state: Evaluation, v: np.ndarray, power: np.ndarray | float) -> np.ndarray:
+    def _y_dot(self, w_dot: np.ndarray, state: StateEvaluation, v: np.ndarray, power: np.ndarray | float) -> np.ndarray:
         r = self._r
         y_dot = np.zeros(2 * r + 1)
         y_dot[:r], y_dot[2 * r] = w_dot, power

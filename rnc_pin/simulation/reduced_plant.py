@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.dissipative_step import DissipativeStep
 from rnc_pin.simulation.dry_friction import DryFriction
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
@@ -46,7 +46,7 @@ class ReducedPlant:
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
-        self._seen: Evaluation | None = None
+        self._seen: StateEvaluation | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Start again; of v what violates the constraints is left out."""
@@ -54,7 +54,7 @@ class ReducedPlant:
         self.applied, self._seen = np.zeros(self.reduced.p), None
 
     @property
-    def state(self) -> Evaluation:
+    def state(self) -> StateEvaluation:
         """The state as the model's outputs see it.
 
         Raises:

@@ -57,7 +57,7 @@ def kinematic_rollout(
     def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         here = reduced.at(p, v2)
         desired = target.step(t, here.measure(integrals), state)[0].v2
-        return here.velocity(desired), desired
+        return here.configuration.velocity(desired), desired
 
     try:
         for sample in range(1, round(duration / dt) + 1):

@@ -6,8 +6,8 @@ import numpy as np
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.loop import ControlLoop
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Machine
 from rnc_pin.simulation.reduced_plant import ReducedPlant
 
@@ -32,7 +32,7 @@ class SeenMachine:
         self._sensed: tuple[np.ndarray, np.ndarray] = (_NOTHING, _NOTHING)
         self.friction_names: tuple[str, ...] = tuple(getattr(machine, "wheel_names", ()))
 
-    def look(self) -> Evaluation:
+    def look(self) -> StateEvaluation:
         """The state as it is; once a sample, for sensors are read.
 
         Raises:

@@ -12,9 +12,9 @@ from rnc_pin.errors import InputError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.model.admission import numbers_of
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plain import Json
 from rnc_pin.plants import Machine
 from rnc_pin.simulation.arguments import check_parts
@@ -197,7 +197,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     return reduced.assembled(q0)
 
 
-def _decided(loop: ControlLoop, state: Evaluation) -> tuple[Measurement, Command]:
+def _decided(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
     """What the loop's last step saw and asked for; where it gave the safe command, what was wanted before."""
     if loop.last is None:
         return state.measure(loop.state.integrals), Command(T=loop.state.T)

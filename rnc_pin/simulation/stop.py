@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, InputError, LimitError
-from rnc_pin.model.evaluation import Evaluation
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.robot import Robot
 
 
@@ -61,7 +61,7 @@ class Watch:
                 if low < high:
                     self._ranges.append((name, joint.idx_q, low, high))
 
-    def check(self, t: float, state: Evaluation) -> None:
+    def check(self, t: float, state: StateEvaluation) -> None:
         """Go on, or not.
 
         Args:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from rnc_pin.model.evaluation import Evaluation
 from rnc_pin.model.parts import Parts
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _FAR = 3.0  # growth of the squared size of R at which another chart is laid: some velocity leans by 60 degrees
 
@@ -25,16 +25,16 @@ class VelocityChart:
 
     def __init__(self, parts: Parts, q: np.ndarray) -> None:
         m, n = parts.m, parts.n
-        A = Evaluation(parts.in_entries(range(parts.r), free=True), q).A
+        A = StateEvaluation.at(parts.in_entries(range(parts.r), free=True), q).A
         self._scale = parts.lengths[:m]
         self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
         self.parts = parts.in_velocities(self.W)
 
-    def at(self, q: np.ndarray, w: np.ndarray) -> Evaluation:
+    def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:
         """The system at a state in this chart."""
-        return Evaluation(self.parts, q, w)
+        return StateEvaluation.at(self.parts, q, w)
 
-    def is_left(self, state: Evaluation) -> bool:
+    def is_left(self, state: StateEvaluation) -> bool:
         """Whether a state of this chart deserves one of its own."""
         size = state.R.ravel("K")
         return not size.dot(size) < self.parts.r + _FAR

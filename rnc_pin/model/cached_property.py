@@ -1,0 +1,61 @@
+"""Properties that are computed on first use and kept, with arrays read-only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
+
+_Value = TypeVar("_Value")
+
+
+class cached_property(Generic[_Value]):
+    """A property that is computed once, without the lock of ``functools.cached_property`` on Python 3.11.
+
+    Arrays become read-only: a caller that writes to one gets an error and cannot change the owner.
+    """
+
+    def __init__(self, compute: Callable[[Any], _Value]) -> None:
+        self._compute, self._name = compute, compute.__name__
+        self.__doc__ = compute.__doc__
+
+    @overload
+    def __get__(self, owner: None, kind: type) -> cached_property[_Value]: ...
+
+    @overload
+    def __get__(self, owner: object, kind: type) -> _Value: ...
+
+    def __get__(self, owner: object | None, kind: type) -> cached_property[_Value] | _Value:
+        if owner is None:
+            return self
+        value = self._compute(owner)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+        owner.__dict__[self._name] = value
+        return value
+
+
+class forwarded(Generic[_Value]):
+    """A cached property of another object, which stands in an attribute of the owner.
+
+    Args:
+        source: the property.
+        attribute: name of the attribute that holds the other object.
+    """
+
+    def __init__(self, source: cached_property[_Value], attribute: str) -> None:
+        self._attribute, self.__doc__ = attribute, source.__doc__
+        self._name = source._name
+
+    @overload
+    def __get__(self, owner: None, kind: type) -> forwarded[_Value]: ...
+
+    @overload
+    def __get__(self, owner: object, kind: type) -> _Value: ...
+
+    def __get__(self, owner: object | None, kind: type) -> forwarded[_Value] | _Value:
+        if owner is None:
+            return self
+        value: _Value = getattr(getattr(owner, self._attribute), self._name)
+        return value

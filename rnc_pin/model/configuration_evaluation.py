@@ -1,0 +1,260 @@
+"""Evaluation of a reduced model at configurations: everything that depends on q alone.
+
+With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
+
+    R = E^-1 [0; I],   H = R^T H* R,   v = R v2 + b,   b = E^-1 [mu; 0].
+
+Paper (2)-(3), (6)-(7). Everything is written over leading axes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.math.linear_algebra import apply, inverse, product
+from rnc_pin.model.admission import ArrayInput, vector
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.factorization import Factorization, factorize, row_lengths
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.parts import Parts
+
+_AMPLIFIED = 1e10  # times its rounding that inputs may change a force by, before actuators count as dependent
+
+
+class ConfigurationEvaluation:
+    """A reduced model at configurations (..., nq). Each quantity is computed on first use, once, and is read-only.
+
+    ``ReducedModel.at(q)`` makes one. It does not change when the model is evaluated elsewhere.
+
+    Args:
+        parts: rows, outputs and actuators of the model.
+        position: kinematics at the configurations.
+
+    Raises (every quantity that needs R):
+        SingularityError: the outputs do not parametrise the motion at q.
+    """
+
+    def __init__(self, parts: Parts, position: Position) -> None:
+        self._parts, self.position = parts, position
+
+    @classmethod
+    def at(cls, parts: Parts, q: Array) -> ConfigurationEvaluation:
+        """Evaluation at admitted configurations (..., nq), which become read-only."""
+        q.setflags(write=False)
+        return cls(parts, parts.kinematics.position(q))
+
+    def in_reduction(self, parts: Parts) -> ConfigurationEvaluation:
+        """The same configurations in another reduction of the same system."""
+        return ConfigurationEvaluation(parts, self.position)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> None:
+            from rnc_pin.model.state_evaluation import StateEvaluation  # on the way to an error only
+
+            if hasattr(StateEvaluation, name):
+                raise InputError(f"'{name}' needs a velocity: give v2, or v as it was measured, as in at(q, v2)")
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    @property
+    def q(self) -> Float[Array, "*batch nq"]:
+        """Configurations."""
+        return self.position.q
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """Leading axes."""
+        return self.position.q.shape[:-1]
+
+    # ------------------------------------------------------------------ matrices
+
+    @cached_property
+    def M(self) -> Float[Array, "*batch nv nv"]:
+        """Inertia matrix H* before reduction."""
+        return self.position.M
+
+    @cached_property
+    def B(self) -> Float[Array, "*batch nv p"]:
+        """Actuation matrix: generalized force ``B T``."""
+        return self._parts.actuation.matrix(self.position)
+
+    @cached_property
+    def all_rows(self) -> Float[Array, "*batch k nv"]:
+        """All constraint rows, dropped ones included."""
+        return self._parts.rows.jacobian(self.position)
+
+    @cached_property
+    def factorization(self) -> Factorization:
+        """E, its inverse and the constraint rows in it."""
+        return factorize(self._parts, self.position)
+
+    @cached_property
+    def E(self) -> Float[Array, "*batch nv nv"]:
+        """``[A; J2]``, constraint rows above reducing outputs; raises at no singular configuration."""
+        return self.factorization.E
+
+    @cached_property
+    def E_inverse(self) -> Float[Array, "*batch nv nv"]:
+        """``E^-1``: multiplier columns beside R."""
+        found = self.factorization
+        if not found.everywhere_regular:
+            raise self._singularity(np.asarray(found.regular))
+        return found.E_inverse
+
+    @cached_property
+    def A(self) -> Float[Array, "*batch m nv"]:
+        """Independent constraint rows."""
+        return self.E[..., : self._parts.m, :]
+
+    @cached_property
+    def J2(self) -> Float[Array, "*batch r nv"]:
+        """Jacobian of the reducing outputs: ``v2 = J2 v``."""
+        return self.E[..., self._parts.m :, :]
+
+    @cached_property
+    def J1(self) -> Float[Array, "*batch k nv"]:
+        """Jacobian of the vertical outputs."""
+        return self._parts.vertical.jacobian(self.position)
+
+    @cached_property
+    def R(self) -> Float[Array, "*batch nv r"]:
+        """Null-space basis, ``v = R v2 + b``."""
+        return self.E_inverse[self._parts.basis]
+
+    @cached_property
+    def A_star(self) -> Float[Array, "*batch k r"]:
+        """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+        return self.J1 @ self.R
+
+    @cached_property
+    def input_matrix(self) -> Float[Array, "*batch r p"]:
+        """``R^T B``: reduced force for unit actuator inputs."""
+        return product(self.R.mT, self.B)
+
+    @cached_property
+    def H(self) -> Float[Array, "*batch r r"]:
+        """Reduced inertia matrix."""
+        R = self.R
+        return product(R.mT, product(self.position.M, R))
+
+    @cached_property
+    def mu(self) -> Float[Array, "*batch m"]:
+        """Right-hand side of the constraints, ``A v = mu``."""
+        parts = self._parts
+        if self.factorization.kept is None:
+            return parts.constraints.rate(self.position)
+        return np.take_along_axis(parts.rows.rate(self.position), self.kept_rows, axis=-1)
+
+    @cached_property
+    def b(self) -> Float[Array, "*batch nv"]:
+        """Velocity at ``v2 = 0``: zero unless constraints are affine."""
+        if not self._parts.affine:
+            return np.zeros((*self.batch, self._parts.n))
+        return apply(self.E_inverse[self._parts.multiplied], self.mu)
+
+    # ------------------------------------------------------------------ rows and regularity
+
+    @cached_property
+    def kept(self) -> Array:
+        """Indices of the constraint rows in A, (m,), or (..., m) where they differ from the default."""
+        found = self.factorization.kept
+        return np.array(self._parts.kept, dtype=int) if found is None else found
+
+    @property
+    def kept_rows(self) -> Array:
+        """The same for each state, (..., m)."""
+        return np.broadcast_to(self.kept, (*self.batch, self._parts.m))
+
+    @property
+    def regular(self) -> Array:
+        """True where the outputs parametrise the motion, (...,)."""
+        return np.asarray(self.factorization.regular)
+
+    @cached_property
+    def scaled_stack(self) -> Float[Array, "*batch nv nv"]:
+        """E with unit rows; a row that is shorter than elsewhere stays so much shorter."""
+        lengths = np.fmax(
+            np.linalg.norm(self.E, axis=-1), row_lengths(self._parts, self.factorization.kept, self.batch)
+        )
+        return self.E / np.where(lengths > 0, lengths, 1.0)[..., None]
+
+    @cached_property
+    def _singular_values(self) -> Array:
+        return np.linalg.svd(self.scaled_stack, compute_uv=False)
+
+    @property
+    def condition(self) -> Array | float:
+        """Condition number (...) of E: how well x2 parametrises the motion. Raises at no singular configuration."""
+        values = self._singular_values
+        with np.errstate(divide="ignore"):
+            return values[..., 0] / values[..., -1]
+
+    @property
+    def smallest_singular_value(self) -> Array | float:
+        """Smallest singular value (...) of E; zero at a singular configuration."""
+        return self._singular_values[..., -1]
+
+    # ------------------------------------------------------------------ outputs and inputs
+
+    def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
+        x1, x2 = self._values
+        quasi = self._parts.reducing.quasi
+        if integrals is not None and quasi.any():
+            x2 = x2.copy()
+            x2[..., quasi] = vector(integrals, self._parts.r, "integrals")[..., quasi]
+        return x1, x2
+
+    @cached_property
+    def _values(self) -> tuple[Array, Array]:
+        values = self._parts.vertical.value(self.position), self._parts.reducing.value(self.position)
+        for each in values:
+            each.setflags(write=False)
+        return values
+
+    def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
+        """Full velocity ``R v2 + b`` of reduced velocities (..., r)."""
+        v = apply(self.R, v2)
+        return v + self.b if self._parts.affine else v
+
+    def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
+        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+
+        Raises:
+            ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
+        """
+        parts = self._parts
+        F = vector(F, parts.r, "F")
+        matrix = self.input_matrix
+        if parts.p == parts.r:
+            inverted = inverse(matrix)
+            # How rounding is amplified, whatever the units of the inputs; how it fell may look well by chance.
+            if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
+                return apply(inverted, F)
+        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=parts.r) if parts.p else 0
+        if rank < parts.r:
+            raise ConstraintError(
+                f"actuators {', '.join(parts.actuation.names) or '(none)'} reach rank {rank} of the {parts.r} "
+                "reduced forces: not every F can be realised"
+            )
+        return apply(np.linalg.pinv(matrix), F)
+
+    # ------------------------------------------------------------------ singular configurations
+
+    def _singularity(self, regular: Array) -> SingularityError:
+        """Error that describes the first state that is not regular."""
+        first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
+        left, values, _ = np.linalg.svd(self.scaled_stack[first])
+        weights = np.abs(left[:, -1])
+        names = (*(self._parts.rows.names[row] for row in self.kept_rows[first]), *self._parts.reducing.names)
+        return SingularityError(
+            "singular configuration",
+            q=self.q[first].copy(),
+            condition=float(values[0] / max(values[-1], 1e-300)),
+            rows=[name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max()],
+        )

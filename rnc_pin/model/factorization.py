@@ -1,0 +1,115 @@
+"""Factorization of ``E = [A; J2]``, with other constraint rows where those kept by default become dependent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from rnc_pin.math.linear_algebra import inverse
+from rnc_pin.model.kinematics import Position
+from rnc_pin.model.parts import Parts, best_entries
+
+_DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
+_WELL = 1e-3  # smallest singular value of unit rows above which the default ones stay
+
+
+@dataclass(frozen=True, eq=False)
+class Factorization:
+    """E at states (...,), its inverse, and where it is regular."""
+
+    E: Float[Array, "*batch nv nv"]
+    E_inverse: Float[Array, "*batch nv nv"]
+    """Not finite, or meaningless, where E is not regular."""
+    regular: Bool[Array, "*batch"] | bool
+    kept: Int[Array, "*batch m"] | None = None
+    """Constraint rows in A; None where those are the default ones at every state."""
+
+    @property
+    def everywhere_regular(self) -> bool:
+        """True if E is regular at every state."""
+        return self.regular is True or bool(np.all(self.regular))
+
+
+def factorize(parts: Parts, position: Position) -> Factorization:
+    """Stack E at configurations (..., nq) and invert it.
+
+    Args:
+        parts: rows, outputs and their scales.
+        position: kinematics at the configurations.
+    """
+    batch = position.q.shape[:-1]
+    template = parts.template
+    E = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy("F")
+    parts.stack.write_jacobian(position, E)
+    E_inverse = inverse(E)
+    if not batch:
+        # The product of Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
+        rows, columns = E.ravel("K"), E_inverse.ravel("K")
+        if (float(rows.dot(rows)) + parts.quick_length) * float(columns.dot(columns)) < parts.quick_limit:
+            return Factorization(E, E_inverse, True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        kept = None
+        worst = dependences(E, E_inverse, parts.lengths).max(axis=-1)
+        if parts.has_others:
+            doubtful = ~(worst**2 < parts.quick_limit)
+            kept = _reselect_rows(parts, position, np.argwhere(doubtful), E, E_inverse)
+            worst = dependences(E, E_inverse, row_lengths(parts, kept, batch)).max(axis=-1)
+    return Factorization(E, E_inverse, worst < parts.singularity_limit, kept)
+
+
+def row_lengths(parts: Parts, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
+    """Typical length of each row of E elsewhere."""
+    if kept is None:
+        return parts.lengths
+    outputs = np.broadcast_to(parts.lengths_of_outputs, (*batch, parts.r))
+    return np.concatenate([parts.lengths_of_rows[kept], outputs], axis=-1)
+
+
+def dependences(E: Array, E_inverse: Array, lengths: Array) -> Float[Array, "*batch nv"]:
+    """One over the sine of the angle between each row and the others.
+
+    A row that vanishes depends on all of them, so its typical length elsewhere counts.
+    """
+    rows = np.linalg.norm(E, axis=-1)
+    columns = np.linalg.norm(E_inverse, axis=-2)
+    return np.fmax(rows, lengths) * columns
+
+
+def _reselect_rows(parts: Parts, position: Position, states: Array, E: Array, E_inverse: Array) -> Array | None:
+    """Write the best rows into E and its inverse at some states (count, axes); return all rows kept, if any changed."""
+    kept: Array | None = None
+    default = np.array(parts.kept, dtype=int)
+    all_rows = parts.rows.jacobian(position) if len(states) else np.zeros((*position.q.shape[:-1], 0, parts.n))
+    for index in states:
+        i = tuple(index)
+        chosen = _best_rows(parts, all_rows[i])
+        if chosen is None:
+            continue
+        if kept is None:
+            kept = np.array(np.broadcast_to(default, (*position.q.shape[:-1], parts.m)))
+        kept[i] = chosen
+        rows, outputs = all_rows[i][chosen], E[i][parts.m :]
+        if parts.free:
+            outputs = np.eye(parts.n)[best_entries(rows, parts.r)]
+        E[i] = np.vstack([rows, outputs])
+        E_inverse[i] = inverse(np.asfortranarray(E[i]))
+    return kept
+
+
+def _best_rows(parts: Parts, rows: Array) -> Int[Array, " m"] | None:
+    """Indices of independent constraint rows (k, nv) of one state; None where there are too few."""
+    if not np.isfinite(rows).all():
+        return None
+    natural = np.fmax(np.linalg.norm(rows, axis=-1), parts.lengths_of_rows)
+    natural = np.where(parts.lengths_of_rows > 0, natural, np.inf)[:, None]  # a row that is zero elsewhere is rounding
+    _, triangle, order = scipy.linalg.qr((rows / natural).T, mode="economic", pivoting=True)
+    if parts.m and not abs(triangle[parts.m - 1, parts.m - 1]) > _DEPENDENT:
+        return None  # the constraints themselves lose rank
+    kept = np.array(parts.kept, dtype=int)
+    if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < _WELL:
+        kept = np.sort(order[: parts.m])
+    return kept

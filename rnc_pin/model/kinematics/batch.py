@@ -1,0 +1,219 @@
+"""Kinematics of many states: one loop over Pinocchio keeps whole blocks, then array algebra gives the frames.
+
+The blocks are ``data.J`` and ``data.dJ``, which have the columns of every frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.math.components import components, cross
+from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.kinematics.quantities import (
+    ALL,
+    WORLD_AXES,
+    Components,
+    Motion,
+    Placement,
+    Position,
+    Rates,
+    over_states,
+)
+from rnc_pin.model.kinematics.workspace import Workspace
+
+_WORLD = pin.Convention.WORLD
+_UNIT = np.eye(3)
+_LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
+
+
+class BatchPositions(Position):
+    """Kinematics at many configurations.
+
+    Args:
+        workspace: Pinocchio's model and data.
+        q: (..., nq).
+    """
+
+    def __init__(self, workspace: Workspace, q: np.ndarray) -> None:
+        at, self.q = workspace, q
+        self._at = at
+        self._frames: dict[int, Placement] = {}
+        batch, n = q.shape[:-1], at.nv
+        self.M, self.J = np.empty((*batch, n, n)), np.empty((*batch, 6, n))
+        self._places = {joint: Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3))) for joint in at.joints}
+        M, J = self.M.reshape(-1, n, n), self.J.reshape(-1, 6, n)
+        kept = [
+            (place.rotation.reshape(-1, 3, 3), at.places[joint].rotation) for joint, place in self._places.items()
+        ] + [(place.translation.reshape(-1, 3), at.places[joint].translation) for joint, place in self._places.items()]
+        at.invalidate()
+        for i, q_i in enumerate(q.reshape(-1, at.nq)):
+            M[i] = pin.crba(at.model, at.data, q_i, _WORLD)
+            J[i] = at.J
+            for out, view in kept:
+                out[i] = view
+
+    def joint_placement(self, joint: int) -> Placement:
+        if joint not in self._places:
+            self._places[joint] = self._placed(joint)
+        return self._places[joint]
+
+    def _placed(self, joint: int) -> Placement:
+        """Of a joint that nobody had asked for: a loop of its own."""
+        batch = self.q.shape[:-1]
+        place = Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3)))
+        rotation, translation = place.rotation.reshape(-1, 3, 3), place.translation.reshape(-1, 3)
+        for i, q_i in enumerate(self.q.reshape(-1, self._at.nq)):
+            self._at.update_position(q_i)
+            rotation[i], translation[i] = self._at.places[joint]
+        return place
+
+    def placement(self, frame: int) -> Placement:
+        if frame not in self._frames:
+            joint, on_joint = self._at.frame(frame)
+            rotation, translation = self.joint_placement(joint)
+            self._frames[frame] = Placement(rotation @ on_joint.rotation, translation + rotation @ on_joint.translation)
+        return self._frames[frame]
+
+    def rotation(self, frame: int) -> np.ndarray:
+        return self.placement(frame).rotation
+
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        return (self._wrenches(frame, axes, rows) @ self.J) * self._at.support(frame)
+
+    def _wrenches(self, frame: int, axes: pin.ReferenceFrame, rows: Components) -> np.ndarray:
+        """Unit forces along and torques about axes at the frame's origin (..., k, 6), taken about the world's origin.
+
+        Their power on a motion about the world's origin is that component of it.
+        """
+        rotation, (x, y, z) = self.rotation(frame), np.moveaxis(self.placement(frame).translation, -1, 0)
+        chosen = range(*rows.indices(6)) if isinstance(rows, slice) else rows
+        wrenches = np.zeros((*x.shape, len(chosen), 6))
+        for i, row in enumerate(chosen):
+            wrench = wrenches[..., i, :]
+            along = _UNIT[row % 3] if axes == WORLD_AXES else rotation[..., :, row % 3]
+            if row >= 3:
+                wrench[..., _ANGULAR] = along
+                continue
+            wrench[..., _LINEAR] = along
+            dx, dy, dz = along[..., 0], along[..., 1], along[..., 2]
+            wrench[..., 3], wrench[..., 4], wrench[..., 5] = y * dz - z * dy, z * dx - x * dz, x * dy - y * dx
+        return wrenches
+
+    def _columns(self, block: np.ndarray, frame: int) -> np.ndarray:
+        """Of a block (..., 6, nv) the columns of joints that carry a frame, zero at the others."""
+        return block * self._at.support(frame)
+
+    def moving(self, v: np.ndarray) -> Motion:
+        return BatchVelocities(self, v)
+
+
+class BatchVelocities(BatchPositions, Motion):
+    """Kinematics at many configurations and velocities.
+
+    Args:
+        positions: the configurations.
+        v: (..., nv).
+    """
+
+    def __init__(self, positions: BatchPositions, v: np.ndarray) -> None:
+        at = self._at = positions._at
+        self.q, self.M, self.J = positions.q, positions.M, positions.J
+        self._places, self._frames = positions._places, positions._frames
+        self.v, self.bias = v, np.empty(v.shape)
+        self._velocities: dict[int, np.ndarray] = {}
+        self.dJ = np.empty(self.J.shape)
+        dJ, bias, model, data = self.dJ.reshape(-1, 6, at.nv), self.bias.reshape(-1, at.nv), at.model, at.data
+        states = zip(self.q.reshape(-1, at.nq), v.reshape(-1, at.nv), strict=True)
+        at.invalidate()
+        for i, (q_i, v_i) in enumerate(states):
+            pin.computeJointJacobiansTimeVariation(model, data, q_i, v_i)
+            dJ[i] = at.dJ
+            bias[i] = pin.nonLinearEffects(model, data, q_i, v_i)
+
+    @cached_property
+    def _twists(self) -> np.ndarray:
+        """What each column adds to motions about the world's origin, (..., 6, nv)."""
+        return self.J * self.v[..., None, :]
+
+    @cached_property
+    def _twist_rates(self) -> np.ndarray:
+        """What each column adds to their rates at zero ``vdot``."""
+        return self.dJ * self.v[..., None, :]
+
+    def velocity(self, frame: int) -> np.ndarray:
+        if frame not in self._velocities:
+            twist = self._twists @ self._at.support(frame)
+            self._velocities[frame] = apply(self._wrenches(frame, WORLD_AXES, ALL), twist)
+        return self._velocities[frame]
+
+    def joint_velocity(self, joint: int) -> np.ndarray:
+        def one(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            self._at.update_velocity(q, v)
+            return self._at.data.v[joint].vector.copy()
+
+        return over_states(one, (6,), self.q, self.v)
+
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        result = apply(self._wrenches(frame, axes, rows), self._twist_rates @ self._at.support(frame))
+        if axes == WORLD_AXES:  # of the origin as a point: it moves with the turning body
+            velocity = components(self.velocity(frame))
+            turned = cross(velocity[_ANGULAR], velocity[_LINEAR])
+            for i, row in enumerate(range(*rows.indices(6)) if isinstance(rows, slice) else rows):
+                if row < 3:
+                    result[..., i] += turned[row]
+        return result
+
+    def rates(self) -> Rates:
+        return BatchRates(self)
+
+
+class BatchRates(BatchVelocities, Rates):
+    """Kinematics of many states with rates along v.
+
+    Args:
+        motions: the states.
+    """
+
+    def __init__(self, motions: BatchVelocities) -> None:
+        self._at = motions._at
+        self.q, self.M, self.J = motions.q, motions.M, motions.J
+        self._places, self._frames = motions._places, motions._frames
+        self.v, self.bias, self.dJ, self._velocities = motions.v, motions.bias, motions.dJ, motions._velocities
+
+    @cached_property
+    def C(self) -> np.ndarray:
+        return over_states(self._at.coriolis, self.M.shape[-2:], self.q, self.v)
+
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        place = self.placement(frame)
+        J, dJ = self._columns(self.J, frame), self._columns(self.dJ, frame)
+        J, dJ = _about(place.translation, J), _about(place.translation, dJ)
+        twist = apply(J, self.v)[..., None]  # of the frame, about its origin
+        linear, angular = twist[..., _LINEAR, :], twist[..., _ANGULAR, :]
+        if axes == WORLD_AXES:  # the origin moves on
+            dJ[..., _LINEAR, :] += _cross(J[..., _ANGULAR, :], linear)
+            return dJ
+        dJ[..., _LINEAR, :] -= _cross(angular, J[..., _LINEAR, :]) + _cross(linear, J[..., _ANGULAR, :])
+        dJ[..., _ANGULAR, :] -= _cross(angular, J[..., _ANGULAR, :])
+        return _along(place.rotation, dJ)
+
+
+def _about(points: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Motions (..., 6, k) about the world's origin as motions about points (..., 3)."""
+    moved = columns.copy()
+    moved[..., _LINEAR, :] += _cross(columns[..., _ANGULAR, :], points[..., None])
+    return moved
+
+
+def _along(rotations: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Motions (..., 6, k) with components along the axes of rotations (..., 3, 3)."""
+    back = rotations.mT
+    return np.concatenate([back @ columns[..., _LINEAR, :], back @ columns[..., _ANGULAR, :]], axis=-2)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products of columns (..., 3, k)."""
+    (ax, ay, az), (bx, by, bz) = ([each[..., i, :] for i in range(3)] for each in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-2)

@@ -1,0 +1,403 @@
+"""Evaluation of a reduced model at states (q, v): rates, dynamics, forces and measurements.
+
+    Rdot = -E^-1 Edot R,   V = R^T (H* Rdot + C* R),   G = R^T g*.
+
+Affine constraints ``A v = mu(q)``, such as a momentum that is not zero, add a given motion,
+
+    bdot = E^-1 ([mudot; 0] - Edot b),   G = R^T (g* + H* bdot + C* b).
+
+Paper (2)-(3), (6)-(7). Everything is written over leading axes.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import DivergenceError
+from rnc_pin.math.linear_algebra import apply, apply_transposed, product, solve_positive_definite
+from rnc_pin.model.admission import ArrayInput, vector
+from rnc_pin.model.cached_property import cached_property, forwarded
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.kinematics import Motion, Position, Rates
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parts import Parts
+from rnc_pin.model.terms import Flow, ReducedTerms
+
+_AT = "configuration"
+
+
+class StateEvaluation:
+    """A reduced model at states (q, v). Each quantity is computed on first use, once, and is read-only.
+
+    ``ReducedModel.at(q, v2)`` makes one. It does not change when the model is evaluated elsewhere.
+
+    Args:
+        configuration: evaluation at the configurations (..., nq).
+        v2: admitted reduced velocities (..., r).
+        v: instead, admitted full velocities as they were measured, (..., nv).
+        motion: kinematics at these configurations and full velocities, if known.
+
+    Raises (every quantity that needs R):
+        SingularityError: the outputs do not parametrise the motion at q.
+    """
+
+    M = forwarded(ConfigurationEvaluation.M, _AT)
+    B = forwarded(ConfigurationEvaluation.B, _AT)
+    all_rows = forwarded(ConfigurationEvaluation.all_rows, _AT)
+    E = forwarded(ConfigurationEvaluation.E, _AT)
+    E_inverse = forwarded(ConfigurationEvaluation.E_inverse, _AT)
+    A = forwarded(ConfigurationEvaluation.A, _AT)
+    J1 = forwarded(ConfigurationEvaluation.J1, _AT)
+    J2 = forwarded(ConfigurationEvaluation.J2, _AT)
+    R = forwarded(ConfigurationEvaluation.R, _AT)
+    A_star = forwarded(ConfigurationEvaluation.A_star, _AT)
+    input_matrix = forwarded(ConfigurationEvaluation.input_matrix, _AT)
+    H = forwarded(ConfigurationEvaluation.H, _AT)
+    mu = forwarded(ConfigurationEvaluation.mu, _AT)
+    b = forwarded(ConfigurationEvaluation.b, _AT)
+    kept = forwarded(ConfigurationEvaluation.kept, _AT)
+    scaled_stack = forwarded(ConfigurationEvaluation.scaled_stack, _AT)
+
+    def __init__(
+        self,
+        configuration: ConfigurationEvaluation,
+        v2: Array | None = None,
+        v: Array | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        self.configuration = configuration
+        self._parts = configuration._parts
+        self._v2, self._v, self._motion = v2, v, motion
+
+    @classmethod
+    def at(cls, parts: Parts, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
+        """Evaluation at admitted states (..., nq), and (..., r) or (..., nv)."""
+        return cls(ConfigurationEvaluation.at(parts, q), v2, v)
+
+    def in_reduction(self, parts: Parts) -> StateEvaluation:
+        """The same states in another reduction of the same system."""
+        return StateEvaluation(self.configuration.in_reduction(parts), v=self.v, motion=self._motion)
+
+    def with_velocity(self, v: Array) -> StateEvaluation:
+        """The same configurations with other full velocities (..., nv)."""
+        return StateEvaluation(self.configuration, v=v)
+
+    # ------------------------------------------------------------------ of the configuration
+
+    @property
+    def q(self) -> Float[Array, "*batch nq"]:
+        """Configurations."""
+        return self.configuration.position.q
+
+    @property
+    def position(self) -> Position:
+        """Kinematics at q."""
+        return self.configuration.position
+
+    @property
+    def regular(self) -> Array:
+        """True where the outputs parametrise the motion, (...,)."""
+        return self.configuration.regular
+
+    @property
+    def condition(self) -> Array | float:
+        """Condition number (...) of E: how well x2 parametrises the motion. Raises at no singular configuration."""
+        return self.configuration.condition
+
+    @property
+    def smallest_singular_value(self) -> Array | float:
+        """Smallest singular value (...) of E; zero at a singular configuration."""
+        return self.configuration.smallest_singular_value
+
+    def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
+        return self.configuration.outputs(integrals)
+
+    def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
+        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+
+        Raises:
+            ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
+        """
+        return self.configuration.allocate(F)
+
+    # ------------------------------------------------------------------ velocities
+
+    @cached_property
+    def v2(self) -> Float[Array, "*batch r"]:
+        """Rates of the reducing outputs."""
+        return apply(self.J2, self.v) if self._v2 is None else self._v2
+
+    @cached_property
+    def v(self) -> Float[Array, "*batch nv"]:
+        """Full velocity: ``R v2 + b``, or as it was measured."""
+        return self.configuration.velocity(self.v2) if self._v is None else self._v
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Kinematics at (q, v)."""
+        if self._motion is None:
+            self._motion = self.configuration.position.moving(self.v)
+        return self._motion
+
+    @cached_property
+    def gamma(self) -> Float[Array, "*batch nv"]:
+        """``Edot v - [mudot; 0]``: accelerations of constraint rows and reducing outputs at zero ``vdot``."""
+        parts = self._parts
+        if self.configuration.factorization.kept is None:
+            return parts.stack.drift(self.motion)
+        chosen = np.take_along_axis(parts.rows.drift(self.motion), self.configuration.kept_rows, axis=-1)
+        return np.concatenate([chosen, parts.reducing.drift(self.motion)], axis=-1)
+
+    @cached_property
+    def residual(self) -> Float[Array, "*batch m"]:
+        """``A v - mu``: violation of the constraints by the velocity."""
+        residual = apply(self.A, self.v)
+        return residual - self.mu if self._parts.affine else residual
+
+    @cached_property
+    def v1(self) -> Float[Array, "*batch k"]:
+        """Rates of the vertical outputs, ``J1 v``."""
+        return apply(self.J1, self.v)
+
+    @cached_property
+    def rates(self) -> Rates:
+        """Kinematics at (q, v) with rates along v."""
+        return self.motion.rates()
+
+    @cached_property
+    def E_dot(self) -> Float[Array, "*batch nv nv"]:
+        """Rate of E."""
+        parts = self._parts
+        if self.configuration.factorization.kept is None:
+            return parts.stack.jacobian_dot(self.rates)
+        kept = self.configuration.kept_rows[..., None]
+        chosen = np.take_along_axis(parts.rows.jacobian_dot(self.rates), kept, axis=-2)
+        return np.concatenate([chosen, parts.reducing.jacobian_dot(self.rates)], axis=-2)
+
+    @cached_property
+    def A_dot(self) -> Float[Array, "*batch m nv"]:
+        """Rate of A."""
+        return self.E_dot[..., : self._parts.m, :]
+
+    @cached_property
+    def R_dot(self) -> Float[Array, "*batch nv r"]:
+        """Rate of R."""
+        return -product(self.E_inverse, product(self.E_dot, self.R))
+
+    @cached_property
+    def J1_dot(self) -> Float[Array, "*batch k nv"]:
+        """Rate of J1."""
+        return self._parts.vertical.jacobian_dot(self.rates)
+
+    @cached_property
+    def A_star_dot(self) -> Float[Array, "*batch k r"]:
+        """Rate of A_star."""
+        return self.J1_dot @ self.R + self.J1 @ self.R_dot
+
+    @cached_property
+    def b_dot(self) -> Float[Array, "*batch nv"]:
+        """Rate of b."""
+        parts = self._parts
+        if not parts.affine:
+            return np.zeros_like(self.b)
+        mu_dot = np.take_along_axis(parts.rows.rate_dot(self.rates), self.configuration.kept_rows, axis=-1)
+        return apply(self.E_inverse[parts.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+
+    # ------------------------------------------------------------------ dynamics
+
+    @cached_property
+    def C(self) -> Float[Array, "*batch nv nv"]:
+        """Coriolis matrix C* before reduction, with ``Hdot* = C* + C*^T``."""
+        return self.rates.C
+
+    @cached_property
+    def bias(self) -> Float[Array, "*batch nv"]:
+        """Nonlinear effects ``C* v + g*``."""
+        return self.motion.bias
+
+    @cached_property
+    def g(self) -> Float[Array, "*batch nv"]:
+        """Gravity forces g* before reduction."""
+        return self.bias - apply(self.C, self.v)
+
+    @cached_property
+    def V(self) -> Float[Array, "*batch r r"]:
+        """Coriolis matrix, with ``Hdot = V + V^T``."""
+        return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
+
+    @cached_property
+    def G(self) -> Float[Array, "*batch r"]:
+        """Gravity forces; with affine constraints also those of the motion b, ``R^T (g* + H* b_dot + C* b)``."""
+        g = self.g
+        if self._parts.affine:
+            g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
+        return apply_transposed(self.R, g)
+
+    def flow(self, T: ArrayInput, damping: Array | None = None, external: Array | None = None) -> Flow:
+        """State derivative for an integrator: full velocity, reduced acceleration and power.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            damping: viscous coefficients (nv,) [N m s/rad or N s/m].
+            external: generalized forces (..., nv) beside inputs and damping.
+        """
+        force = self._force(vector(T, self._parts.p, "T"), damping)
+        if external is not None:
+            force = force + external
+        v2_dot = self._accelerated(force)
+        power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
+        if self._parts.affine:  # constraints that move do work
+            power = power - np.vecdot(self.mu, self._multipliers(force, v2_dot))
+        return Flow(self.v, v2_dot, power)
+
+    def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
+        """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
+        return self._accelerated(self._force(vector(T, self._parts.p, "T"), None))
+
+    def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
+        """Full acceleration of a reduced one (..., r): ``R v2_dot + Rdot v2 + b_dot``."""
+        return apply(self.R, v2_dot) - self._E_inverse_gamma
+
+    @cached_property
+    def _E_inverse_gamma(self) -> Array:
+        return apply(self.E_inverse, self.gamma)
+
+    def _force(self, T: Array, damping: Array | None) -> Array:
+        force = apply(self.B, T)
+        return force if damping is None else force - damping * self.v
+
+    def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
+        force = self._force(vector(T, self._parts.p, "T"), None)
+        return force if external is None else force + external
+
+    @cached_property
+    def _unforced(self) -> Array:
+        """``H* E^-1 gamma - bias``: all forces but those of the actuators, as ``vdot = R v2dot - E^-1 gamma``."""
+        return apply(self.M, self._E_inverse_gamma) - self.bias
+
+    def _accelerated(self, force: Array) -> Array:
+        # H v2dot = R^T (force - bias + H* E^-1 gamma).
+        free = force + self._unforced
+        v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
+        if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
+            raise DivergenceError("accelerations have no bound")
+        return v2_dot
+
+    def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
+        """Reduced forces ``F = H v2dot + V v2 + G``."""
+        acceleration = self.v_dot(vector(v2_dot, self._parts.r, "v2_dot"))
+        return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
+
+    def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
+        """Full acceleration under inputs T (..., p) and generalized forces (..., nv) beside them."""
+        return self.v_dot(self._accelerated(self._total_force(T, external)))
+
+    # ------------------------------------------------------------------ constraint forces
+
+    def multipliers(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch m"]:
+        """Multipliers lambda of the rows in A, in ``B T + external = H* vdot + C* v + g* + A^T lambda``.
+
+        The rows are those kept by default; at states where others had to be chosen these have no multipliers of their
+        own, and are NaN: ``contact_forces`` returns the forces there.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
+        """
+        force = self._total_force(T, external)
+        found = self._multipliers(force, self._accelerated(force))
+        if self.configuration.factorization.kept is not None:
+            other = self.configuration.kept_rows != np.array(self._parts.kept, dtype=int)
+            found[other.any(axis=-1)] = np.nan
+        return found
+
+    def _multipliers(self, force: Array, v2_dot: Array) -> Array:
+        # A^T lambda + J2^T 0 = what is left of the balance, that is E^T [lambda; 0] = it.
+        return apply_transposed(self.E_inverse[self._parts.multiplied], self._unbalanced(force, v2_dot))
+
+    def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
+        """``A^T lambda``: generalized forces of the constraints."""
+        return force - self.bias - apply(self.M, self.v_dot(v2_dot))
+
+    def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
+        """Multipliers of all constraint rows, dropped ones included: the smallest (in the sum of squares) that do it.
+
+        Where rows depend on each other, as two wheels of one axle do, mechanics of rigid bodies does not say how they
+        share the force; the least norm shares it evenly.
+
+        Args:
+            T: actuator inputs (..., p) [N or N m].
+            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
+        """
+        force = self._total_force(T, external)
+        unbalanced = self._unbalanced(force, self._accelerated(force))
+        # Rows that are dependent but for rounding are so here too: no more directions than rows are kept.
+        left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
+        counted = (np.arange(values.shape[-1]) < self._parts.m) & (values > 1e-10 * values[..., :1])
+        inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
+        return apply_transposed(right, inverses * apply_transposed(left, unbalanced))
+
+    # ------------------------------------------------------------------ energy, measurement, terms
+
+    @property
+    def kinetic_energy(self) -> Array | float:
+        """(...,) [J]"""
+        return 0.5 * np.vecdot(self.v, apply(self.M, self.v))
+
+    @property
+    def energy(self) -> Array | float:
+        """Kinetic plus potential energy (...,) [J]."""
+        return self.kinetic_energy + self._parts.kinematics.potential_energy(self.q)
+
+    def measure(self, integrals: ArrayInput | None = None) -> Measurement:
+        """Measurement for controllers: outputs, rates and the kinematics between them, no inertia.
+
+        Args:
+            integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity outputs; without
+                them those values are NaN, and a controller that needs one says so.
+        """
+        quasi = self._parts.reducing.quasi
+        x1, x2 = self.outputs(integrals)
+        if integrals is None and quasi.any():
+            x2 = x2.copy()
+            x2[..., quasi] = np.nan
+        offset = offset_dot = None
+        if self._parts.affine:
+            offset = apply(self.J1, self.b)
+            offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
+        return Measurement(
+            q=self.q,
+            v=self.v,
+            v2=self.v2,
+            x1=x1,
+            x2=x2,
+            v1=self.v1,
+            A_star=self.A_star,
+            A_star_dot=self.A_star_dot,
+            v1_offset=offset,
+            v1_offset_dot=offset_dot,
+            residual=self.residual,
+        )
+
+    def terms(self) -> ReducedTerms:
+        """Every matrix of the reduced system."""
+        return ReducedTerms(
+            R=self.R,
+            R_dot=self.R_dot,
+            H=self.H,
+            V=self.V,
+            G=self.G,
+            input_matrix=self.input_matrix,
+            A=self.A,
+            A_dot=self.A_dot,
+            A_star=self.A_star,
+            A_star_dot=self.A_star_dot,
+            v=self.v,
+            b=self.b,
+            b_dot=self.b_dot,
+        )
