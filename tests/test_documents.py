@@ -1,17 +1,25 @@
-"""What the documents say is true: examples and the README's Python blocks run, links lead somewhere."""
+"""The documents are true: examples and Python blocks run, links lead somewhere, generated tables are current."""
 
+import importlib.util
 import re
 import runpy
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
+
+from rnc_pin.scenario.loading import validate
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 AT_THE_TOP = ("README.md", "CONTRIBUTING.md", "SECURITY.md")
 DOCUMENTS = [*(ROOT / name for name in AT_THE_TOP), *sorted((ROOT / "docs").glob("*.md"))]
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+BLOCKS = [
+    pytest.param(block, id=f"{path.name}-{k}")
+    for path in DOCUMENTS
+    for k, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), flags=re.DOTALL))
+]
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
@@ -31,10 +39,28 @@ def test_example_runs(example, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
-def test_python_block_of_the_readme_runs(block, tmp_path, monkeypatch):
+@pytest.mark.parametrize("block", BLOCKS)
+def test_python_block_runs(block, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {"__name__": "__main__"})
+    exec(compile(block, "block", "exec"), {"__name__": "__main__"})
+
+
+def test_first_scenario_of_the_page_is_complete():
+    text = (ROOT / "docs" / "scenarios.md").read_text()
+    first = re.findall(r"```yaml\n(.*?)```", text, flags=re.DOTALL)[0]
+    assert validate(yaml.safe_load(first), "scenarios.md").simulation is not None
+
+
+def test_tables_of_scenario_keys_are_current():
+    spec = importlib.util.spec_from_file_location("make_scenario_keys", ROOT / "docs" / "make_scenario_keys.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = module.PAGE.read_text()
+    assert module.page(text) == text, "run python docs/make_scenario_keys.py"
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().split()) <= 800
 
 
 def test_the_readme_has_the_two_commands():
