@@ -73,7 +73,7 @@ class ConfigurationEvaluation:
 
     # ------------------------------------------------------------------ matrices
 
-    @cached_property
+    @property
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
         return self.position.M

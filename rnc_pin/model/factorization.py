@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -17,8 +17,7 @@ _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as depe
 _WELL = 1e-3  # smallest singular value of unit rows above which the default ones stay
 
 
-@dataclass(frozen=True, eq=False)
-class Factorization:
+class Factorization(NamedTuple):
     """E at states (...,), its inverse, and where it is regular."""
 
     E: Float[Array, "*batch nv nv"]

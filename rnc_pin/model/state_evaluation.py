@@ -45,7 +45,6 @@ class StateEvaluation:
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
-    M = forwarded(ConfigurationEvaluation.M, _AT)
     B = forwarded(ConfigurationEvaluation.B, _AT)
     all_rows = forwarded(ConfigurationEvaluation.all_rows, _AT)
     E = forwarded(ConfigurationEvaluation.E, _AT)
@@ -97,6 +96,11 @@ class StateEvaluation:
     def position(self) -> Position:
         """Kinematics at q."""
         return self.configuration.position
+
+    @property
+    def M(self) -> Float[Array, "*batch nv nv"]:
+        """Inertia matrix H* before reduction."""
+        return self.configuration.position.M
 
     @property
     def regular(self) -> Array:
@@ -215,7 +219,7 @@ class StateEvaluation:
         """Coriolis matrix C* before reduction, with ``Hdot* = C* + C*^T``."""
         return self.rates.C
 
-    @cached_property
+    @property
     def bias(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*``."""
         return self.motion.bias
@@ -261,14 +265,14 @@ class StateEvaluation:
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration of a reduced one (..., r): ``R v2_dot + Rdot v2 + b_dot``."""
-        return apply(self.R, v2_dot) - self._E_inverse_gamma
+        return apply(self.configuration.R, v2_dot) - self._E_inverse_gamma
 
     @cached_property
     def _E_inverse_gamma(self) -> Array:
-        return apply(self.E_inverse, self.gamma)
+        return apply(self.configuration.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
-        force = apply(self.B, T)
+        force = apply(self.configuration.B, T)
         return force if damping is None else force - damping * self.v
 
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
@@ -278,12 +282,12 @@ class StateEvaluation:
     @cached_property
     def _unforced(self) -> Array:
         """``H* E^-1 gamma - bias``: all forces but those of the actuators, as ``vdot = R v2dot - E^-1 gamma``."""
-        return apply(self.M, self._E_inverse_gamma) - self.bias
+        return apply(self.configuration.position.M, self._E_inverse_gamma) - self.motion.bias
 
     def _accelerated(self, force: Array) -> Array:
         # H v2dot = R^T (force - bias + H* E^-1 gamma).
-        free = force + self._unforced
-        v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
+        at, free = self.configuration, force + self._unforced
+        v2_dot = solve_positive_definite(at.H, apply_transposed(at.R, free))
         if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
             raise DivergenceError("accelerations have no bound")
         return v2_dot

@@ -53,6 +53,7 @@ class BatchPositions(Position):
             J[i] = at.J
             for out, view in kept:
                 out[i] = view
+        self.M.setflags(write=False)
 
     def joint_placement(self, joint: int) -> Placement:
         if joint not in self._places:
@@ -131,6 +132,7 @@ class BatchVelocities(BatchPositions, Motion):
             pin.computeJointJacobiansTimeVariation(model, data, q_i, v_i)
             dJ[i] = at.dJ
             bias[i] = pin.nonLinearEffects(model, data, q_i, v_i)
+        self.bias.setflags(write=False)
 
     @cached_property
     def _twists(self) -> np.ndarray:

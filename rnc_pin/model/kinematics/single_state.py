@@ -36,6 +36,7 @@ class SinglePosition(Position):
         self.q = q
         # In this convention it comes with placements and joint Jacobians.
         self.M = pin.crba(at.model, at.data, q, _WORLD)
+        self.M.setflags(write=False)
         at.position_is_current(q)
 
     def placement(self, frame: int) -> Placement:
@@ -80,6 +81,7 @@ class SingleVelocity(SinglePosition, Motion):
         at = self._at = position._at
         self.q, self.M, self.v = position.q, position.M, v
         self.bias = pin.nonLinearEffects(at.model, at.data, self.q, v)
+        self.bias.setflags(write=False)
         at.v = None  # that wrote velocities of its own
 
     def velocity(self, frame: int) -> np.ndarray:
