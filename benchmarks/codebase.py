@@ -1,0 +1,135 @@
+"""Size and shape of the code base: what a reader has to go through.
+
+    python -m benchmarks.codebase              # this tree
+    python -m benchmarks.codebase FOLDER       # another checkout
+
+Lines without comments leave out blank lines, comments and docstrings. The core is what reduces, analyses and controls;
+the periphery reads files, draws, runs commands and talks to other programs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import re
+import statistics
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "planning", "loop", "simulation")
+MOST_PARAMETERS, MOST_LINES, LARGE_MODULE = 8, 60, 350
+EVALUATION = {"ConfigurationEvaluation", "StateEvaluation", "Evaluation"}
+_SKIPPED = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+_QUESTIONS = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def code_lines(source: str) -> int:
+    """Number of lines that hold code: no blank lines, comments or docstrings."""
+    docstrings = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, Function | ast.ClassDef | ast.Module) and ast.get_docstring(node) is not None:
+            docstrings |= set(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    found: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in _SKIPPED:
+            found |= set(range(token.start[0], token.end[0] + 1))
+    return len(found - docstrings)
+
+
+def functions(tree: ast.AST) -> Iterator[Function]:
+    """All functions and methods of a module."""
+    return (node for node in ast.walk(tree) if isinstance(node, Function))
+
+
+def parameters(function: Function) -> int:
+    """Number of parameters, self and cls left out."""
+    given = function.args
+    names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    return len([name for name in names if name not in ("self", "cls")])
+
+
+def public_members(tree: ast.AST, names: set[str]) -> set[str]:
+    """Public methods, properties and forwarded quantities of classes."""
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef) and node.name in names:
+            for each in node.body:
+                if isinstance(each, Function):
+                    found.add(each.name)
+                elif isinstance(each, ast.Assign):
+                    found |= {target.id for target in each.targets if isinstance(target, ast.Name)}
+    return {name for name in found if not name.startswith("_")}
+
+
+def measure(root: Path) -> dict[str, object]:
+    """All figures of a checkout."""
+    package = root / "rnc_pin"
+    sources = {path: path.read_text() for path in sorted(package.rglob("*.py"))}
+    trees = {path: ast.parse(text) for path, text in sources.items()}
+    every = [function for tree in trees.values() for function in functions(tree)]
+    lengths = [(each.end_lineno or each.lineno) - each.lineno + 1 for each in every]
+    sizes = {path: len(text.splitlines()) for path, text in sources.items()}
+    code = {path: code_lines(text) for path, text in sources.items()}
+    core = sum(lines for path, lines in code.items() if path.relative_to(package).parts[0] in CORE)
+    docstrings = [
+        text
+        for tree in trees.values()
+        for node in ast.walk(tree)
+        if isinstance(node, Function | ast.ClassDef | ast.Module) and (text := ast.get_docstring(node))
+    ]
+    files = [path.name for path in sources if path.name != "__init__.py"]
+    exported = ast.parse((package / "__init__.pyi").read_text())
+    imported = [each for each in exported.body if isinstance(each, ast.ImportFrom)]
+
+    percentile = sorted(lengths)[len(lengths) * 95 // 100]
+
+    def members(names: set[str]) -> int:
+        return len(set().union(*(public_members(tree, names) for tree in trees.values())))
+
+    return {
+        "modules": len(sources),
+        "lines": sum(sizes.values()),
+        "lines without comments": sum(code.values()),
+        "  of these core": core,
+        "  of these periphery": sum(code.values()) - core,
+        "module, median and largest": f"{statistics.median(sizes.values()):.0f}, {max(sizes.values())}",
+        f"modules over {LARGE_MODULE} lines": sum(size > LARGE_MODULE for size in sizes.values()),
+        "function, median and 95th percentile": f"{statistics.median(lengths):.0f}, {percentile}",
+        f"functions over {MOST_LINES} lines": sum(length > MOST_LINES for length in lengths),
+        f"functions with more than {MOST_PARAMETERS} parameters": sum(
+            parameters(each) > MOST_PARAMETERS for each in every
+        ),
+        "exported names": sum(len(each.names) for each in imported),
+        "public members: evaluation": members(EVALUATION),
+        "public members: ReducedModel": members({"ReducedModel"}),
+        "public members: Robot": members({"Robot"}),
+        "uses of Any": sum(len(re.findall(r"\bAny\b", text)) for text in sources.values()),
+        "docstrings": len(docstrings),
+        "  that start with a question word": sum(bool(_QUESTIONS.match(text)) for text in docstrings),
+        "file names used more than once": len({name for name in files if files.count(name) > 1}),
+        "lines of tests": sum(len(path.read_text().splitlines()) for path in sorted((root / "tests").rglob("*.py"))),
+        "words of the README": len((root / "README.md").read_text().split()),
+    }
+
+
+def main() -> None:
+    """Print the figures of one or more checkouts side by side."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("roots", nargs="*", type=Path, default=[Path(__file__).resolve().parent.parent])
+    roots = parser.parse_args().roots
+    table = Table(*("", *(root.resolve().name for root in roots)))
+    measured = [measure(root) for root in roots]
+    for name in measured[0]:
+        table.add_row(name, *(str(each[name]) for each in measured))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
