@@ -15,7 +15,7 @@ _LONGEST_LINE = 4000
 _LONGEST_NAME, _MOST_NAMES = 100, 2000  # compared with others: it takes the square of the one, times the other
 
 
-class Motion(Protocol):
+class PartialRun(Protocol):
     """What errors carry of a motion that they ended: a ``Trajectory`` or, of kinematics alone, a ``Rollout``."""
 
     @property
@@ -43,7 +43,7 @@ class RncError(Exception):
         no joint 'jont_2' in robot 'space_robot'; did you mean 'joint_2'?
     """
 
-    trajectory: Motion | None = None
+    trajectory: PartialRun | None = None
 
     def __str__(self) -> str:
         return printable(self._words())

@@ -27,8 +27,8 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
     assert (frame.index, frame.joint) == (robot.frame_id("on_slide"), base.parentJoint)
     q, v = states(robot)
     for i in ((0, 1), ...):
-        at = Kinematics(robot).position(q[i]).moving(v[i]).rates()
-        expected = Kinematics(rnc.Robot(model)).position(q[i]).moving(v[i]).rates()
+        at = Kinematics(robot).position(q[i]).with_velocity(v[i]).rates()
+        expected = Kinematics(rnc.Robot(model)).position(q[i]).with_velocity(v[i]).rates()
         for found, place in zip(frame.placement(at), expected.placement(there), strict=True):
             near(found, place)
         near(frame.jacobian(at), expected.jacobian(there, OWN_AXES))
@@ -97,7 +97,7 @@ def test_actuators_pull_where_they_are():
         rate = Plain(robot, q[i], v[i]).along(matrix)
         for at, where in ((q[i], ()), (q, i)):
             speed = v[i] if at.ndim == 1 else v
-            here = Kinematics(robot, actuation.joints).position(at).moving(speed).rates()
+            here = Kinematics(robot, actuation.joints).position(at).with_velocity(speed).rates()
             near(actuation.matrix(here)[where], matrix(q[i]))
             near(actuation.matrix_rate(here)[where], rate)
             only = Actuation(["turn", "slide"], robot)

@@ -42,7 +42,7 @@ def test_the_rate_of_actuation_on_frames():
         ahead, behind = (
             actuation.matrix(kinematics.position(pin.integrate(robot.model, q, sign * h * v))) for sign in (1, -1)
         )
-        rate = actuation.matrix_rate(kinematics.position(q).moving(v).rates())
+        rate = actuation.matrix_rate(kinematics.position(q).with_velocity(v).rates())
         np.testing.assert_allclose(rate, (ahead - behind) / (2 * h), atol=FINITE_DIFFERENCE)
         assert (np.abs(rate).max(axis=0)[[0, 2]] > 0.01).all()
 
@@ -205,7 +205,7 @@ def test_what_is_learnt_starts_at_zero_under_a_reference_that_moves_already():
     """B and A too: the first force is ``k2 gamma^2 e`` alone, whatever the reference's rates."""
     e = np.array([0.7, -0.2])
 
-    def moving(t):
+    def with_velocity(t):
         return SimpleNamespace(
             position=e, velocity=np.array([3.0, 1.0]), acceleration=np.array([-2.0, 5.0]), jerk=np.array([1.0, 4.0])
         )

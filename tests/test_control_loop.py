@@ -11,7 +11,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command
 from rnc_pin.loop.saved_state import write_state
-from rnc_pin.loop.velocity import FilteredVelocity, Motion, VelocityObserver
+from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimate, VelocityObserver
 from rnc_pin.plants import FaultyMachine
 from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import ReducedPlant
@@ -148,7 +148,10 @@ FOREIGN = {
     "a block of velocities": (lambda state: {"v2": np.zeros((2, 2))}, r"v2 has shape \(2, 2\), expected \(2,\)"),
     "integrals": (lambda state: {"integrals": np.array([np.inf, 0.0])}, r"integrals\[0\] is inf"),
     "what was missing": (lambda state: {"missing": np.zeros(1)}, r"missing has shape \(1,\)"),
-    "an estimate": (lambda state: {"motion": Motion(state.q, np.zeros(2), np.zeros(3))}, r"motion\.v has shape"),
+    "an estimate": (
+        lambda state: {"motion": VelocityEstimate(state.q, np.zeros(2), np.zeros(3))},
+        r"motion\.v has shape",
+    ),
     "no estimate": (lambda state: {"motion": (1.0,)}, "motion is no estimate of a velocity"),
     "a reason": (lambda state: {"trouble": 3}, "trouble is no text: 3"),
     "failure": (lambda state: {"failed": "perhaps"}, "failed is neither true nor false"),

@@ -77,7 +77,7 @@ class UndefinedRows(Rows):
     def jacobian_dot(self, at):
         return np.zeros((*at.q.shape[:-1], *self.matrix.shape))
 
-    def drift(self, at):
+    def bias_acceleration(self, at):
         return self._zeros(at)
 
 

@@ -9,8 +9,8 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.factorization import dependences
-from rnc_pin.model.parts import Parts, VelocityRows
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -32,7 +32,7 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     robot, blocks = rnc.Robot(model), [Rails(rows)] if len(rows) else []
     outputs = OutputStack([Rails(reducing, "x")])
     actuation = Actuation(actuators, robot)
-    return Parts(
+    return ReductionData(
         robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, np.array(lengths, dtype=float), free
     )
 
@@ -69,7 +69,7 @@ def test_each_row_is_as_dependent_as_its_angle_to_the_others_is_small(count):
         others = np.delete(E, k, axis=0)
         rest = np.linalg.norm(E[k] - np.linalg.lstsq(others.T, E[k])[0] @ others)
         expected.append(max(np.linalg.norm(E[k]), lengths[k]) / rest)
-    found = dependences(state.E, state.E_inverse, state._parts.lengths)
+    found = dependences(state.E, state.E_inverse, state._data.lengths)
     np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), rtol=1e-10)
     assert found.shape == (*state.q.shape[:-1], 4)
     worst = max(expected)
@@ -112,7 +112,7 @@ def test_settled_outputs_are_the_entries_that_were_chosen():
         rows, entries = edge(slope)
         parts = on_rails(rows, (0,), entries, 1e8, np.ones(3), free=True)
         free = ReducedModel(parts, Assembly(parts.robot, []))
-        settled = free.settled_at(np.zeros(3))
+        settled = free.with_basis_at(np.zeros(3))
         assert list(settled.reducing.names) == chosen
         assert free.at(np.zeros(3)).R.tolist() == settled.at(np.zeros(3)).R.tolist()
 
@@ -272,7 +272,7 @@ def test_inputs_are_the_smallest_that_give_the_forces(count):
 
 def test_one_of_many_states_whose_forces_have_no_bound():
     state = pushed(1e10 * np.eye(2), 2)
-    state = StateEvaluation.at(state._parts, state.q, np.zeros((2, 2)))
+    state = StateEvaluation.at(state._data, state.q, np.zeros((2, 2)))
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
     with (
         np.errstate(over="ignore", invalid="ignore"),

@@ -156,7 +156,7 @@ def test_each_quantity_is_computed_once(monkeypatch):
 def test_a_configuration_has_no_velocity():
     position = space_robot().at(space_robot().robot.configuration({"joint_2": 1.0})).position
     assert not hasattr(position, "acceleration")
-    assert not hasattr(position.moving(np.zeros(4)), "jacobian_dot")
+    assert not hasattr(position.with_velocity(np.zeros(4)), "jacobian_dot")
     with pytest.raises(rnc.InputError, match="'v' needs a velocity: give v2, or v as it was measured"):
         _ = space_robot().at(position.q).v
 

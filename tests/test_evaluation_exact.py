@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.parts import Parts, VelocityRows
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -63,7 +63,7 @@ class Given(OutputRows):
         W, W_dot = self.weights.at(at.q), self.weights.rate(at.v)
         return W_dot @ self.directions.at(at.q) + W @ self.directions.rate(at.v)
 
-    def drift(self, at):
+    def bias_acceleration(self, at):
         return np.matvec(self.jacobian_dot(at), at.v) - self.rate_dot(at)
 
     def rate(self, at):
@@ -100,11 +100,11 @@ def system():
     reducing = [ends[0], VelocityRows(W, ["quasi"], [""]), ends[1]]
     actuation = Actuation(["b", "d", rnc.FrameForce("tip", "y"), rnc.FrameTorque("tip", "x")], robot)
     lengths = np.array([1.1, 0.9, 1.3, 0.7, 1.0, 2.0, 0.5])
-    parts = Parts(
+    parts = ReductionData(
         robot, RowStack([rows]), (0, 1), actuation, OutputStack(reducing), OutputStack([vertical]), 1e8, lengths
     )
     still = Actuation(generator.normal(size=(N, 4)), robot)
-    steady = Parts(robot, RowStack([]), (), still, OutputStack([]), OutputStack([]), 1e8, lengths[:0])
+    steady = ReductionData(robot, RowStack([]), (), still, OutputStack([]), OutputStack([]), 1e8, lengths[:0])
     return SimpleNamespace(
         robot=robot, parts=parts, steady=steady, rows=rows, weights=weights, directions=directions, speeds=speeds,
         vertical=vertical, ends=ends, W=W, generator=np.random.default_rng(8),
@@ -266,8 +266,8 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
         for name, here in found.items():
             assert_close(getattr(state, name)[at], here, name)
         assert_close(state.residual[at], all_rows[kept] @ v - all_rates[kept], "residual")
-        drift = np.concatenate([all_rows_dot[kept] @ v - all_rates_dot[kept], J2_dot @ v])
-        assert_close(state.gamma[at], drift, "gamma")
+        bias_acceleration = np.concatenate([all_rows_dot[kept] @ v - all_rates_dot[kept], J2_dot @ v])
+        assert_close(state.gamma[at], bias_acceleration, "gamma")
         b, J1, J1_dot = found["b"], found["J1"], found["J1_dot"]
         x1 = system.vertical.values.at(q[i])
         x2 = [each.values.at(q[i])[0] for each in system.ends]

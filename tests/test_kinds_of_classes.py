@@ -8,7 +8,7 @@ from dataclasses import is_dataclass
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.kinematics import Motion, Position, Rates
+from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, Rows
 from rnc_pin.outputs.spin_form import SpinFormRow
 
@@ -43,9 +43,9 @@ def test_descriptions_cannot_be_changed():
         (Rows, {"drift", "jacobian", "jacobian_dot"}),
         (OutputRows, {"drift", "jacobian", "jacobian_dot"}),
         (SpinFormRow, {"_check_defined", "_form", "_form_rate", "_second"}),
-        (Position, PLACES),
-        (Motion, MOTIONS),
-        (Rates, MOTIONS | {"jacobian_dot"}),
+        (PositionKinematics, PLACES),
+        (VelocityKinematics, MOTIONS),
+        (RateKinematics, MOTIONS | {"jacobian_dot"}),
     ],
 )
 def test_what_a_kind_leaves_open_has_to_be_written(kind, names):

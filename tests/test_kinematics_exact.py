@@ -116,9 +116,9 @@ def test_states_are_what_pinocchio_says_of_each_alone(robot, single):
     kinematics = Kinematics(
         robot, range(0, robot.model.njoints, 2)
     )  # of the others nobody has told that they are asked
-    many = kinematics.position(q).moving(v).rates()
+    many = kinematics.position(q).with_velocity(v).rates()
     for i in np.ndindex(2, 3):
-        here, at = (kinematics.position(q[i]).moving(v[i]).rates(), ()) if single else (many, i)
+        here, at = (kinematics.position(q[i]).with_velocity(v[i]).rates(), ()) if single else (many, i)
         plain = Plain(robot, q[i], v[i])
         for name in ("M", "C", "bias"):
             near(getattr(here, name)[at], getattr(plain, name)(), name)
@@ -177,13 +177,13 @@ def test_a_question_is_answered_as_before_whatever_was_asked_of_other_states_bet
         near(QUESTIONS[first](here, frame), expected, second)
     for ask in (
         lambda: kinematics.position(q),
-        lambda: kinematics.position(q).moving(v),
+        lambda: kinematics.position(q).with_velocity(v),
         lambda: kinematics.position(q).joint_placement(3),
-        lambda: kinematics.position(q).moving(v).joint_velocity(3),
-        lambda: kinematics.position(q).moving(v).rates().C,
+        lambda: kinematics.position(q).with_velocity(v).joint_velocity(3),
+        lambda: kinematics.position(q).with_velocity(v).rates().C,
         lambda: kinematics.potential_energy(q),
         lambda: kinematics.position(q[1, 0]),
-        lambda: kinematics.position(place).moving(v[1, 0]),
+        lambda: kinematics.position(place).with_velocity(v[1, 0]),
     ):
         ask()
         near(QUESTIONS[first](here, frame), expected)
@@ -195,12 +195,12 @@ def test_a_second_velocity_at_one_configuration_leaves_the_first_as_it_is(what):
     robot = ROBOTS["tree"]
     q, v = states(robot)
     frame, position = frames(robot)[2], Kinematics(robot).position(q[0, 0])
-    first, ask = position.moving(v[0, 0]).rates(), QUESTIONS[what]
-    expected = ask(Kinematics(robot).position(q[0, 0]).moving(v[0, 0]).rates(), frame).copy()
+    first, ask = position.with_velocity(v[0, 0]).rates(), QUESTIONS[what]
+    expected = ask(Kinematics(robot).position(q[0, 0]).with_velocity(v[0, 0]).rates(), frame).copy()
     near(ask(first, frame), expected)
-    second = position.moving(v[0, 1]).rates()
+    second = position.with_velocity(v[0, 1]).rates()
     near(ask(first, frame), expected)
-    near(ask(second, frame), ask(Kinematics(robot).position(q[0, 0]).moving(v[0, 1]).rates(), frame))
+    near(ask(second, frame), ask(Kinematics(robot).position(q[0, 0]).with_velocity(v[0, 1]).rates(), frame))
     near(ask(first, frame), expected)
 
 
@@ -244,7 +244,7 @@ def test_pinocchio_runs_once_for_each_thing(monkeypatch):
     many = Kinematics(robot, [1, 2]).position(q)
     assert many.placement(3) is many.placement(3)
     assert many.joint_placement(4) is many.joint_placement(4)
-    motion = many.moving(v)
+    motion = many.with_velocity(v)
     assert motion.placement(3) is many.placement(3)
     assert motion.velocity(3) is motion.velocity(3)
     assert motion.rates().velocity(3) is motion.velocity(3)
@@ -282,12 +282,12 @@ def test_gradients_are_differences_along_the_tangent_space(robot):
                 assert rows.units == tuple("m/s" if row < 3 else "rad/s" for row in chosen)
                 assert rows.joints == (robot.model.frames[frame].parentJoint,)
                 of = "ClassicalAcceleration" if axes is WORLD_AXES else "Acceleration"
-                near(rows.drift_gradient(at), gradient(motion(of, axes))[chosen], chosen)
+                near(rows.bias_acceleration_gradient(at), gradient(motion(of, axes))[chosen], chosen)
                 near(rows.jacobian(at), plain.jacobian(frame, axes)[chosen])
                 rate = plain.jacobian_dot(frame, axes)[chosen]
                 near(rows.jacobian_dot(at), rate)
-                near(rows.drift(at), rate @ v[i])
-                near(rows.jacobian_dot(Kinematics(robot).position(q).moving(v).rates())[i], rate)
+                near(rows.bias_acceleration(at), rate @ v[i])
+                near(rows.jacobian_dot(Kinematics(robot).position(q).with_velocity(v).rates())[i], rate)
 
 
 def test_energy_in_gravity_is_that_of_the_centre_of_mass():

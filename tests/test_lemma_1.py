@@ -123,8 +123,8 @@ def test_acceleration_agrees_with_kkt(reduced, states):
     for q, v2 in states:
         T = generator.normal(size=reduced.p)
         t, full = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2)
-        drift = t.A_dot[rows] @ t.v  # mu is constant in all of them
-        vdot = pin.forwardDynamics(model, data, q, t.v, full.B @ T, t.A[rows], drift)
+        bias_acceleration = t.A_dot[rows] @ t.v  # mu is constant in all of them
+        vdot = pin.forwardDynamics(model, data, q, t.v, full.B @ T, t.A[rows], bias_acceleration)
         v2_dot = reduced.forward_dynamics(q, v2, T)
         assert_close(t.R @ v2_dot + t.R_dot @ v2 + t.b_dot, vdot, KKT)
         # The multipliers of the same problem, in the sign of the paper's (1).

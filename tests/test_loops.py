@@ -170,11 +170,11 @@ def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
     for _ in range(4):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
         ahead, behind = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
-        rates = kinematics.position(q).moving(v).rates()
-        J, J_dot, drift = rows.jacobian(rates), rows.jacobian_dot(rates), rows.drift(rates)
+        rates = kinematics.position(q).with_velocity(v).rates()
+        J, J_dot, bias_acceleration = rows.jacobian(rates), rows.jacobian_dot(rates), rows.bias_acceleration(rates)
         difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
         np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))
-        np.testing.assert_allclose(drift, J_dot @ v, atol=1e-11 * (1 + np.abs(drift).max()))
+        np.testing.assert_allclose(bias_acceleration, J_dot @ v, atol=1e-11 * (1 + np.abs(bias_acceleration).max()))
         if kind == "point":  # of a frame only where it is closed, below
             rate = (at(ahead, rows.residual) - at(behind, rows.residual)) / (2 * h)
             np.testing.assert_allclose(J @ v, rate, atol=FINITE_DIFFERENCE)

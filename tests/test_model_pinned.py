@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.independence import ROUNDING, TOLERANCE, natural_lengths, select_independent
+from rnc_pin.model.independence import ROUNDING, TOLERANCE, row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import ConstantRows
 
@@ -259,6 +259,6 @@ def test_a_row_is_short_beside_the_longest_of_its_unit():
     block = SimpleNamespace(units=("m/s", "rad/s", "m/s"), holonomic=(False, False, True))
     samples = np.zeros((2, 3, 2))
     samples[0, 0], samples[1, 1], samples[1, 2] = [3, 4], [0, 0.5], [1, 0]
-    np.testing.assert_array_equal(natural_lengths(block, samples), [5.0, 0.5, 5.0])
+    np.testing.assert_array_equal(row_scales(block, samples), [5.0, 0.5, 5.0])
     block.holonomic = (False,) * 3
-    np.testing.assert_array_equal(natural_lengths(block, samples), [0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(row_scales(block, samples), [0.0, 0.0, 0.0])

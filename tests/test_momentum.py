@@ -216,8 +216,8 @@ def test_momentum_is_conserved_because_of_the_dynamics(what):
     for q, v2 in random_states(reduced, 5):
         state = reduced.at(q, v2)
         T = np.array([0.7, -0.4])
-        drift = state.terms().A_dot[rows] @ state.v  # rates are constant in all of them
-        expected = pin.forwardDynamics(model, data, q, state.v, state.B @ T, state.A[rows], drift)
+        bias_acceleration = state.terms().A_dot[rows] @ state.v  # rates are constant in all of them
+        expected = pin.forwardDynamics(model, data, q, state.v, state.B @ T, state.A[rows], bias_acceleration)
         np.testing.assert_allclose(state.v_dot(reduced.forward_dynamics(q, v2, T)), expected, atol=KKT * 10)
         np.testing.assert_allclose(reduced.multipliers(q, v2, T)[~rows], 0, atol=KKT)
         assert not rows.any() or np.abs(reduced.multipliers(q, v2, T)[rows]).max() > 0.01

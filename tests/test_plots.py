@@ -243,10 +243,10 @@ def test_what_turns_on_the_spot_shows_it():
 def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
     flying = rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
     reduced = rnc.NonholonomicSystem(flying).reduce()
-    drift = rnc.free_motion(reduced, flying.configuration(), np.zeros(reduced.r), duration=0.1)
-    assert ground_paths(drift) == []
+    bias_acceleration = rnc.free_motion(reduced, flying.configuration(), np.zeros(reduced.r), duration=0.1)
+    assert ground_paths(bias_acceleration) == []
     with pytest.raises(rnc.InputError, match="nothing of this run is seen from above"):
-        plot_top_view(drift)
+        plot_top_view(bias_acceleration)
 
 
 def test_legends_show_the_lines_as_they_are(drive):

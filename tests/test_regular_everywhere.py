@@ -113,15 +113,15 @@ def racer_rows(z):
     (along, across), (front_along, front_across) = directions(heading), directions(front_heading)
     w, front_w = zdot[2], zdot[5]
     arm, front_arm = L1 - C1, -C2  # from the centres of mass ahead to the pivot
-    rows, drift = np.zeros((4, 6)), np.zeros(4)
+    rows, bias_acceleration = np.zeros((4, 6)), np.zeros(4)
     rows[:2, :2], rows[:2, 2] = np.eye(2), arm * across
     rows[:2, 3:5], rows[:2, 5] = -np.eye(2), -front_arm * front_across
-    drift[:2] = -arm * w**2 * along + front_arm * front_w**2 * front_along
+    bias_acceleration[:2] = -arm * w**2 * along + front_arm * front_w**2 * front_along
     rows[2, :2], rows[2, 2] = across, -C1
-    drift[2] = -w * along @ zdot[:2]
+    bias_acceleration[2] = -w * along @ zdot[:2]
     rows[3, 3:5], rows[3, 5] = front_across, L2 - C2
-    drift[3] = -front_w * front_along @ zdot[3:5]
-    return rows, drift
+    bias_acceleration[3] = -front_w * front_along @ zdot[3:5]
+    return rows, bias_acceleration
 
 
 def racer_rate(t, z):
@@ -129,9 +129,9 @@ def racer_rate(t, z):
 
     Regular wherever the four rows are independent, which they are everywhere; no mass matrix, no Coriolis terms.
     """
-    rows, drift = racer_rows(z)
+    rows, bias_acceleration = racer_rows(z)
     compliance = rows / MASSES
-    forces = np.linalg.solve(compliance @ rows.T, -drift)
+    forces = np.linalg.solve(compliance @ rows.T, -bias_acceleration)
     return np.concatenate([z[6:], compliance.T @ forces])
 
 
@@ -495,7 +495,7 @@ class Car:
         A wheel's centre moves with (u - w y, slip + w x) in the car's axes: along its heading by spin times radius,
         across not at all. Of the four lateral rows two are dependent if the pairs agree, and only then.
         """
-        (u, slip, w), rows, drift = v[:3], [], []
+        (u, slip, w), rows, bias_acceleration = v[:3], [], []
         for name, (x, y) in self.wheels.items():
             angle = q[1 + self.steer(name)] if name in self.steered else 0.0
             rate = v[self.steer(name)] if name in self.steered else 0.0
@@ -506,17 +506,17 @@ class Car:
             rolling = along @ P
             rolling[self.spin(name)] = -RADIUS
             rows += [rolling, across @ P]
-            drift += [rate * across @ centre, -rate * along @ centre]
+            bias_acceleration += [rate * across @ centre, -rate * along @ centre]
         _, gradient, second = self.coupling(q)
-        return np.vstack([*rows, gradient]), np.concatenate([drift, second @ v @ v])
+        return np.vstack([*rows, gradient]), np.concatenate([bias_acceleration, second @ v @ v])
 
     def acceleration(self, q, v, T):
         """KKT, ``[M A'; A 0] [vdot; lambda] = [B T - w S v; -Adot v]``: all rows, the smallest multipliers."""
         M, S = self.inertia()
-        A, drift = self.rows(q, v)
+        A, bias_acceleration = self.rows(q, v)
         m = len(A)
         kkt = np.block([[M, A.T], [A, np.zeros((m, m))]])
-        right = np.concatenate([self.force(T) - v[2] * S @ v, -drift])
+        right = np.concatenate([self.force(T) - v[2] * S @ v, -bias_acceleration])
         return np.linalg.lstsq(kkt, right, rcond=1e-11)[0][: self.size]
 
     def motion(self, y, times):
@@ -600,9 +600,9 @@ def test_reference_of_the_cars_keeps_energy_and_constraints(car):
         own = car.own_rates(curvature, v2)
         R, R_dot = car.basis(curvature, own[1])
         v = R @ own
-        A, drift = car.rows(q, v)
+        A, bias_acceleration = car.rows(q, v)
         np.testing.assert_allclose(A @ R, 0.0, atol=1e-14)
-        close(A @ R_dot @ own, -drift, 1e-13)
+        close(A @ R_dot @ own, -bias_acceleration, 1e-13)
         assert np.linalg.matrix_rank(A, tol=1e-11) == rank, "constant on the manifold of the coupling"
         right = R.T @ (car.force(T) - v[2] * car.inertia()[1] @ v - M @ R_dot @ own)
         close(car.acceleration(q, v, T), R @ np.linalg.solve(R.T @ M @ R, right) + R_dot @ own, 1e-11)

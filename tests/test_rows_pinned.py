@@ -48,11 +48,11 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
         assert joined.units == ("N", "kg", *stack.units, "m/s")
         assert joined.holonomic == (False, True, *stack.holonomic, False)
         for state, speed in ((q, v), (q[0], v[0]), (q[1, 2], v[1, 2])):
-            motion = kinematics.position(state).moving(speed)
+            motion = kinematics.position(state).with_velocity(speed)
             rates = motion.rates()
             for values, of, axis in (
                 (stack.jacobian(motion), lambda block, at=motion: block.jacobian(at), -2),
-                (stack.drift(motion), lambda block, at=motion: block.drift(at), -1),
+                (stack.bias_acceleration(motion), lambda block, at=motion: block.bias_acceleration(at), -1),
                 (stack.jacobian_dot(rates), lambda block, at=rates: block.jacobian_dot(at), -2),
                 (stack.rate(motion), lambda block, at=motion: block.rate(at), -1),
                 (stack.rate_dot(rates), lambda block, at=rates: block.rate_dot(at), -1),
@@ -90,11 +90,11 @@ def test_rows_say_nothing_of_what_they_have_not():
     robot = sliders()
     rows = Flat(np.eye(3)[:2], ["a", "b"])
     at = Kinematics(robot).position(np.zeros((4, 5, 3)))
-    for values in (rows.rate(at), rows.rate_dot(at), Rows.residual(rows, at), rows.drift(at)):
+    for values in (rows.rate(at), rows.rate_dot(at), Rows.residual(rows, at), rows.bias_acceleration(at)):
         assert values.shape == (4, 5, 2)
         assert not values.any()
     assert rows.lines_of_action(at) is None
-    assert Rows.drift_gradient(rows, None) is None
+    assert Rows.bias_acceleration_gradient(rows, None) is None
     assert (Rows.conserved, Rows.affine, Rows.holonomic, Rows.on_ground, Rows.kind) == (None, False, (), False, None)
     check_defined("small", at, 0.5, 0.5, ("row",))  # the limit itself will do
     with pytest.raises(rnc.SingularityError) as told:

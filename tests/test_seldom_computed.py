@@ -75,10 +75,10 @@ def test_rows_that_are_constant_do_not_drift():
     kinematics = Kinematics(robot)
     for shape in ((), (3,), (2, 3)):
         q = np.broadcast_to(robot.configuration(), (*shape, robot.nq)).copy()
-        motion = kinematics.position(q).moving(np.ones((*shape, robot.nv)))
-        assert block.drift(motion).shape == (*shape, 1)
-        assert not block.drift(motion).any()
-    assert block.drift_gradient(None).tolist() == [[0.0] * robot.nv]
+        motion = kinematics.position(q).with_velocity(np.ones((*shape, robot.nv)))
+        assert block.bias_acceleration(motion).shape == (*shape, 1)
+        assert not block.bias_acceleration(motion).any()
+    assert block.bias_acceleration_gradient(None).tolist() == [[0.0] * robot.nv]
 
 
 def test_what_is_not_a_number_is_not_called_singular():
@@ -170,7 +170,7 @@ def test_velocities_of_joints_for_many_states():
     generator = np.random.default_rng(2)
     q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
     v = generator.normal(size=(2, 3, robot.nv))
-    found = kinematics.position(q).moving(v).joint_velocity(3)
+    found = kinematics.position(q).with_velocity(v).joint_velocity(3)
     assert found.shape == (2, 3, 6)
     for i in np.ndindex(2, 3):
         pin.forwardKinematics(robot.model, data, q[i], v[i])

@@ -22,7 +22,7 @@ from rnc_pin.control.path_fit import PathPoint, chord_end_fitted
 from rnc_pin.control.slithering import DrivenPath
 from rnc_pin.model.independence import _candidates, _choose
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.parts import natural_lengths
+from rnc_pin.model.reduction_data import row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Hold
@@ -123,7 +123,7 @@ def test_a_fitted_path_is_the_polynomial_that_it_is_of():
 def test_rows_that_vanish_everywhere_have_no_length():
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     wheel = rnc.RollingWheel("left_wheel", 0.1).bind(robot)
-    lengths = natural_lengths(
+    lengths = row_scales(
         robot,
         RowStack([wheel, rnc.Caster("nose", 0.1).bind(robot)]),
         OutputStack([]),

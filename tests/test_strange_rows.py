@@ -77,17 +77,17 @@ def test_rates_of_rows_are_exact(name):
             )
             return (ahead - behind) / (2 * h)
 
-        def drift(position, v=v):
-            return rows.drift(position.moving(v))
+        def bias_acceleration(position, v=v):
+            return rows.bias_acceleration(position.with_velocity(v))
 
-        rates = kinematics.position(q).moving(v).rates()
+        rates = kinematics.position(q).with_velocity(v).rates()
         J, J_dot = rows.jacobian(rates), rows.jacobian_dot(rates)
         assert J.shape == J_dot.shape == (len(rows.names), robot.nv)
         np.testing.assert_allclose(J_dot, difference(rows.jacobian, v), atol=1e-7 * (1 + np.abs(J_dot).max()))
-        np.testing.assert_allclose(rows.drift(rates), J_dot @ v, atol=1e-11 * (1 + np.abs(J_dot).max()))
-        gradient = rows.drift_gradient(kinematics.gradients(q, v))
+        np.testing.assert_allclose(rows.bias_acceleration(rates), J_dot @ v, atol=1e-11 * (1 + np.abs(J_dot).max()))
+        gradient = rows.bias_acceleration_gradient(kinematics.gradients(q, v))
         if gradient is not None:
-            expected = np.stack([difference(drift, e) for e in np.eye(robot.nv)], axis=-1)
+            expected = np.stack([difference(bias_acceleration, e) for e in np.eye(robot.nv)], axis=-1)
             np.testing.assert_allclose(gradient, expected, atol=1e-6 * (1 + np.abs(expected).max()))
         if name != "frames":  # whose residual is a logarithm, a rate only where it is zero
             held = np.array(rows.holonomic or (False,) * len(J))
@@ -103,11 +103,11 @@ def test_many_states_are_as_each(name):
     generator = np.random.default_rng(4)
     q = np.stack([robot.random_configuration(generator, 1.0) for _ in range(3)])
     v = generator.normal(size=(3, robot.nv))
-    many = kinematics.position(q).moving(v).rates()
-    for method in (rows.jacobian, rows.jacobian_dot, rows.drift, rows.residual, rows.lines_of_action):
+    many = kinematics.position(q).with_velocity(v).rates()
+    for method in (rows.jacobian, rows.jacobian_dot, rows.bias_acceleration, rows.residual, rows.lines_of_action):
         together = method(many)
         for i in range(3):
-            alone = method(kinematics.position(q[i]).moving(v[i]).rates())
+            alone = method(kinematics.position(q[i]).with_velocity(v[i]).rates())
             pairs = zip(together, alone, strict=True) if isinstance(alone, tuple) else [(together, alone)]
             for one, other in () if alone is None else pairs:
                 np.testing.assert_allclose(one[i], other, atol=ROUNDING)
@@ -123,7 +123,7 @@ def test_rows_are_drawn_where_they_act(name):
     generator = np.random.default_rng(5)
     for _ in range(3):
         q = robot.random_configuration(generator, 1.0)
-        motion = kinematics.position(q).moving(generator.normal(size=robot.nv))
+        motion = kinematics.position(q).with_velocity(generator.normal(size=robot.nv))
         points, directions = rows.lines_of_action(motion)
         velocity, centre = motion.velocity(frame), motion.placement(frame).translation
         moved = velocity[:3] + np.cross(velocity[3:], points - centre)
@@ -209,7 +209,7 @@ def test_a_wheel_rolls_about_an_axis_in_any_direction(axis, tmp_path):
     generator, frame = np.random.default_rng(1), robot.frame_id("wheel")
     for _ in range(3):
         q = robot.random_configuration(generator, 1.0)
-        motion = kinematics.position(q).moving(generator.normal(size=robot.nv))
+        motion = kinematics.position(q).with_velocity(generator.normal(size=robot.nv))
         axle = motion.placement(frame).rotation @ np.array(axis)
         down = np.array([0.0, 0.0, -1.0]) + axle[2] * axle
         arm = WHEEL * down / np.linalg.norm(down)
@@ -310,7 +310,7 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
     generator, kinematics = np.random.default_rng(2), Kinematics(robot)
     for _ in range(3):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
-        rates = kinematics.position(q).moving(v).rates()
+        rates = kinematics.position(q).with_velocity(v).rates()
         for pair in pairs:
             ours, theirs = (each.bind(robot) for each in pair)
             for method in ("jacobian", "jacobian_dot", "drift", "residual"):
@@ -461,7 +461,7 @@ def test_the_row_of_a_car_is_that_of_its_oracle():
     kinematics, generator = Kinematics(robot), np.random.default_rng(6)
     for _ in range(4):
         q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
-        rates = kinematics.position(q).moving(v).rates()
+        rates = kinematics.position(q).with_velocity(v).rates()
         for method in ("jacobian", "jacobian_dot", "drift", "residual"):
             expected = getattr(theirs, method)(rates) / -wheelbase
             np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)

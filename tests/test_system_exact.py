@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.admission import Admission
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.system import _is_loose
@@ -38,7 +38,7 @@ class Turning(Rows):
     def jacobian_dot(self, at):
         raise NotImplementedError
 
-    def drift(self, at):
+    def bias_acceleration(self, at):
         raise NotImplementedError
 
     def rate(self, at):
@@ -180,9 +180,9 @@ def test_outputs_that_are_dependent_everywhere_are_named():
     )
     with pytest.raises(rnc.ConstraintError, match=words):
         system.reduce([rnc.JointPosition("a"), rnc.JointPosition("b")])
-    assert system.reduce([rnc.JointPosition("a"), rnc.JointPosition("c")]).parts.singularity_limit == 1e8
-    assert system.reduce().parts.singularity_limit == 1e8
-    assert system.reduce(singularity_limit=1e5).parts.singularity_limit == 1e5
+    assert system.reduce([rnc.JointPosition("a"), rnc.JointPosition("c")]).reduction_data.singularity_limit == 1e8
+    assert system.reduce().reduction_data.singularity_limit == 1e8
+    assert system.reduce(singularity_limit=1e5).reduction_data.singularity_limit == 1e5
     assert system.rows.places[0].block.kind == rnc.JointCoupling("b", "a", 2.0, 0.3)
 
     def often(q):
@@ -297,7 +297,7 @@ def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_i
     outputs = OutputStack([VelocityRows(np.array([[0.0, 3.0, 4.0]]), ["v"], [""])])
     q = np.zeros((4, 3))
     q[:, 0] = range(4)
-    found = natural_lengths(robot, RowStack([Turning("abcd", rows)]), outputs, q)
+    found = row_scales(robot, RowStack([Turning("abcd", rows)]), outputs, q)
     # The longest of all is 7, so that what is below 7e-12 is zero: of row d one is left, so that it is its longest.
     np.testing.assert_allclose(found, [2.5, 4.0, 2.5, 8e-12, 5.0])
 
@@ -306,9 +306,9 @@ def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_i
             raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=("a",))
         return np.eye(3)[:1] * 3
 
-    found = natural_lengths(robot, RowStack([Turning("a", seldom)]), outputs, q)
+    found = row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q)
     np.testing.assert_allclose(found, [3.0, 5.0])
-    np.testing.assert_array_equal(natural_lengths(robot, RowStack([Turning("a", seldom)]), outputs, q[:2]), [0.0, 0.0])
+    np.testing.assert_array_equal(row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q[:2]), [0.0, 0.0])
 
 
 def test_parts_are_put_together_once_and_again_in_other_velocities():
@@ -324,18 +324,20 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
         (1e8, False, [0, 1, 2], 1e16),
         (1e8, True, [0, 1, 2], 1e6),
     ):
-        parts = Parts(robot, RowStack(rows), kept, Actuation(["a"], robot), outputs, vertical, limit, lengths, free)
+        parts = ReductionData(
+            robot, RowStack(rows), kept, Actuation(["a"], robot), outputs, vertical, limit, lengths, free
+        )
         assert (parts.n, parts.m, parts.r, parts.p) == (4, len(kept), 2, 1)
-        assert (parts.singularity_limit, parts.quick_limit) == (limit, pytest.approx(quick))
-        assert parts.quick_length == pytest.approx(((lengths[[*kept, 3, 4]]) ** 2).sum())
+        assert (parts.singularity_limit, parts.fast_limit) == (limit, pytest.approx(quick))
+        assert parts.fast_length == pytest.approx(((lengths[[*kept, 3, 4]]) ** 2).sum())
         assert (parts.kept, parts.has_others) == (tuple(kept), free or len(kept) < 3)
         np.testing.assert_array_equal(parts.lengths, lengths[[*kept, 3, 4]])
-        np.testing.assert_array_equal(parts.lengths_of_rows, lengths[:3])
-        np.testing.assert_array_equal(parts.lengths_of_outputs, lengths[3:])
+        np.testing.assert_array_equal(parts.constraint_scales, lengths[:3])
+        np.testing.assert_array_equal(parts.output_scales, lengths[3:])
         whole = np.vstack([rows[0].matrix, rows[1].matrix])
         np.testing.assert_array_equal(parts.template, np.vstack([whole[kept], np.eye(4)[[1, 3]]]))
         assert parts.constraints.names == tuple("abc"[k] for k in kept)
-    parts = Parts(robot, RowStack(rows), [0, 2], Actuation(["a"], robot), outputs, vertical, 1e5, lengths)
+    parts = ReductionData(robot, RowStack(rows), [0, 2], Actuation(["a"], robot), outputs, vertical, 1e5, lengths)
     W = np.array([[0.6, 0, 0.8, 0], [0, 1.0, 0, 0]])
     for other, names, matrix, sizes, free in (
         (parts.in_velocities(W), ("w[0]", "w[1]"), W, [1.0, 1.0], False),
@@ -360,7 +362,7 @@ def test_velocity_rows_are_combinations_without_a_value():
     assert (rows.names, rows.units, rows.angular, rows.quasi) == (("a", "b"), ("m/s", ""), (False, False), True)
     at = Kinematics(sliders()).position(np.zeros((5, 3)))
     np.testing.assert_array_equal(rows.value(at), np.zeros((5, 2)))
-    assert rows.drift_gradient(at).shape == (2, 3)
+    assert rows.bias_acceleration_gradient(at).shape == (2, 3)
 
 
 # ---------------------------------------------------------------------- tasks

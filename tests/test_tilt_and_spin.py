@@ -78,8 +78,8 @@ def test_the_rate_of_a_tilt_and_the_rate_of_its_row(axis, arm):
         np.testing.assert_allclose(state.A_star, [row], atol=FINITE_DIFFERENCE)
         rate = slope(lambda p: reduced.at(p).A_star, arm.model, q, v)
         np.testing.assert_allclose(state.A_star_dot, rate, atol=FINITE_DIFFERENCE)
-        at = Kinematics(arm).position(q).moving(v)
-        np.testing.assert_allclose(reduced.vertical.drift(at), rate @ v, atol=FINITE_DIFFERENCE)
+        at = Kinematics(arm).position(q).with_velocity(v)
+        np.testing.assert_allclose(reduced.vertical.bias_acceleration(at), rate @ v, atol=FINITE_DIFFERENCE)
 
 
 @pytest.mark.parametrize("lean", [-1.2, 0.0, 0.3])
@@ -129,8 +129,8 @@ def test_the_rate_of_a_spin_row_and_its_drift(axis, arm):
     for q, v in states(arm):
         rate = slope(lambda p: frame_jacobian(arm, "hand", p)[[3 + row]], arm.model, q, v)
         np.testing.assert_allclose(reduced.at(q, v).A_star_dot, rate, atol=FINITE_DIFFERENCE)
-        at = Kinematics(arm).position(q).moving(v)
-        np.testing.assert_allclose(reduced.vertical.drift(at), rate @ v, atol=FINITE_DIFFERENCE)
+        at = Kinematics(arm).position(q).with_velocity(v)
+        np.testing.assert_allclose(reduced.vertical.bias_acceleration(at), rate @ v, atol=FINITE_DIFFERENCE)
 
 
 def test_the_roll_rate_of_a_rolling_disk():

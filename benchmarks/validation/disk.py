@@ -95,13 +95,13 @@ def rows() -> list[Row]:
         reduced = rolling(name)
         lasts = 60.0 if name == "rolling_disk" else 10.0
         run = rnc.free_motion(reduced, placed(reduced, 0.2), np.array([0.5, 1.0, 8.0]), lasts, dt=0.05)
-        drift = np.abs(run.energy / run.energy[0] - 1).max()
+        bias_acceleration = np.abs(run.energy / run.energy[0] - 1).max()
         result.append(
             Row(
                 "conservation",
                 f"{word}: energy over {lasts:.0f} s while it wobbles, relative",
                 0.0,
-                drift,
+                bias_acceleration,
                 INVARIANT,
                 1.0,
             )

@@ -213,7 +213,7 @@ class _Branch:
 
 def _modulo_symmetries(reduced: ReducedModel, found: Equilibrium, symmetries: Symmetries) -> Array:
     """The linearised system for perturbations of q across the symmetries and along the holonomic rows, and of v2."""
-    reduced = reduced.settled_at(found.q)
+    reduced = reduced.with_basis_at(found.q)
     d = state_derivatives(reduced, found.q, found.v2, found.T)
     n, bracket = reduced.n, frame_bracket(reduced.robot.model)
     # In axes that move with v, and with what joints do in their own axes, the system does not vary in time.

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.differences import gradient_with_error
-from rnc_pin.model.kinematics import Kinematics, Rates
+from rnc_pin.model.kinematics import Kinematics, RateKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
@@ -57,7 +57,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
     n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).moving(np.eye(n)).rates()
+    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).with_velocity(np.eye(n)).rates()
     E_q = rows.jacobian_dot(along)  # (nv, nv, nv), the first index that of the direction
     B_q, B_error = _actuation_gradient(reduced, along, q)
     mu_q = np.zeros((n, n))
@@ -93,7 +93,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     )
 
 
-def _actuation_gradient(reduced: ReducedModel, along: Rates, q: Array) -> tuple[Array, float]:
+def _actuation_gradient(reduced: ReducedModel, along: RateKinematics, q: Array) -> tuple[Array, float]:
     """Derivatives of B, (nv, nv, p), the first index that of the direction; and their error."""
     rate = reduced.actuation.matrix_rate(along)
     if rate is not None:
@@ -115,7 +115,7 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
     gradients = kinematics.gradients(q, v)
     for place in rows.places:
         block = place.block
-        whole = None if block.affine else block.drift_gradient(gradients)
+        whole = None if block.affine else block.bias_acceleration_gradient(gradients)
         if whole is None:
             whole, found = _differences(block, kinematics, q, v)
             error = max(error, found)
@@ -124,8 +124,8 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
 
 
 def _differences(block: Rows, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
-    def drift(p: Array) -> Array:
-        rates = kinematics.position(p).moving(v).rates()
+    def bias_acceleration(p: Array) -> Array:
+        rates = kinematics.position(p).with_velocity(v).rates()
         return block.jacobian_dot(rates) @ v - block.rate_dot(rates)
 
-    return gradient_with_error(kinematics.model, drift, q)
+    return gradient_with_error(kinematics.model, bias_acceleration, q)

@@ -286,7 +286,7 @@ class _Search:
 
     def _settled(self, q: Array) -> ReducedModel:
         """The model with the rows that are chosen at q; with other velocities only where all of them are zero."""
-        reduced = self._reduced.settled_at(q)
+        reduced = self._reduced.with_basis_at(q)
         same = self._symmetries is None or reduced.reducing.names == self._reduced.reducing.names
         return reduced if same else self._reduced
 

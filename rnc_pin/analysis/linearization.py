@@ -122,7 +122,7 @@ def linearize(
         ('pitch', 'base_speed_x', 'pitch_dot')
     """
     q = np.asarray(q, float)
-    reduced = reduced.settled_at(q)
+    reduced = reduced.with_basis_at(q)
     v2 = np.zeros(reduced.r) if v2 is None else np.asarray(v2, float)
     T = _holding_inputs(reduced, q, v2) if T is None else np.asarray(T, float)
     _check_steady(reduced, q, v2, T)
@@ -247,7 +247,7 @@ class _Coordinates:
     def rows(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Jacobian and its rate, (k, nv) each."""
         n = self._robot.nv
-        rates = Kinematics(self._robot).position(q).moving(v).rates()
+        rates = Kinematics(self._robot).position(q).with_velocity(v).rates()
         J, J_dot = [np.zeros((0, n))], [np.zeros((0, n))]
         for part in self._parts:
             if isinstance(part, int):

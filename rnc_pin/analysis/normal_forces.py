@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from scipy.optimize import nnls
 
 from rnc_pin.errors import SingularityError
-from rnc_pin.model.kinematics import Kinematics, Position
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -73,7 +73,7 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
     return [contact for place in reduced.all_constraints.places for contact in _contacts(place, acting)]
 
 
-def _defined(reduced: ReducedModel) -> Iterator[Position]:
+def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
     """A few configurations, the neutral one among them, less those at which some row is undefined."""
     kinematics, generator = Kinematics(reduced.robot), np.random.default_rng(0)
     drawn = (reduced.robot.random_configuration(generator) for _ in range(_SAMPLES))

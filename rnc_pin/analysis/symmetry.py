@@ -98,7 +98,7 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
     of_robot, of_joints = [np.zeros((0, 6))], [np.zeros((0, n))]
     generator = np.random.default_rng(0)
     for configuration in _sampled(reduced, q, generator):
-        here = reduced.settled_at(configuration)
+        here = reduced.with_basis_at(configuration)
         changes = _changes(here, configuration, generator)
         X, _, misfit = _whole_motions(model, data, configuration)
         of_robot += [misfit, *(_scaled(each) @ X for each in (changes.bodies, *changes.others))]

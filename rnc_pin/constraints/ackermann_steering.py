@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component, components, packed, packed_vector
-from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -95,14 +95,14 @@ class AckermannRow(Rows):
         self._pivots, self.ratio = pivots, ratio
         self.signs = (pivots[0].sign, pivots[1].sign)
 
-    def _shape(self, at: Position) -> _Shape:
+    def _shape(self, at: PositionKinematics) -> _Shape:
         q = components(at.q)
         (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
         k = self.ratio
         cosine, sine = cl * cr + sl * sr, sl * cr - cl * sr  # of l - r
         return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
 
-    def _row(self, at: Position, l_entry: Component, r_entry: Component) -> np.ndarray:
+    def _row(self, at: PositionKinematics, l_entry: Component, r_entry: Component) -> np.ndarray:
         """A row (..., 1, nv) from its entries for unit rates to the left."""
         size = at.M.shape[-1]
         row: list[Component] = [0.0] * size
@@ -110,33 +110,33 @@ class AckermannRow(Rows):
             row[pivot.joint.idx_v] = pivot.sign * entry
         return packed([row], l_entry)
 
-    def _rates(self, at: Motion) -> tuple[Component, Component]:
+    def _rates(self, at: VelocityKinematics) -> tuple[Component, Component]:
         """To the left."""
         v = components(at.v)
         left, right = (pivot.sign * v[pivot.joint.idx_v] for pivot in self._pivots)
         return left, right
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         shape = self._shape(at)
         return self._row(at, shape.f_l, shape.f_r)
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         f, _, _, f_lr = self._shape(at)
         left, right = self._rates(at)
         return self._row(at, f_lr * right - f * left, f_lr * left - f * right)
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         f, _, _, f_lr = self._shape(at)
         left, right = self._rates(at)
         return packed_vector([2 * f_lr * left * right - f * (left * left + right * right)], f)
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         _, f_l, f_r, _ = self._shape(at)
         left, right = self._rates(at)
         squares, both = left * left + right * right, 2 * left * right
         return self._row(at, -f_l * squares - f_r * both, -f_r * squares - f_l * both)
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         f = self._shape(at).f
         return packed_vector([f], f)
 

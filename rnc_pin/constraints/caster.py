@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import NotNegative
 from rnc_pin.robots.robot import Robot
@@ -58,10 +58,10 @@ class _CasterRow(FrameVelocityRows):
         self.names = (f"vertical({kind.frame})",)
         self._radius = kind.radius
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._frame).translation[..., _UP:] - self._radius
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         up = np.array([[0.0, 0.0, 1.0]])
         contact = at.placement(self._frame).translation[..., None, :] - self._radius * up
         return contact, np.broadcast_to(up, contact.shape)

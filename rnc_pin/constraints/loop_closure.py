@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Motion, Placement, Position, Rates, over_states
+from rnc_pin.model.kinematics import Placement, PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.offset_frame import OffsetFrame, triple
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Vector
@@ -96,23 +96,23 @@ class _ClosureRows(Rows):
         self.holonomic = (True,) * size
         self.joints = a.joint, b.joint
 
-    def _relative(self, at: Position) -> Placement:
+    def _relative(self, at: PositionKinematics) -> Placement:
         """Placement of frame b in frame a."""
         a, b = self._a.placement(at), self._b.placement(at)
         back = a.rotation.mT
         return Placement(back @ b.rotation, apply(back, b.translation - a.translation))
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         relative = self._relative(at)
         return self._selected(relative.translation, self._twists(at, relative))
 
-    def _twists(self, at: Position, relative: Placement) -> np.ndarray:
+    def _twists(self, at: PositionKinematics, relative: Placement) -> np.ndarray:
         return _action(relative) @ self._b.jacobian(at) - self._a.jacobian(at)
 
     def _selected(self, p: np.ndarray, W: np.ndarray) -> np.ndarray:
         return W[..., :3, :] - _skew(p) @ W[..., 3:, :] if self._point else W
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         relative = self._relative(at)
         W = self._twists(at, relative)
         twist = apply(W, at.v)
@@ -127,7 +127,7 @@ class _ClosureRows(Rows):
     def _point_rate(self, twist: np.ndarray, p: np.ndarray) -> np.ndarray:
         return twist[..., :3] + apply(_skew(twist[..., 3:]), p)
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         relative = self._relative(at)
         X, p = _action(relative), relative.translation
         X_v = apply(X @ self._b.jacobian(at), at.v)
@@ -139,7 +139,7 @@ class _ClosureRows(Rows):
         moved = apply(_skew(twist[..., 3:]), self._point_rate(twist, p))
         return W_dot[..., :3] + apply(_skew(W_dot[..., 3:]), p) + moved
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         relative = self._relative(at)
         if self._point:
             return relative.translation

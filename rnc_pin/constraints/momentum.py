@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Motion, Position, Rates, over_states
+from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Numbers
 from rnc_pin.robots.robot import Robot
@@ -104,18 +104,18 @@ class _MomentumRows(Rows):
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return at.M[..., self._rows, :]
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         return at.C[..., self._rows, :] + at.C.mT[..., self._rows, :]
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # d/dt (M v) = bias + coadjoint action of v on M v, and the latter is zero where M v is, and where the joint
         # has one degree of freedom; gravity has no part along a cyclic joint.
         return at.bias[..., self._rows]
 
-    def rate(self, at: Position) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
 
 
@@ -130,7 +130,7 @@ class _WorldMomentumRows(_MomentumRows):
         along = _TURNING[robot.model.joints[self._joint].shortname()]
         self._along, self._block = along, np.ix_(along, along)
 
-    def _to_world(self, at: Position) -> np.ndarray:
+    def _to_world(self, at: PositionKinematics) -> np.ndarray:
         place = at.joint_placement(self._joint)
         block = (len(self._along),) * 2
         return over_states(self._action, block, place.rotation.reshape(*at.q.shape[:-1], 9), place.translation)
@@ -143,16 +143,16 @@ class _WorldMomentumRows(_MomentumRows):
         velocity[self._along] = v[self._rows]
         return pin.Motion(velocity).dualAction[self._block]
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._to_world(at) @ super().jacobian(at)
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         turning = over_states(self._turning, (len(self._along),) * 2, at.v)
         return self._to_world(at) @ (turning @ super().jacobian(at) + super().jacobian_dot(at))
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # In fixed axes the rate of the momentum at zero vdot is the force on the base that such a motion takes.
-        return apply(self._to_world(at), super().drift(at))
+        return apply(self._to_world(at), super().bias_acceleration(at))
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import (
+    OWN_AXES,
+    KinematicDerivatives,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
+)
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Axis, Vector
@@ -53,7 +59,7 @@ class _NoSideSlipRow(FrameVelocityRows):
         super().__init__(robot, kind.frame, (self._axis,), OWN_AXES)
         self.names = (f"no_side_slip({point.name}.{kind.axis})",)
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
         return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
 
@@ -61,14 +67,14 @@ class _NoSideSlipRow(FrameVelocityRows):
 class _OffsetRow(_NoSideSlipRow):
     """The same beside the frame's origin: all six components of the frame's motion may be in it."""
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._point.jacobian(at)[..., self._rows, :]
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         return self._point.jacobian_dot(at)[..., self._rows, :]
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return self._point.acceleration(at)[..., self._rows]
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         return self._point.acceleration_gradient(at)[self._rows]

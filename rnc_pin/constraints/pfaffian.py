@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Motion, Position, over_states
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import Rows, admit_rows
 from rnc_pin.robots.robot import Robot
 
@@ -68,27 +68,27 @@ class _PfaffianRows(Rows):
         self.holonomic = (kind.residual is not None,) * self._shape[0]
         admit_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._evaluated(self._kind.rows, "rows(q)", self._shape, at.q)
 
-    def jacobian_dot(self, at: Motion) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._evaluated(self._kind.rows_dot, "rows_dot(q, v)", self._shape, at.q, at.v)
 
-    def drift(self, at: Motion) -> np.ndarray:
-        drift = apply(self.jacobian_dot(at), at.v)
-        return drift - self.rate_dot(at) if self.affine else drift
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        bias_acceleration = apply(self.jacobian_dot(at), at.v)
+        return bias_acceleration - self.rate_dot(at) if self.affine else bias_acceleration
 
-    def rate(self, at: Position) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> np.ndarray:
         if self._kind.rate is None:
             return super().rate(at)
         return self._evaluated(self._kind.rate, "rate(q)", self._shape[:1], at.q)
 
-    def rate_dot(self, at: Motion) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         if self._kind.rate_dot is None:
             return self._zeros(at)
         return self._evaluated(self._kind.rate_dot, "rate_dot(q, v)", self._shape[:1], at.q, at.v)
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         if self._kind.residual is None:
             return super().residual(at)
         return self._evaluated(self._kind.residual, "residual(q)", self._shape[:1], at.q)

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Positive
 from rnc_pin.robots.robot import Robot
@@ -62,23 +62,23 @@ class _RollingBallRows(Rows):
         # Velocity of the contact, from that of the centre and the angular velocity.
         self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._contact @ at.jacobian(self._frame)
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         return self._contact @ at.jacobian_dot(self._frame)
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return apply(self._contact, at.acceleration(self._frame))
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         motion = at.frame_gradients(self._frame)
         return self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         return (at.placement(self._frame).translation - self._below) * [0.0, 0.0, 1.0]
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         contact = (at.placement(self._frame).translation - self._below)[..., None, :]
         shape = (*contact.shape[:-2], 3, 3)
         return np.broadcast_to(contact, shape), np.broadcast_to(np.eye(3), shape)

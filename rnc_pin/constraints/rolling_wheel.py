@@ -13,7 +13,14 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Gradients, Kinematics, Motion, Position, Rates
+from rnc_pin.model.kinematics import (
+    OWN_AXES,
+    KinematicDerivatives,
+    Kinematics,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
+)
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
@@ -118,7 +125,7 @@ class RollingRows(Rows):
         self._seen: tuple[np.ndarray | None, Axle] = None, (0.0, 0.0, 0.0, 0.0)
         self.axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
-    def _axis(self, at: Position) -> Axle:
+    def _axis(self, at: PositionKinematics) -> Axle:
         """The axle in the world and the length of its horizontal part."""
         if self._seen[0] is not at.q:
             x, y, z = components(apply(at.rotation(self.frame), self.axle))
@@ -132,7 +139,7 @@ class RollingRows(Rows):
         """What the wheel has of its rolling, lateral and vertical rows (..., 3, l)."""
         return rows if self._combination is None else self._combination @ rows
 
-    def contact_matrix(self, at: Position) -> np.ndarray:
+    def contact_matrix(self, at: PositionKinematics) -> np.ndarray:
         """The rows (..., k, 6) on velocity of the centre and spin, in world axes."""
         x, y, z, s = self._axis(at)
         r, hx, hy = self.radius, y / s, -x / s
@@ -147,10 +154,10 @@ class RollingRows(Rows):
             )
         )
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return product(self.contact_matrix(at), at.jacobian(self.frame))
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         x, y, z, s = self._axis(at)
         w = components(at.velocity(self.frame)[..., 3:])
         dx, dy, dz = cross(w, (x, y, z))
@@ -165,25 +172,25 @@ class RollingRows(Rows):
         )
         return self._combined(rate) @ at.jacobian(self.frame) + self.contact_matrix(at) @ at.jacobian_dot(self.frame)
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         x, y, z, _ = self._axis(at)
         velocity, acceleration = components(at.velocity(self.frame)), components(at.acceleration(self.frame))
-        drift = packed_vector(_drift(self.radius, (x, y, z), velocity, acceleration), x)
-        return drift if self._combination is None else apply(self._combination, drift)
+        bias_acceleration = packed_vector(_bias_acceleration(self.radius, (x, y, z), velocity, acceleration), x)
+        return bias_acceleration if self._combination is None else apply(self._combination, bias_acceleration)
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         _, _, _, s = self._axis(at)
         height = at.placement(self.frame).translation[..., 2] - self.radius * s
         return np.asarray(height)[..., None] * self.holonomic
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         x, y, z, s = self._axis(at)
         directions = self.contact_matrix(at)[..., :3]
         arm = packed_vector([self.radius * z * x / s, self.radius * z * y / s, -self.radius * s], s)
         contact = at.placement(self.frame).translation + arm
         return np.broadcast_to(contact[..., None, :], directions.shape), directions
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         axle = at.placement(self.frame).rotation @ self.axle
         motion, velocity, acceleration = (
             at.frame_gradients(self.frame),
@@ -191,7 +198,7 @@ class RollingRows(Rows):
             at.acceleration(self.frame),
         )
         gradient = complex_step(
-            lambda *parts: np.array(_drift(self.radius, *parts)),
+            lambda *parts: np.array(_bias_acceleration(self.radius, *parts)),
             (axle, -pin.skew(axle) @ at.jacobian(self.frame)[3:]),
             (velocity, np.vstack([motion.velocity, motion.spin])),
             (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
@@ -214,7 +221,7 @@ def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
     return names, None if len(rows) == 3 else np.array(rows)
 
 
-def _drift(
+def _bias_acceleration(
     radius: float, axle: Sequence[Component], velocity: Sequence[Component], acceleration: Sequence[Component]
 ) -> list[Component]:
     """Rates of the three rows at zero ``vdot``, from the motion of centre (0 to 2) and spin (3 to 5)."""

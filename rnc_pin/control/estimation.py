@@ -14,8 +14,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.dead_zone import beyond
-from rnc_pin.model.parts import Parts, natural_lengths
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 
@@ -59,10 +59,10 @@ class EstimatedModel:
         self, reduced: ReducedModel, model: pin.Model, rows: RowStack, believe: Callable[[Array], None]
     ) -> None:
         self._believe = believe
-        known, robot = reduced.parts, Robot(model)
+        known, robot = reduced.reduction_data, Robot(model)
         generator = np.random.default_rng(0)
         samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
-        parts = Parts(
+        parts = ReductionData(
             robot,
             rows,
             known.kept,
@@ -70,7 +70,7 @@ class EstimatedModel:
             known.reducing,
             known.vertical,
             known.singularity_limit,
-            natural_lengths(robot, rows, known.reducing, samples),  # those of the true rows are not known
+            row_scales(robot, rows, known.reducing, samples),  # those of the true rows are not known
         )
         self._reduced = ReducedModel(parts, reduced.assembly)
 

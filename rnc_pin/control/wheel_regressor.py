@@ -157,7 +157,7 @@ class WheelRegressor:
         Raises:
             SingularityError: a wheel lies flat.
         """
-        motion = self._kinematics.position(q).moving(v)
+        motion = self._kinematics.position(q).with_velocity(v)
         size = sum(len(wheel.kept) for wheel in self._wheels)
         y, Y, start = np.empty(size), np.zeros((size, len(self.names))), 0
         for rows, kept, radius, axle in self._wheels:

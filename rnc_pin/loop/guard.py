@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.velocity import Motion, VelocityEstimator
+from rnc_pin.loop.velocity import VelocityEstimate, VelocityEstimator
 from rnc_pin.robots.robot import Robot
 
 _UNIT = 0.1  # by which a (cos, sin) pair or quaternion may miss unit length before it counts as no measurement
@@ -28,7 +28,7 @@ class Taken(NamedTuple):
     """With pairs and quaternions of unit length."""
     v: Float[Array, " nv"]
     """As it was measured, or estimated."""
-    motion: Motion | None
+    motion: VelocityEstimate | None
     """The state of the estimate."""
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import State
-from rnc_pin.loop.velocity import Motion
+from rnc_pin.loop.velocity import VelocityEstimate
 
 
 class LoopState(NamedTuple):
@@ -29,7 +29,7 @@ class LoopState(NamedTuple):
     """Reducing velocities then."""
     integrals: Float[Array, " r"] | None = None
     """Of the reducing velocities since the first step."""
-    motion: Motion | None = None
+    motion: VelocityEstimate | None = None
     """Of the velocity's estimate."""
     T: Float[Array, " p"] | None = None
     """Inputs given last."""

@@ -14,7 +14,7 @@ from rnc_pin.loop.command import inputs_of, read_answer
 from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.saved_state import read_state
 from rnc_pin.loop.state_checks import check_memory, check_state
-from rnc_pin.loop.velocity import Motion
+from rnc_pin.loop.velocity import VelocityEstimate
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -40,7 +40,7 @@ def restored(
         return made[0].initial_state(measurement)
 
     try:
-        state = read_state(path, (LoopState, Motion), initial_state)
+        state = read_state(path, (LoopState, VelocityEstimate), initial_state)
         check_state(state, reduced)
         if made and not state.failed:
             _try(state, reduced, made[0], initial_state(state.q))

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import InputError
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.velocity import Motion
+from rnc_pin.loop.velocity import VelocityEstimate
 from rnc_pin.model.admission import Admission
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -37,7 +37,7 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     fields = [("v2", state.v2, reduced.r), ("integrals", state.integrals, reduced.r)]
     fields += [("T", state.T, reduced.p), ("missing", state.missing, reduced.p), ("q", state.q, nq)]
     if state.motion is not None:
-        if not isinstance(state.motion, Motion):
+        if not isinstance(state.motion, VelocityEstimate):
             raise InputError(f"motion is no estimate of a velocity: {_shown(state.motion)}")
         fields += [("motion.q", state.motion.q, nq), ("motion.v", state.motion.v, nv)]
         fields += [("motion.other", state.motion.other, nv)]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 
-class Motion(NamedTuple):
+class VelocityEstimate(NamedTuple):
     """What an estimate remembers."""
 
     q: Float[Array, " nq"]
@@ -32,23 +32,23 @@ class VelocityEstimator(ABC):
     def __init__(self, model: pin.Model, cutoff: float) -> None:
         self._model, self.cutoff = model, cutoff
 
-    def start(self, q: Float[Array, " nq"]) -> Motion:
+    def start(self, q: Float[Array, " nq"]) -> VelocityEstimate:
         """At rest."""
         nothing = np.zeros(self._model.nv)
-        return Motion(q, nothing, nothing)
+        return VelocityEstimate(q, nothing, nothing)
 
     @abstractmethod
-    def step(self, motion: Motion, q: Float[Array, " nq"], elapsed: float) -> Motion:
+    def step(self, motion: VelocityEstimate, q: Float[Array, " nq"], elapsed: float) -> VelocityEstimate:
         """After another measurement, a time [s] later."""
 
 
 class FilteredVelocity(VelocityEstimator):
     """Differences through two first-order filters of one cutoff, each exact over the step. They lag by 2 / cutoff."""
 
-    def step(self, motion: Motion, q: np.ndarray, elapsed: float) -> Motion:
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
         share = -np.expm1(-self.cutoff * elapsed)
         inner = motion.other + share * (pin.difference(self._model, motion.q, q) / elapsed - motion.other)
-        return Motion(q, motion.v + share * (inner - motion.v), inner)
+        return VelocityEstimate(q, motion.v + share * (inner - motion.v), inner)
 
 
 class VelocityObserver(VelocityEstimator):
@@ -59,11 +59,11 @@ class VelocityObserver(VelocityEstimator):
     read. The estimated position stays inside; controllers see the measured one.
     """
 
-    def step(self, motion: Motion, q: np.ndarray, elapsed: float) -> Motion:
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
         theta = np.exp(-self.cutoff * elapsed)
         ahead = motion.v * elapsed + motion.other * (0.5 * elapsed**2)
         expected = pin.integrate(self._model, motion.q, ahead)
         miss = pin.difference(self._model, expected, q)
         v = motion.v + motion.other * elapsed + 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / elapsed * miss
         other = motion.other + (1.0 - theta) ** 3 / elapsed**2 * miss
-        return Motion(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, other)
+        return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, other)

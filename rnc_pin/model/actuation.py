@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, Position, Rates, over_states
+from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, RateKinematics, over_states
 from rnc_pin.model.rows import admit_rows
 from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
@@ -143,7 +143,7 @@ class Actuation:
         """B (nv, p) where it does not depend on the configuration."""
         return None if self._function is not None or self.frames else self._constant
 
-    def matrix(self, at: Position) -> np.ndarray:
+    def matrix(self, at: PositionKinematics) -> np.ndarray:
         """B(q), (..., nv, p)."""
         shape = self._constant.shape
         if self._function is not None:
@@ -160,7 +160,7 @@ class Actuation:
         assert self._function is not None
         return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
-    def matrix_rate(self, at: Rates) -> np.ndarray | None:
+    def matrix_rate(self, at: RateKinematics) -> np.ndarray | None:
         """Rate of B along v, (..., nv, p); None for a user's function, whose rate nobody gave."""
         if self._function is not None:
             return None

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.model.independence import ROUNDING, TOLERANCE, natural_lengths, select_independent
-from rnc_pin.model.kinematics import Kinematics, Position
+from rnc_pin.model.independence import ROUNDING, TOLERANCE, row_scales, select_independent
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -63,7 +63,7 @@ class Assembly:
             return np.zeros((*q.shape[:-1], 0))
         return self._residual(self._kinematics.position(q))
 
-    def _residual(self, at: Position) -> np.ndarray:
+    def _residual(self, at: PositionKinematics) -> np.ndarray:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
 
     def rank(self, q: np.ndarray) -> int:
@@ -162,7 +162,7 @@ class Assembly:
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
         raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """The rows (h, nv) at one configuration; the rate of ``residual`` where that is zero."""
         return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
 
@@ -176,7 +176,7 @@ class Assembly:
         """Names of the others."""
         return tuple(name for name, flag in zip(self.names, self._leading, strict=True) if not flag)
 
-    def _step(self, at: Position, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _step(self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
         rows = self.jacobian(at)[which][:, free]
         try:
             factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
@@ -199,7 +199,7 @@ class Assembly:
             return set()
         whole = [np.stack([sample[k] for sample in found]) for k in range(len(self._places))]
         samples = np.concatenate([each[:, rows] for each, (_, rows) in zip(whole, self._places, strict=True)], axis=1)
-        lengths = [natural_lengths(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
+        lengths = [row_scales(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
         try:
             dropped = select_independent(samples, self.names, lengths=np.concatenate(lengths)).dropped
         except ConstraintError:
@@ -213,7 +213,7 @@ class Assembly:
             return []
         samples = np.stack([whole for (whole,) in found])
         size = np.linalg.norm(samples, axis=-1).max(axis=0)
-        return [row for row in rows if size[row] > max(1e-12, ROUNDING * natural_lengths(block, samples)[row])]
+        return [row for row in rows if size[row] > max(1e-12, ROUNDING * row_scales(block, samples)[row])]
 
     def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[np.ndarray]]:
         """All rows of some blocks at random configurations, whether these satisfy them or not."""

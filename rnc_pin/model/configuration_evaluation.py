@@ -20,8 +20,8 @@ from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.admission import ArrayInput, vector
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
-from rnc_pin.model.kinematics import Position
-from rnc_pin.model.parts import Parts
+from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.reduction_data import ReductionData
 
 _AMPLIFIED = 1e10  # times its rounding that inputs may change a force by, before actuators count as dependent
 
@@ -32,25 +32,25 @@ class ConfigurationEvaluation:
     ``ReducedModel.at(q)`` makes one. It does not change when the model is evaluated elsewhere.
 
     Args:
-        parts: rows, outputs and actuators of the model.
+        data: rows, outputs and actuators of the model.
         position: kinematics at the configurations.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
-    def __init__(self, parts: Parts, position: Position) -> None:
-        self._parts, self.position = parts, position
+    def __init__(self, data: ReductionData, position: PositionKinematics) -> None:
+        self._data, self.position = data, position
 
     @classmethod
-    def at(cls, parts: Parts, q: Array) -> ConfigurationEvaluation:
+    def at(cls, data: ReductionData, q: Array) -> ConfigurationEvaluation:
         """Evaluation at admitted configurations (..., nq), which become read-only."""
         q.setflags(write=False)
-        return cls(parts, parts.kinematics.position(q))
+        return cls(data, data.kinematics.position(q))
 
-    def in_reduction(self, parts: Parts) -> ConfigurationEvaluation:
+    def in_reduction(self, data: ReductionData) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system."""
-        return ConfigurationEvaluation(parts, self.position)
+        return ConfigurationEvaluation(data, self.position)
 
     if not TYPE_CHECKING:
 
@@ -81,17 +81,17 @@ class ConfigurationEvaluation:
     @cached_property
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        return self._parts.actuation.matrix(self.position)
+        return self._data.actuation.matrix(self.position)
 
     @cached_property
     def all_rows(self) -> Float[Array, "*batch k nv"]:
         """All constraint rows, dropped ones included."""
-        return self._parts.rows.jacobian(self.position)
+        return self._data.rows.jacobian(self.position)
 
     @cached_property
     def factorization(self) -> Factorization:
         """E, its inverse and the constraint rows in it."""
-        return factorize(self._parts, self.position)
+        return factorize(self._data, self.position)
 
     @cached_property
     def E(self) -> Float[Array, "*batch nv nv"]:
@@ -109,22 +109,22 @@ class ConfigurationEvaluation:
     @cached_property
     def A(self) -> Float[Array, "*batch m nv"]:
         """Independent constraint rows."""
-        return self.E[..., : self._parts.m, :]
+        return self.E[..., : self._data.m, :]
 
     @cached_property
     def J2(self) -> Float[Array, "*batch r nv"]:
         """Jacobian of the reducing outputs: ``v2 = J2 v``."""
-        return self.E[..., self._parts.m :, :]
+        return self.E[..., self._data.m :, :]
 
     @cached_property
     def J1(self) -> Float[Array, "*batch k nv"]:
         """Jacobian of the vertical outputs."""
-        return self._parts.vertical.jacobian(self.position)
+        return self._data.vertical.jacobian(self.position)
 
     @cached_property
     def R(self) -> Float[Array, "*batch nv r"]:
         """Null-space basis, ``v = R v2 + b``."""
-        return self.E_inverse[self._parts.basis]
+        return self.E_inverse[self._data.basis]
 
     @cached_property
     def A_star(self) -> Float[Array, "*batch k r"]:
@@ -145,17 +145,17 @@ class ConfigurationEvaluation:
     @cached_property
     def mu(self) -> Float[Array, "*batch m"]:
         """Right-hand side of the constraints, ``A v = mu``."""
-        parts = self._parts
+        data = self._data
         if self.factorization.kept is None:
-            return parts.constraints.rate(self.position)
-        return np.take_along_axis(parts.rows.rate(self.position), self.kept_rows, axis=-1)
+            return data.constraints.rate(self.position)
+        return np.take_along_axis(data.rows.rate(self.position), self.kept_rows, axis=-1)
 
     @cached_property
     def b(self) -> Float[Array, "*batch nv"]:
         """Velocity at ``v2 = 0``: zero unless constraints are affine."""
-        if not self._parts.affine:
-            return np.zeros((*self.batch, self._parts.n))
-        return apply(self.E_inverse[self._parts.multiplied], self.mu)
+        if not self._data.affine:
+            return np.zeros((*self.batch, self._data.n))
+        return apply(self.E_inverse[self._data.multiplied], self.mu)
 
     # ------------------------------------------------------------------ rows and regularity
 
@@ -163,12 +163,12 @@ class ConfigurationEvaluation:
     def kept(self) -> Array:
         """Indices of the constraint rows in A, (m,), or (..., m) where they differ from the default."""
         found = self.factorization.kept
-        return np.array(self._parts.kept, dtype=int) if found is None else found
+        return np.array(self._data.kept, dtype=int) if found is None else found
 
     @property
     def kept_rows(self) -> Array:
         """The same for each state, (..., m)."""
-        return np.broadcast_to(self.kept, (*self.batch, self._parts.m))
+        return np.broadcast_to(self.kept, (*self.batch, self._data.m))
 
     @property
     def regular(self) -> Array:
@@ -178,9 +178,7 @@ class ConfigurationEvaluation:
     @cached_property
     def scaled_stack(self) -> Float[Array, "*batch nv nv"]:
         """E with unit rows; a row that is shorter than elsewhere stays so much shorter."""
-        lengths = np.fmax(
-            np.linalg.norm(self.E, axis=-1), row_lengths(self._parts, self.factorization.kept, self.batch)
-        )
+        lengths = np.fmax(np.linalg.norm(self.E, axis=-1), row_lengths(self._data, self.factorization.kept, self.batch))
         return self.E / np.where(lengths > 0, lengths, 1.0)[..., None]
 
     @cached_property
@@ -204,15 +202,15 @@ class ConfigurationEvaluation:
     def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
         """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
         x1, x2 = self._values
-        quasi = self._parts.reducing.quasi
+        quasi = self._data.reducing.quasi
         if integrals is not None and quasi.any():
             x2 = x2.copy()
-            x2[..., quasi] = vector(integrals, self._parts.r, "integrals")[..., quasi]
+            x2[..., quasi] = vector(integrals, self._data.r, "integrals")[..., quasi]
         return x1, x2
 
     @cached_property
     def _values(self) -> tuple[Array, Array]:
-        values = self._parts.vertical.value(self.position), self._parts.reducing.value(self.position)
+        values = self._data.vertical.value(self.position), self._data.reducing.value(self.position)
         for each in values:
             each.setflags(write=False)
         return values
@@ -220,7 +218,7 @@ class ConfigurationEvaluation:
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` of reduced velocities (..., r)."""
         v = apply(self.R, v2)
-        return v + self.b if self._parts.affine else v
+        return v + self.b if self._data.affine else v
 
     def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
@@ -228,18 +226,18 @@ class ConfigurationEvaluation:
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
         """
-        parts = self._parts
-        F = vector(F, parts.r, "F")
+        data = self._data
+        F = vector(F, data.r, "F")
         matrix = self.input_matrix
-        if parts.p == parts.r:
+        if data.p == data.r:
             inverted = inverse(matrix)
             # How rounding is amplified, whatever the units of the inputs; how it fell may look well by chance.
             if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
                 return apply(inverted, F)
-        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=parts.r) if parts.p else 0
-        if rank < parts.r:
+        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=data.r) if data.p else 0
+        if rank < data.r:
             raise ConstraintError(
-                f"actuators {', '.join(parts.actuation.names) or '(none)'} reach rank {rank} of the {parts.r} "
+                f"actuators {', '.join(data.actuation.names) or '(none)'} reach rank {rank} of the {data.r} "
                 "reduced forces: not every F can be realised"
             )
         return apply(np.linalg.pinv(matrix), F)
@@ -251,7 +249,7 @@ class ConfigurationEvaluation:
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
         left, values, _ = np.linalg.svd(self.scaled_stack[first])
         weights = np.abs(left[:, -1])
-        names = (*(self._parts.rows.names[row] for row in self.kept_rows[first]), *self._parts.reducing.names)
+        names = (*(self._data.rows.names[row] for row in self.kept_rows[first]), *self._data.reducing.names)
         return SingularityError(
             "singular configuration",
             q=self.q[first].copy(),

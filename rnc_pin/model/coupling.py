@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
@@ -51,7 +51,7 @@ class CouplingRow(ConstantRows):
         self.holonomic = (period is not None,)
         self._period = period or 0.0
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         if not self.holonomic[0]:
             return super().residual(at)
         gap = _position(self._joint, at.q) - self.offset

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import inverse
-from rnc_pin.model.kinematics import Position
-from rnc_pin.model.parts import Parts, best_entries
+from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.reduction_data import ReductionData, best_entries
 
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
 _WELL = 1e-3  # smallest singular value of unit rows above which the default ones stay
@@ -33,39 +33,39 @@ class Factorization(NamedTuple):
         return self.regular is True or bool(np.all(self.regular))
 
 
-def factorize(parts: Parts, position: Position) -> Factorization:
+def factorize(data: ReductionData, position: PositionKinematics) -> Factorization:
     """Stack E at configurations (..., nq) and invert it.
 
     Args:
-        parts: rows, outputs and their scales.
+        data: rows, outputs and their scales.
         position: kinematics at the configurations.
     """
     batch = position.q.shape[:-1]
-    template = parts.template
+    template = data.template
     E = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy("F")
-    parts.stack.write_jacobian(position, E)
+    data.stack.write_jacobian(position, E)
     E_inverse = inverse(E)
     if not batch:
         # The product of Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
         rows, columns = E.ravel("K"), E_inverse.ravel("K")
-        if (float(rows.dot(rows)) + parts.quick_length) * float(columns.dot(columns)) < parts.quick_limit:
+        if (float(rows.dot(rows)) + data.fast_length) * float(columns.dot(columns)) < data.fast_limit:
             return Factorization(E, E_inverse, True)
     with np.errstate(invalid="ignore", over="ignore"):
         kept = None
-        worst = dependences(E, E_inverse, parts.lengths).max(axis=-1)
-        if parts.has_others:
-            doubtful = ~(worst**2 < parts.quick_limit)
-            kept = _reselect_rows(parts, position, np.argwhere(doubtful), E, E_inverse)
-            worst = dependences(E, E_inverse, row_lengths(parts, kept, batch)).max(axis=-1)
-    return Factorization(E, E_inverse, worst < parts.singularity_limit, kept)
+        worst = dependences(E, E_inverse, data.lengths).max(axis=-1)
+        if data.has_alternatives:
+            doubtful = ~(worst**2 < data.fast_limit)
+            kept = _reselect_rows(data, position, np.argwhere(doubtful), E, E_inverse)
+            worst = dependences(E, E_inverse, row_lengths(data, kept, batch)).max(axis=-1)
+    return Factorization(E, E_inverse, worst < data.singularity_limit, kept)
 
 
-def row_lengths(parts: Parts, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
+def row_lengths(data: ReductionData, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
     """Typical length of each row of E elsewhere."""
     if kept is None:
-        return parts.lengths
-    outputs = np.broadcast_to(parts.lengths_of_outputs, (*batch, parts.r))
-    return np.concatenate([parts.lengths_of_rows[kept], outputs], axis=-1)
+        return data.lengths
+    outputs = np.broadcast_to(data.output_scales, (*batch, data.r))
+    return np.concatenate([data.constraint_scales[kept], outputs], axis=-1)
 
 
 def dependences(E: Array, E_inverse: Array, lengths: Array) -> Float[Array, "*batch nv"]:
@@ -78,37 +78,39 @@ def dependences(E: Array, E_inverse: Array, lengths: Array) -> Float[Array, "*ba
     return np.fmax(rows, lengths) * columns
 
 
-def _reselect_rows(parts: Parts, position: Position, states: Array, E: Array, E_inverse: Array) -> Array | None:
+def _reselect_rows(
+    data: ReductionData, position: PositionKinematics, states: Array, E: Array, E_inverse: Array
+) -> Array | None:
     """Write the best rows into E and its inverse at some states (count, axes); return all rows kept, if any changed."""
     kept: Array | None = None
-    default = np.array(parts.kept, dtype=int)
-    all_rows = parts.rows.jacobian(position) if len(states) else np.zeros((*position.q.shape[:-1], 0, parts.n))
+    default = np.array(data.kept, dtype=int)
+    all_rows = data.rows.jacobian(position) if len(states) else np.zeros((*position.q.shape[:-1], 0, data.n))
     for index in states:
         i = tuple(index)
-        chosen = _best_rows(parts, all_rows[i])
+        chosen = _best_rows(data, all_rows[i])
         if chosen is None:
             continue
         if kept is None:
-            kept = np.array(np.broadcast_to(default, (*position.q.shape[:-1], parts.m)))
+            kept = np.array(np.broadcast_to(default, (*position.q.shape[:-1], data.m)))
         kept[i] = chosen
-        rows, outputs = all_rows[i][chosen], E[i][parts.m :]
-        if parts.free:
-            outputs = np.eye(parts.n)[best_entries(rows, parts.r)]
+        rows, outputs = all_rows[i][chosen], E[i][data.m :]
+        if data.free:
+            outputs = np.eye(data.n)[best_entries(rows, data.r)]
         E[i] = np.vstack([rows, outputs])
         E_inverse[i] = inverse(np.asfortranarray(E[i]))
     return kept
 
 
-def _best_rows(parts: Parts, rows: Array) -> Int[Array, " m"] | None:
+def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     """Indices of independent constraint rows (k, nv) of one state; None where there are too few."""
     if not np.isfinite(rows).all():
         return None
-    natural = np.fmax(np.linalg.norm(rows, axis=-1), parts.lengths_of_rows)
-    natural = np.where(parts.lengths_of_rows > 0, natural, np.inf)[:, None]  # a row that is zero elsewhere is rounding
+    natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
+    natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # a row that is zero elsewhere is rounding
     _, triangle, order = scipy.linalg.qr((rows / natural).T, mode="economic", pivoting=True)
-    if parts.m and not abs(triangle[parts.m - 1, parts.m - 1]) > _DEPENDENT:
+    if data.m and not abs(triangle[data.m - 1, data.m - 1]) > _DEPENDENT:
         return None  # the constraints themselves lose rank
-    kept = np.array(parts.kept, dtype=int)
+    kept = np.array(data.kept, dtype=int)
     if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < _WELL:
-        kept = np.sort(order[: parts.m])
+        kept = np.sort(order[: data.m])
     return kept

@@ -8,7 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import (
+    OWN_AXES,
+    WORLD_AXES,
+    KinematicDerivatives,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
+)
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -41,16 +48,16 @@ class FrameVelocityRows(Rows):
         # A slice is a view, not a copy, on the hot path.
         self._rows: slice | list[int] = slice(chosen[0], chosen[-1] + 1) if following else chosen
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return at.jacobian(self._frame, self._axes, self._rows)
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         return at.jacobian_dot(self._frame, self._axes)[..., self._rows, :]
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return at.acceleration(self._frame, self._axes, self._rows)
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         if self._axes == OWN_AXES:
             return at.own_acceleration_gradient(self._frame)[self._rows]
         motion = at.frame_gradients(self._frame)

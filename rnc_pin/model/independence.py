@@ -95,7 +95,7 @@ def select_independent(
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
-def natural_lengths(block: Rows, samples: np.ndarray) -> np.ndarray:
+def row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     """Beside what each row of a block is long or short, (k,): its longest row of the same unit; 0 without geometry.
 
     Args:

@@ -7,7 +7,14 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import OWN_AXES, Gradients, Motion, Placement, Position, Rates
+from rnc_pin.model.kinematics import (
+    OWN_AXES,
+    KinematicDerivatives,
+    Placement,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
+)
 from rnc_pin.model.values import Vector
 from rnc_pin.robots.robot import Robot
 
@@ -44,27 +51,27 @@ class OffsetFrame:
         self._action = pin.SE3(rotation, point).toActionMatrixInverse()  # from that frame's axes to these
         self._moved = not np.array_equal(self._action, np.eye(6))
 
-    def placement(self, at: Position) -> Placement:
+    def placement(self, at: PositionKinematics) -> Placement:
         """Where it is in the world."""
         place = at.placement(self.index)
         if not self._moved:
             return place
         return Placement(place.rotation @ self._rotation, place.translation + apply(place.rotation, self._point))
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Its Jacobian (..., 6, nv)."""
         return self._of(at.jacobian(self.index, OWN_AXES))
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         """Time derivative of the Jacobian, (..., 6, nv)."""
         return self._of(at.jacobian_dot(self.index, OWN_AXES))
 
-    def acceleration(self, at: Motion) -> np.ndarray:
+    def acceleration(self, at: VelocityKinematics) -> np.ndarray:
         """Rate (..., 6) of the components of its velocity at zero ``vdot``."""
         found = at.acceleration(self.index, OWN_AXES)
         return apply(self._action, found) if self._moved else found
 
-    def acceleration_gradient(self, at: Gradients) -> np.ndarray:
+    def acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         """Derivative of ``acceleration`` with respect to q, (6, nv)."""
         return self._of(at.own_acceleration_gradient(self.index))
 

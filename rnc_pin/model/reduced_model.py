@@ -20,11 +20,11 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.parts import Parts
 from rnc_pin.model.portrait import output_items, system_lines, system_title
+from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.model.terms import Flow, LagrangianTerms, ReducedTerms
+from rnc_pin.model.terms import LagrangianTerms, ReducedTerms, StateDerivative
 from rnc_pin.printing import Portrait, Printed
 from rnc_pin.robots.robot import Robot
 
@@ -55,8 +55,8 @@ class ReducedModel(Printed):
         ('joint_1', 'joint_2', 'joint_3')
     """
 
-    def __init__(self, parts: Parts, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
-        self._parts = parts
+    def __init__(self, parts: ReductionData, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
+        self._data = parts
         self._admission = Admission(parts.robot)
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
@@ -65,64 +65,64 @@ class ReducedModel(Printed):
     # ------------------------------------------------------------------ what it is made of
 
     @property
-    def parts(self) -> Parts:
+    def reduction_data(self) -> ReductionData:
         """What it is made of, for those who make another model of it."""
-        return self._parts
+        return self._data
 
     @property
     def robot(self) -> Robot:
         """The robot."""
-        return self._parts.robot
+        return self._data.robot
 
     @property
     def n(self) -> int:
         """Degrees of freedom before the constraints, nv."""
-        return self._parts.n
+        return self._data.n
 
     @property
     def m(self) -> int:
         """Independent constraint rows."""
-        return self._parts.m
+        return self._data.m
 
     @property
     def r(self) -> int:
         """Reducing outputs, n - m."""
-        return self._parts.r
+        return self._data.r
 
     @property
     def p(self) -> int:
         """Actuators."""
-        return self._parts.p
+        return self._data.p
 
     @property
     def affine(self) -> bool:
         """Whether constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``."""
-        return self._parts.affine
+        return self._data.affine
 
     @property
     def constraints(self) -> RowStack:
         """The rows of A."""
-        return self._parts.constraints
+        return self._data.constraints
 
     @property
     def all_constraints(self) -> RowStack:
         """All constraint rows, dropped ones included."""
-        return self._parts.rows
+        return self._data.rows
 
     @property
     def reducing(self) -> OutputStack:
         """The outputs x2."""
-        return self._parts.reducing
+        return self._data.reducing
 
     @property
     def vertical(self) -> OutputStack:
         """The outputs x1."""
-        return self._parts.vertical
+        return self._data.vertical
 
     @property
     def actuation(self) -> Actuation:
         """The actuators."""
-        return self._parts.actuation
+        return self._data.actuation
 
     # ------------------------------------------------------------------ one evaluation
 
@@ -150,21 +150,21 @@ class ReducedModel(Printed):
         if v2 is not None:
             if v is not None:
                 raise InputError("give v2, or v as it was measured, not both")
-            v2 = vector(v2, self._parts.r, "v2").copy()
+            v2 = vector(v2, self._data.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
                 q, v2 = spread(q, v2, "v2")
-            return StateEvaluation.at(self._parts, q, v2)
+            return StateEvaluation.at(self._data, q, v2)
         if v is not None:
-            q, v = spread(q, vector(v, self._parts.n, "v"), "v")
-            return StateEvaluation.at(self._parts, q, v=v.copy())
-        return ConfigurationEvaluation.at(self._parts, q)
+            q, v = spread(q, vector(v, self._data.n, "v"), "v")
+            return StateEvaluation.at(self._data, q, v=v.copy())
+        return ConfigurationEvaluation.at(self._data, q)
 
-    def settled_at(self, q: ArrayInput) -> ReducedModel:
+    def with_basis_at(self, q: ArrayInput) -> ReducedModel:
         """The same with the rows, and where no outputs were named the entries of v, that are chosen at q (nq,)."""
         state = self.at(q)
         _ = state.R
-        parts = self._parts.keeping(state.kept.tolist())
-        if self._parts.free:
+        parts = self._data.keeping(state.kept.tolist())
+        if self._data.free:
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 
@@ -178,7 +178,7 @@ class ReducedModel(Printed):
         """Reduced forces ``F = H v2_dot + V v2 + G``."""
         return self.at(q, v2).inverse_dynamics(v2_dot)
 
-    def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> Flow:
+    def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> StateDerivative:
         """Full velocity, reduced acceleration and power under inputs T; ``damping`` (nv,) are viscous coefficients."""
         return self.at(q, v2).flow(T, damping)
 

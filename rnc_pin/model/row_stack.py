@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.model.kinematics import Motion, Position, Rates
+from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows, Rows
 
 Selection = slice | list[int]
@@ -103,28 +103,28 @@ class RowStack:
                     self._constant[place.where] = place.of_matrix(place.block.matrix)
         return self._constant
 
-    def write_jacobian(self, at: Position, out: np.ndarray) -> None:
+    def write_jacobian(self, at: PositionKinematics, out: np.ndarray) -> None:
         """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
         for block, rows, _, lines in self._varying:
             values = block.jacobian(at)
             out[lines] = values if rows is None else values[..., rows, :]
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """J(q), (..., size, nv)."""
         template, batch = self.template(at.M.shape[-1]), at.q.shape[:-1]
         out = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy()
         self.write_jacobian(at, out)
         return out
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         """``Jdot v - mudot``, (..., size)."""
         out = np.zeros((*at.q.shape[:-1], self.size))
         for block, rows, entries, _ in self._varying:
-            values = block.drift(at)
+            values = block.bias_acceleration(at)
             out[entries] = values if rows is None else values[..., rows]
         return out
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         """Jdot(q, v), (..., size, nv)."""
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
         for block, rows, _, lines in self._varying:
@@ -132,22 +132,22 @@ class RowStack:
             out[lines] = values if rows is None else values[..., rows, :]
         return out
 
-    def rate(self, at: Position) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> np.ndarray:
         """mu(q), (..., size)."""
         return self._gather(at, lambda block: block.rate(at))
 
-    def rate_dot(self, at: Rates) -> np.ndarray:
+    def rate_dot(self, at: RateKinematics) -> np.ndarray:
         """The rate of mu, (..., size)."""
         return self._gather(at, lambda block: block.rate_dot(at))
 
-    def _gather(self, at: Position, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
+    def _gather(self, at: PositionKinematics, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
         """What every block says, cut down to its rows that count, (..., size)."""
         out = np.empty((*at.q.shape[:-1], self.size))
         for place in self.places:
             out[..., place.where] = place.of(of(place.block))
         return out
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit vectors, (..., size, 3) each; NaN for rows that act on no point."""
         points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
         for place in self.places:
@@ -176,7 +176,7 @@ class OutputStack(RowStack):
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations)
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         """The coordinates, (..., size)."""
         out = np.empty((*at.q.shape[:-1], self.size))
         for block, where in self._values:

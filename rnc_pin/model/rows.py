@@ -13,7 +13,7 @@ import numpy as np
 
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
-from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot
 
 
@@ -50,33 +50,33 @@ class Rows(ABC):
     kind: ConstraintKind | None = None
 
     @abstractmethod
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """The rows J(q), (..., k, nv)."""
 
     @abstractmethod
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         """Their rate along v, (..., k, nv)."""
 
     @abstractmethod
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         """``Jdot v - mudot``, (..., k), for a velocity that satisfies the constraints."""
 
-    def rate(self, at: Position) -> np.ndarray:
+    def rate(self, at: PositionKinematics) -> np.ndarray:
         """What ``J v`` has to be: mu(q), (..., k)."""
         return self._zeros(at)
 
-    def rate_dot(self, at: Rates) -> np.ndarray:
+    def rate_dot(self, at: RateKinematics) -> np.ndarray:
         """Rate of mu along v, (..., k)."""
         return self._zeros(at)
 
-    def residual(self, at: Position) -> np.ndarray:
+    def residual(self, at: PositionKinematics) -> np.ndarray:
         """How far q is from satisfying the holonomic rows, (..., k) [m or rad]; zero at the others.
 
         Its rate is ``J v`` where it is zero.
         """
         return self._zeros(at)
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray | None:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray | None:
         """Derivative of ``Jdot(q, v) v`` with respect to q, v fixed, (k, nv); None where there is no closed form.
 
         Only a linearisation about a motion asks for it, at one state, and takes differences for None and for rows that
@@ -84,7 +84,7 @@ class Rows(ABC):
         """
         return None
 
-    def lines_of_action(self, at: Position) -> tuple[np.ndarray, np.ndarray] | None:
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
         """Where in the world the rows act and along what, to be drawn.
 
         Returns:
@@ -92,7 +92,7 @@ class Rows(ABC):
         """
         return None
 
-    def _zeros(self, at: Position) -> np.ndarray:
+    def _zeros(self, at: PositionKinematics) -> np.ndarray:
         return np.zeros((*at.q.shape[:-1], len(self.names)))
 
 
@@ -105,16 +105,16 @@ class ConstantRows(Rows):
 
     matrix: np.ndarray
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self.matrix, (*at.q.shape[:-1], *self.matrix.shape))
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         return np.zeros((*at.q.shape[:-1], *self.matrix.shape))
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return self._zeros(at)
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         return np.zeros(self.matrix.shape)
 
 
@@ -131,7 +131,7 @@ class OutputRows(Rows):
     quasi: bool = False
     rotation: bool = False
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         """The coordinates, (..., k) [m or rad]; zeros where ``quasi``."""
         return self._zeros(at)
 
@@ -150,7 +150,7 @@ class OutputKind(Protocol):
     def bind(self, robot: Robot) -> OutputRows: ...
 
 
-def check_defined(what: str, at: Position, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
+def check_defined(what: str, at: PositionKinematics, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
     """Refuse states at which rows have no meaning, because something in them is too small.
 
     Args:

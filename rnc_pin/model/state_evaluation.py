@@ -22,10 +22,10 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, product, solve_
 from rnc_pin.model.admission import ArrayInput, vector
 from rnc_pin.model.cached_property import cached_property, forwarded
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.kinematics import Motion, Position, Rates
+from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.parts import Parts
-from rnc_pin.model.terms import Flow, ReducedTerms
+from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.terms import ReducedTerms, StateDerivative
 
 _AT = "configuration"
 
@@ -66,20 +66,20 @@ class StateEvaluation:
         configuration: ConfigurationEvaluation,
         v2: Array | None = None,
         v: Array | None = None,
-        motion: Motion | None = None,
+        motion: VelocityKinematics | None = None,
     ) -> None:
         self.configuration = configuration
-        self._parts = configuration._parts
+        self._data = configuration._data
         self._v2, self._v, self._motion = v2, v, motion
 
     @classmethod
-    def at(cls, parts: Parts, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
+    def at(cls, data: ReductionData, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
         """Evaluation at admitted states (..., nq), and (..., r) or (..., nv)."""
-        return cls(ConfigurationEvaluation.at(parts, q), v2, v)
+        return cls(ConfigurationEvaluation.at(data, q), v2, v)
 
-    def in_reduction(self, parts: Parts) -> StateEvaluation:
+    def in_reduction(self, data: ReductionData) -> StateEvaluation:
         """The same states in another reduction of the same system."""
-        return StateEvaluation(self.configuration.in_reduction(parts), v=self.v, motion=self._motion)
+        return StateEvaluation(self.configuration.in_reduction(data), v=self.v, motion=self._motion)
 
     def with_velocity(self, v: Array) -> StateEvaluation:
         """The same configurations with other full velocities (..., nv)."""
@@ -93,7 +93,7 @@ class StateEvaluation:
         return self.configuration.position.q
 
     @property
-    def position(self) -> Position:
+    def position(self) -> PositionKinematics:
         """Kinematics at q."""
         return self.configuration.position
 
@@ -142,26 +142,26 @@ class StateEvaluation:
         return self.configuration.velocity(self.v2) if self._v is None else self._v
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> VelocityKinematics:
         """Kinematics at (q, v)."""
         if self._motion is None:
-            self._motion = self.configuration.position.moving(self.v)
+            self._motion = self.configuration.position.with_velocity(self.v)
         return self._motion
 
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """``Edot v - [mudot; 0]``: accelerations of constraint rows and reducing outputs at zero ``vdot``."""
-        parts = self._parts
+        data = self._data
         if self.configuration.factorization.kept is None:
-            return parts.stack.drift(self.motion)
-        chosen = np.take_along_axis(parts.rows.drift(self.motion), self.configuration.kept_rows, axis=-1)
-        return np.concatenate([chosen, parts.reducing.drift(self.motion)], axis=-1)
+            return data.stack.bias_acceleration(self.motion)
+        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.configuration.kept_rows, axis=-1)
+        return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
 
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
         """``A v - mu``: violation of the constraints by the velocity."""
         residual = apply(self.A, self.v)
-        return residual - self.mu if self._parts.affine else residual
+        return residual - self.mu if self._data.affine else residual
 
     @cached_property
     def v1(self) -> Float[Array, "*batch k"]:
@@ -169,24 +169,24 @@ class StateEvaluation:
         return apply(self.J1, self.v)
 
     @cached_property
-    def rates(self) -> Rates:
+    def rates(self) -> RateKinematics:
         """Kinematics at (q, v) with rates along v."""
         return self.motion.rates()
 
     @cached_property
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
-        parts = self._parts
+        data = self._data
         if self.configuration.factorization.kept is None:
-            return parts.stack.jacobian_dot(self.rates)
+            return data.stack.jacobian_dot(self.rates)
         kept = self.configuration.kept_rows[..., None]
-        chosen = np.take_along_axis(parts.rows.jacobian_dot(self.rates), kept, axis=-2)
-        return np.concatenate([chosen, parts.reducing.jacobian_dot(self.rates)], axis=-2)
+        chosen = np.take_along_axis(data.rows.jacobian_dot(self.rates), kept, axis=-2)
+        return np.concatenate([chosen, data.reducing.jacobian_dot(self.rates)], axis=-2)
 
     @cached_property
     def A_dot(self) -> Float[Array, "*batch m nv"]:
         """Rate of A."""
-        return self.E_dot[..., : self._parts.m, :]
+        return self.E_dot[..., : self._data.m, :]
 
     @cached_property
     def R_dot(self) -> Float[Array, "*batch nv r"]:
@@ -196,7 +196,7 @@ class StateEvaluation:
     @cached_property
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
-        return self._parts.vertical.jacobian_dot(self.rates)
+        return self._data.vertical.jacobian_dot(self.rates)
 
     @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
@@ -206,11 +206,11 @@ class StateEvaluation:
     @cached_property
     def b_dot(self) -> Float[Array, "*batch nv"]:
         """Rate of b."""
-        parts = self._parts
-        if not parts.affine:
+        data = self._data
+        if not data.affine:
             return np.zeros_like(self.b)
-        mu_dot = np.take_along_axis(parts.rows.rate_dot(self.rates), self.configuration.kept_rows, axis=-1)
-        return apply(self.E_inverse[parts.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+        mu_dot = np.take_along_axis(data.rows.rate_dot(self.rates), self.configuration.kept_rows, axis=-1)
+        return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     # ------------------------------------------------------------------ dynamics
 
@@ -238,11 +238,11 @@ class StateEvaluation:
     def G(self) -> Float[Array, "*batch r"]:
         """Gravity forces; with affine constraints also those of the motion b, ``R^T (g* + H* b_dot + C* b)``."""
         g = self.g
-        if self._parts.affine:
+        if self._data.affine:
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
         return apply_transposed(self.R, g)
 
-    def flow(self, T: ArrayInput, damping: Array | None = None, external: Array | None = None) -> Flow:
+    def flow(self, T: ArrayInput, damping: Array | None = None, external: Array | None = None) -> StateDerivative:
         """State derivative for an integrator: full velocity, reduced acceleration and power.
 
         Args:
@@ -250,18 +250,18 @@ class StateEvaluation:
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
             external: generalized forces (..., nv) beside inputs and damping.
         """
-        force = self._force(vector(T, self._parts.p, "T"), damping)
+        force = self._force(vector(T, self._data.p, "T"), damping)
         if external is not None:
             force = force + external
         v2_dot = self._accelerated(force)
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
-        if self._parts.affine:  # constraints that move do work
+        if self._data.affine:  # constraints that move do work
             power = power - np.vecdot(self.mu, self._multipliers(force, v2_dot))
-        return Flow(self.v, v2_dot, power)
+        return StateDerivative(self.v, v2_dot, power)
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
-        return self._accelerated(self._force(vector(T, self._parts.p, "T"), None))
+        return self._accelerated(self._force(vector(T, self._data.p, "T"), None))
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration of a reduced one (..., r): ``R v2_dot + Rdot v2 + b_dot``."""
@@ -276,7 +276,7 @@ class StateEvaluation:
         return force if damping is None else force - damping * self.v
 
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
-        force = self._force(vector(T, self._parts.p, "T"), None)
+        force = self._force(vector(T, self._data.p, "T"), None)
         return force if external is None else force + external
 
     @cached_property
@@ -294,7 +294,7 @@ class StateEvaluation:
 
     def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2dot + V v2 + G``."""
-        acceleration = self.v_dot(vector(v2_dot, self._parts.r, "v2_dot"))
+        acceleration = self.v_dot(vector(v2_dot, self._data.r, "v2_dot"))
         return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
@@ -316,13 +316,13 @@ class StateEvaluation:
         force = self._total_force(T, external)
         found = self._multipliers(force, self._accelerated(force))
         if self.configuration.factorization.kept is not None:
-            other = self.configuration.kept_rows != np.array(self._parts.kept, dtype=int)
+            other = self.configuration.kept_rows != np.array(self._data.kept, dtype=int)
             found[other.any(axis=-1)] = np.nan
         return found
 
     def _multipliers(self, force: Array, v2_dot: Array) -> Array:
         # A^T lambda + J2^T 0 = what is left of the balance, that is E^T [lambda; 0] = it.
-        return apply_transposed(self.E_inverse[self._parts.multiplied], self._unbalanced(force, v2_dot))
+        return apply_transposed(self.E_inverse[self._data.multiplied], self._unbalanced(force, v2_dot))
 
     def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
         """``A^T lambda``: generalized forces of the constraints."""
@@ -342,7 +342,7 @@ class StateEvaluation:
         unbalanced = self._unbalanced(force, self._accelerated(force))
         # Rows that are dependent but for rounding are so here too: no more directions than rows are kept.
         left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
-        counted = (np.arange(values.shape[-1]) < self._parts.m) & (values > 1e-10 * values[..., :1])
+        counted = (np.arange(values.shape[-1]) < self._data.m) & (values > 1e-10 * values[..., :1])
         inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
         return apply_transposed(right, inverses * apply_transposed(left, unbalanced))
 
@@ -356,7 +356,7 @@ class StateEvaluation:
     @property
     def energy(self) -> Array | float:
         """Kinetic plus potential energy (...,) [J]."""
-        return self.kinetic_energy + self._parts.kinematics.potential_energy(self.q)
+        return self.kinetic_energy + self._data.kinematics.potential_energy(self.q)
 
     def measure(self, integrals: ArrayInput | None = None) -> Measurement:
         """Measurement for controllers: outputs, rates and the kinematics between them, no inertia.
@@ -365,13 +365,13 @@ class StateEvaluation:
             integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity outputs; without
                 them those values are NaN, and a controller that needs one says so.
         """
-        quasi = self._parts.reducing.quasi
+        quasi = self._data.reducing.quasi
         x1, x2 = self.outputs(integrals)
         if integrals is None and quasi.any():
             x2 = x2.copy()
             x2[..., quasi] = np.nan
         offset = offset_dot = None
-        if self._parts.affine:
+        if self._data.affine:
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
         return Measurement(

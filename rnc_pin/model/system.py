@@ -15,11 +15,11 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.conservation import check_actuators, check_reactions
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, select_independent
-from rnc_pin.model.independence import natural_lengths as lengths_beside
+from rnc_pin.model.independence import row_scales as row_scales_beside
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.parts import Parts, VelocityRows, best_entries, natural_lengths
 from rnc_pin.model.portrait import system_lines, system_title
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
 from rnc_pin.printing import Portrait, Printed
@@ -164,8 +164,8 @@ class NonholonomicSystem(Printed):
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
-        lengths = natural_lengths(self.robot, self.rows, x2, self._samples)
-        parts = Parts(self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free)
+        lengths = row_scales(self.robot, self.rows, x2, self._samples)
+        parts = ReductionData(self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free)
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 
     def _entries(self) -> OutputStack:
@@ -255,7 +255,7 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
 
 def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:
     """Beside what each row is zero but for rounding, (k,)."""
-    return np.concatenate([np.zeros(0), *(lengths_beside(block, samples[:, at]) for block, at, _ in rows.places)])
+    return np.concatenate([np.zeros(0), *(row_scales_beside(block, samples[:, at]) for block, at, _ in rows.places)])
 
 
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:

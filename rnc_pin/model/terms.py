@@ -47,7 +47,7 @@ class LagrangianTerms:
     B: Float[Array, "*batch nv p"]
 
 
-class Flow(NamedTuple):
+class StateDerivative(NamedTuple):
     """How a state changes."""
 
     v: Array  # (..., nv), full velocity

@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kinematics import Motion, Position, over_states
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import OutputRows, admit_rows
 from rnc_pin.robots.robot import Robot
 
@@ -62,21 +62,21 @@ class _CustomRows(OutputRows):
         self._shape = (size, robot.nv)
         admit_rows(kind.jacobian(robot.configuration()), self._shape, f"jacobian(q) of output {self.names}")
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         value = self._kind.value
         if value is None:
             return super().value(at)
         return over_states(partial(self._admitted, value, "value(q)", self._shape[:1]), self._shape[:1], at.q)
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         rows = partial(self._admitted, self._kind.jacobian, "jacobian(q)", self._shape)
         return over_states(rows, self._shape, at.q)
 
-    def jacobian_dot(self, at: Motion) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         rows = partial(self._admitted, self._kind.jacobian_dot, "jacobian_dot(q, v)", self._shape)
         return over_states(rows, self._shape, at.q, at.v)
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return apply(self.jacobian_dot(at), at.v)
 
     def _admitted(

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
-from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.robots.robot import Robot
 
@@ -48,13 +48,13 @@ class _DistanceRow(OutputRows):
         self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
         self.joints = tuple(robot.model.frames[frame].parentJoint for frame in (self._a, self._b))
 
-    def _vector(self, at: Position) -> np.ndarray:
+    def _vector(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._b).translation - at.placement(self._a).translation
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         return np.linalg.norm(self._vector(at), axis=-1, keepdims=True)
 
-    def _direction(self, at: Position) -> tuple[np.ndarray, np.ndarray]:
+    def _direction(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors (..., 3) from a to b, and the distances (..., 1)."""
         vector = self._vector(at)
         length = np.linalg.norm(vector, axis=-1, keepdims=True)
@@ -65,23 +65,23 @@ class _DistanceRow(OutputRows):
         """Linear part of what frame b has, less that of frame a."""
         return both(self._b)[..., :3] - both(self._a)[..., :3]
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         direction, _ = self._direction(at)
         return direction[..., None, :] @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         direction, length = self._direction(at)
         velocity = self._relative(at.velocity)
         turning = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
         J, J_dot = (each(self._b) - each(self._a) for each in (at.jacobian, at.jacobian_dot))
         return direction[..., None, :] @ J_dot[..., :3, :] + turning[..., None, :] @ J[..., :3, :]
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         parts = (self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
         self._direction(at)  # refuses where there is none
         return np.asarray(_distance_drift(*(components(part) for part in parts)))[..., None]
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
         return complex_step(
             lambda *parts: np.array([_distance_drift(*parts)]),

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -46,7 +46,7 @@ class _OrientationRows(FrameVelocityRows, OutputRows):
         self.names = tuple(f"{kind.frame}_orientation_{axis}" for axis in "xyz")
         self.angular = (False,) * 3
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         rotation = at.placement(self._frame).rotation
         vectors = np.empty(rotation.shape[:-1])
         for i in np.ndindex(vectors.shape[:-1]):

@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -46,5 +46,5 @@ class _PositionRows(FrameVelocityRows, OutputRows):
         self.names = tuple(f"{kind.frame}_{axis}" for axis in kind.axes)
         self.angular = (False,) * len(chosen)
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._frame).translation[..., self._rows]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.math.components import Component
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.model.values import Axis
 from rnc_pin.outputs.spin_form import SpinFormRow, Vector
@@ -49,7 +49,7 @@ class _TiltRow(SpinFormRow):
         self.names = (f"{kind.frame}_tilt_{kind.axis}",)
         self.angular = (False,)
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, z = np.moveaxis(self._direction(at), -1, 0)
         return np.arctan2(z, np.hypot(x, y))[..., None]
 
@@ -72,6 +72,6 @@ class _TiltRow(SpinFormRow):
         level = square**0.5
         return second[2] / level + z * first[2] * first[2] / (square * level)
 
-    def _check_defined(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
         check_defined("the tilt of a vertical axis has no rate", at, level, _VERTICAL, self.names)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.math.components import Component
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.model.values import Axis
 from rnc_pin.outputs.spin_form import SpinFormRow, Vector
@@ -48,7 +48,7 @@ class _YawRow(SpinFormRow):
         self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
         self.angular = (True,)
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, _ = np.moveaxis(self._direction(at), -1, 0)
         return np.arctan2(y, x)[..., None]
 
@@ -70,6 +70,6 @@ class _YawRow(SpinFormRow):
         area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
         return area_rate / square - area * twice / (square * square)
 
-    def _check_defined(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
         check_defined("a yaw is not defined for a vertical axis", at, level, _VERTICAL, self.names)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ModelError
-from rnc_pin.model.kinematics import Position
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -49,6 +49,6 @@ class _JointRow(ConstantRows, OutputRows):
         self.matrix = np.zeros((1, robot.nv))
         self.matrix[0, joint.idx_v] = 1.0
 
-    def value(self, at: Position) -> np.ndarray:
+    def value(self, at: PositionKinematics) -> np.ndarray:
         q = at.q[..., self._q]
         return np.arctan2(q[..., 1:], q[..., :1]) if self.angular[0] else q

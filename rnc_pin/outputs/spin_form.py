@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.math.components import Component, components, cross, packed
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import Gradients, Motion, Position, Rates
+from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -45,23 +45,23 @@ class SpinFormRow(OutputRows):
         """Second derivative of the angle where the direction has two derivatives."""
 
     @abstractmethod
-    def _check_defined(self, at: Position, direction: Vector) -> None:
+    def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         """Raise where the angle has no rate."""
 
-    def _direction(self, at: Position) -> np.ndarray:
+    def _direction(self, at: PositionKinematics) -> np.ndarray:
         return at.rotation(self._frame)[..., self._axis]
 
-    def _defined(self, at: Position) -> Vector:
+    def _defined(self, at: PositionKinematics) -> Vector:
         direction = components(self._direction(at))
         self._check_defined(at, direction)
         return direction
 
-    def jacobian(self, at: Position) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
         direction = self._defined(at)
         form = packed([self._form(direction)], direction[0])
         return form @ at.jacobian(self._frame)[..., 3:, :]
 
-    def jacobian_dot(self, at: Rates) -> np.ndarray:
+    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         direction = self._defined(at)
         rate = cross(components(at.velocity(self._frame)[..., 3:]), direction)
         form, form_rate = (
@@ -69,21 +69,21 @@ class SpinFormRow(OutputRows):
         )
         return form @ at.jacobian_dot(self._frame)[..., 3:, :] + form_rate @ at.jacobian(self._frame)[..., 3:, :]
 
-    def drift(self, at: Motion) -> np.ndarray:
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         direction = self._defined(at)
         spin, turning = (components(each[..., 3:]) for each in (at.velocity(self._frame), at.acceleration(self._frame)))
-        return np.asarray(self._drift(direction, spin, turning))[..., None]
+        return np.asarray(self._bias_acceleration(direction, spin, turning))[..., None]
 
-    def _drift(self, direction: Vector, spin: Vector, turning: Vector) -> Component:
+    def _bias_acceleration(self, direction: Vector, spin: Vector, turning: Vector) -> Component:
         first = cross(spin, direction)
         second = [a + b for a, b in zip(cross(turning, direction), cross(spin, first), strict=True)]
         return self._second(direction, first, second)
 
-    def drift_gradient(self, at: Gradients) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         direction, motion = self._direction(at).copy(), at.frame_gradients(self._frame)
         direction_q = -_skew(direction) @ at.jacobian(self._frame)[3:]
         return complex_step(
-            lambda *parts: np.array([self._drift(*parts)]),
+            lambda *parts: np.array([self._bias_acceleration(*parts)]),
             (direction, direction_q),
             (at.velocity(self._frame)[3:], motion.spin),
             (at.acceleration(self._frame)[3:], motion.angular_acceleration),

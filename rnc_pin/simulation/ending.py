@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NoReturn
 
-from rnc_pin.errors import DivergenceError, LimitError, Motion, RncError, SimulationError, SingularityError
+from rnc_pin.errors import DivergenceError, LimitError, PartialRun, RncError, SimulationError, SingularityError
 from rnc_pin.simulation.run_info import Outcome
 
 _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
 _LONGEST = 300  # letters of what somebody else's error says
 
 
-def raise_with(so_far: Callable[[RncError], Motion], error: Exception, culprit: str, t: float) -> NoReturn:
+def raise_with(so_far: Callable[[RncError], PartialRun], error: Exception, culprit: str, t: float) -> NoReturn:
     """Raise what ended a run, with the run so far in its ``trajectory``; to be called where it has been caught.
 
     Args:

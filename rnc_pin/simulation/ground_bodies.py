@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.constraints import NoSideSlip, RollingBall, RollingRows
-from rnc_pin.model.kinematics import Kinematics, Position
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
@@ -48,7 +48,7 @@ class GroundBody(NamedTuple):
     point: np.ndarray
     left: np.ndarray
 
-    def poses(self, at: Position) -> Float[Array, "*batch 3"]:
+    def poses(self, at: PositionKinematics) -> Float[Array, "*batch 3"]:
         """x, y [m] and heading [rad] at configurations."""
         rotation, translation = at.joint_placement(self.joint)
         place, left = translation + rotation @ self.point, rotation @ self.left
@@ -77,13 +77,13 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     return tuple(_body(robot, joint, found[joint], here, there) for joint in sorted(found))
 
 
-def ground_poses(bodies: Iterable[GroundBody], at: Position) -> Float[Array, "*batch g"]:
+def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[Array, "*batch g"]:
     """x, y and heading of each body, one after the other, at configurations."""
     poses = [body.poses(at) for body in bodies]
     return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
 
 
-def _contact(rows: Rows, robot: Robot, at: Position) -> _Contact | None:
+def _contact(rows: Rows, robot: Robot, at: PositionKinematics) -> _Contact | None:
     """The contact that rows describe; None where they describe none that a vehicle stands on."""
     kind = rows.kind
     if isinstance(rows, RollingRows):
@@ -134,7 +134,11 @@ def _jacobian(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
 
 
 def _body(
-    robot: Robot, joint: int, contacts: Sequence[tuple[_Contact, _Contact]], here: Position, there: Position
+    robot: Robot,
+    joint: int,
+    contacts: Sequence[tuple[_Contact, _Contact]],
+    here: PositionKinematics,
+    there: PositionKinematics,
 ) -> GroundBody:
     (rotation, translation), (turned, moved) = here.joint_placement(joint), there.joint_placement(joint)
     points, fixed = [], []  # in the axes of the joint: where it is carried, and the axles that are not steered

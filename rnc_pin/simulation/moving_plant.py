@@ -66,7 +66,7 @@ class MovingPlant:
 
     def start(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Y at the beginning."""
-        self._chart = VelocityChart(self.reduced.parts, q)
+        self._chart = VelocityChart(self.reduced.reduction_data, q)
         return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
@@ -86,16 +86,16 @@ class MovingPlant:
 
     def seen(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """The state as the model's outputs see it."""
-        return self.at(q, y).in_reduction(self.reduced.parts)
+        return self.at(q, y).in_reduction(self.reduced.reduction_data)
 
     def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """The state as the model's outputs see it, and y in a chart that suits it."""
         here = self.at(q, y)
         if self._chart.is_left(here):
             v = here.v
-            self._chart = VelocityChart(self.reduced.parts, q)
+            self._chart = VelocityChart(self.reduced.reduction_data, q)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])
-        return here.in_reduction(self.reduced.parts), y
+        return here.in_reduction(self.reduced.reduction_data), y
 
     # ------------------------------------------------------------------ motion
 

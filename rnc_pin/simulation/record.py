@@ -13,8 +13,8 @@ from rnc_pin.analysis import NormalForces
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
-from rnc_pin.model.parts import best_entries
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies, ground_poses
@@ -201,10 +201,10 @@ def _block(
     bodies: Sequence[GroundBody],
 ) -> dict[str, np.ndarray]:
     """Outputs as the controller's model sees them; forces and energy are those of the plant."""
-    seen = StateEvaluation.at(reduced.parts, q, v=v)
+    seen = StateEvaluation.at(reduced.reduction_data, q, v=v)
     # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
-    own = seen if plant is reduced else StateEvaluation.at(plant.parts, q, v=v)
-    moved = own.in_reduction(plant.parts.in_entries(best_entries(own.A[0], plant.r), free=True))
+    own = seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v)
+    moved = own.in_reduction(plant.reduction_data.in_entries(best_entries(own.A[0], plant.r), free=True))
     regular = seen.regular
     F = np.full((len(q), reduced.r), np.nan)
     if regular.any():

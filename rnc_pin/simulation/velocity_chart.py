@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from rnc_pin.model.parts import Parts
+from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _FAR = 3.0  # growth of the squared size of R at which another chart is laid: some velocity leans by 60 degrees
@@ -23,18 +23,18 @@ class VelocityChart:
         q: where the chart is laid, (nq,).
     """
 
-    def __init__(self, parts: Parts, q: np.ndarray) -> None:
+    def __init__(self, parts: ReductionData, q: np.ndarray) -> None:
         m, n = parts.m, parts.n
         A = StateEvaluation.at(parts.in_entries(range(parts.r), free=True), q).A
         self._scale = parts.lengths[:m]
         self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
-        self.parts = parts.in_velocities(self.W)
+        self.reduction_data = parts.in_velocities(self.W)
 
     def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:
         """The system at a state in this chart."""
-        return StateEvaluation.at(self.parts, q, w)
+        return StateEvaluation.at(self.reduction_data, q, w)
 
     def is_left(self, state: StateEvaluation) -> bool:
         """Whether a state of this chart deserves one of its own."""
         size = state.R.ravel("K")
-        return not size.dot(size) < self.parts.r + _FAR
+        return not size.dot(size) < self.reduction_data.r + _FAR

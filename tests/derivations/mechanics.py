@@ -107,7 +107,7 @@ class Mechanics:
         """Of the whole system (1), with its multipliers, from one linear system."""
         n, m = H.rows, A.rows
         K, right = mp.zeros(n + m), mp.zeros(n + m, 1)
-        force, drift = M * mp.matrix(T) - C * speed, -(A_dot * speed)
+        force, bias_acceleration = M * mp.matrix(T) - C * speed, -(A_dot * speed)
         for i in range(n):
             right[i] = force[i]
             for j in range(n):
@@ -115,7 +115,7 @@ class Mechanics:
             for k in range(m):
                 K[i, n + k], K[n + k, i] = -A[k, i], A[k, i]
         for k in range(m):
-            right[n + k] = drift[k]
+            right[n + k] = bias_acceleration[k]
         solution = list(mp.lu_solve(K, right))
         return solution[:n], solution[n:]
 

@@ -6,25 +6,25 @@ from rnc_pin.model.kinematics.quantities import (
     OWN_AXES,
     WORLD_AXES,
     Components,
-    Motion,
     Placement,
-    Position,
-    Rates,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
     over_states,
 )
-from rnc_pin.model.kinematics.single_state import FrameGradients, Gradients
+from rnc_pin.model.kinematics.single_state import FrameDerivatives, KinematicDerivatives
 
 __all__ = [
     "ALL",
     "OWN_AXES",
     "WORLD_AXES",
     "Components",
-    "FrameGradients",
-    "Gradients",
+    "FrameDerivatives",
+    "KinematicDerivatives",
     "Kinematics",
-    "Motion",
     "Placement",
-    "Position",
-    "Rates",
+    "PositionKinematics",
+    "RateKinematics",
+    "VelocityKinematics",
     "over_states",
 ]

@@ -15,10 +15,10 @@ from rnc_pin.model.kinematics.quantities import (
     ALL,
     WORLD_AXES,
     Components,
-    Motion,
     Placement,
-    Position,
-    Rates,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
     over_states,
 )
 from rnc_pin.model.kinematics.workspace import Workspace
@@ -28,7 +28,7 @@ _UNIT = np.eye(3)
 _LINEAR, _ANGULAR = slice(0, 3), slice(3, 6)
 
 
-class BatchPositions(Position):
+class BatchPositionKinematics(PositionKinematics):
     """Kinematics at many configurations.
 
     Args:
@@ -106,11 +106,11 @@ class BatchPositions(Position):
         """Of a block (..., 6, nv) the columns of joints that carry a frame, zero at the others."""
         return block * self._at.support(frame)
 
-    def moving(self, v: np.ndarray) -> Motion:
-        return BatchVelocities(self, v)
+    def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
+        return BatchVelocityKinematics(self, v)
 
 
-class BatchVelocities(BatchPositions, Motion):
+class BatchVelocityKinematics(BatchPositionKinematics, VelocityKinematics):
     """Kinematics at many configurations and velocities.
 
     Args:
@@ -118,7 +118,7 @@ class BatchVelocities(BatchPositions, Motion):
         v: (..., nv).
     """
 
-    def __init__(self, positions: BatchPositions, v: np.ndarray) -> None:
+    def __init__(self, positions: BatchPositionKinematics, v: np.ndarray) -> None:
         at = self._at = positions._at
         self.q, self.M, self.J = positions.q, positions.M, positions.J
         self._places, self._frames = positions._places, positions._frames
@@ -167,18 +167,18 @@ class BatchVelocities(BatchPositions, Motion):
                     result[..., i] += turned[row]
         return result
 
-    def rates(self) -> Rates:
-        return BatchRates(self)
+    def rates(self) -> RateKinematics:
+        return BatchRateKinematics(self)
 
 
-class BatchRates(BatchVelocities, Rates):
+class BatchRateKinematics(BatchVelocityKinematics, RateKinematics):
     """Kinematics of many states with rates along v.
 
     Args:
         motions: the states.
     """
 
-    def __init__(self, motions: BatchVelocities) -> None:
+    def __init__(self, motions: BatchVelocityKinematics) -> None:
         self._at = motions._at
         self.q, self.M, self.J = motions.q, motions.M, motions.J
         self._places, self._frames = motions._places, motions._frames

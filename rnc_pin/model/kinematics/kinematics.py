@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.model.kinematics.batch import BatchPositions
-from rnc_pin.model.kinematics.quantities import Position
-from rnc_pin.model.kinematics.single_state import Gradients, SinglePosition, SingleVelocity
+from rnc_pin.model.kinematics.batch import BatchPositionKinematics
+from rnc_pin.model.kinematics.quantities import PositionKinematics
+from rnc_pin.model.kinematics.single_state import (
+    KinematicDerivatives,
+    SinglePositionKinematics,
+    SingleVelocityKinematics,
+)
 from rnc_pin.model.kinematics.workspace import Workspace
 
 
@@ -24,10 +28,10 @@ class Kinematics(Workspace):
         joints: those whose placements batches need.
     """
 
-    def position(self, q: np.ndarray) -> Position:
+    def position(self, q: np.ndarray) -> PositionKinematics:
         """Kinematics at configurations (..., nq)."""
-        return SinglePosition(self, q) if q.ndim == 1 else BatchPositions(self, q)
+        return SinglePositionKinematics(self, q) if q.ndim == 1 else BatchPositionKinematics(self, q)
 
-    def gradients(self, q: np.ndarray, v: np.ndarray) -> Gradients:
+    def gradients(self, q: np.ndarray, v: np.ndarray) -> KinematicDerivatives:
         """Kinematics of one state (nq,), (nv,), with its derivatives."""
-        return Gradients(SingleVelocity(SinglePosition(self, q), v))
+        return KinematicDerivatives(SingleVelocityKinematics(SinglePositionKinematics(self, q), v))

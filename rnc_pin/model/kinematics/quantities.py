@@ -29,7 +29,7 @@ class Placement(NamedTuple):
     """(..., 3) [m]"""
 
 
-class Position(ABC):
+class PositionKinematics(ABC):
     """What is known at configurations.
 
     Attributes:
@@ -57,11 +57,11 @@ class Position(ABC):
         """Frame Jacobian (..., 6, nv), or some of its rows: linear ones first, about the frame's origin."""
 
     @abstractmethod
-    def moving(self, v: np.ndarray) -> Motion:
+    def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
         """The same configurations with velocities (..., nv)."""
 
 
-class Motion(Position):
+class VelocityKinematics(PositionKinematics):
     """What is known at configurations and velocities.
 
     Attributes:
@@ -85,11 +85,11 @@ class Motion(Position):
         """Rate (..., 6), or some of it, of the components of the frame's velocity along these axes at zero ``vdot``."""
 
     @abstractmethod
-    def rates(self) -> Rates:
+    def rates(self) -> RateKinematics:
         """The same states with the rates of what depends on the configuration."""
 
 
-class Rates(Motion):
+class RateKinematics(VelocityKinematics):
     """What is known of rates along the velocity.
 
     Attributes:

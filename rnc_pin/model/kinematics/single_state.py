@@ -13,17 +13,17 @@ from rnc_pin.model.kinematics.quantities import (
     OWN_AXES,
     WORLD_AXES,
     Components,
-    Motion,
     Placement,
-    Position,
-    Rates,
+    PositionKinematics,
+    RateKinematics,
+    VelocityKinematics,
 )
 from rnc_pin.model.kinematics.workspace import Workspace
 
 _WORLD = pin.Convention.WORLD
 
 
-class SinglePosition(Position):
+class SinglePositionKinematics(PositionKinematics):
     """Kinematics at one configuration.
 
     Args:
@@ -65,11 +65,11 @@ class SinglePosition(Position):
             jacobian = at.by_columns(jacobian)
         return jacobian if rows is ALL else jacobian[rows]
 
-    def moving(self, v: np.ndarray) -> Motion:
-        return SingleVelocity(self, v)
+    def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
+        return SingleVelocityKinematics(self, v)
 
 
-class SingleVelocity(SinglePosition, Motion):
+class SingleVelocityKinematics(SinglePositionKinematics, VelocityKinematics):
     """Kinematics at one configuration and velocity.
 
     Args:
@@ -77,7 +77,7 @@ class SingleVelocity(SinglePosition, Motion):
         v: (nv,).
     """
 
-    def __init__(self, position: SinglePosition, v: np.ndarray) -> None:
+    def __init__(self, position: SinglePositionKinematics, v: np.ndarray) -> None:
         at = self._at = position._at
         self.q, self.M, self.v = position.q, position.M, v
         self.bias = pin.nonLinearEffects(at.model, at.data, self.q, v)
@@ -102,18 +102,18 @@ class SingleVelocity(SinglePosition, Motion):
         acceleration: np.ndarray = getter(at.model, at.data, frame, axes).vector
         return acceleration if rows is ALL else acceleration[rows]
 
-    def rates(self) -> Rates:
-        return SingleRates(self)
+    def rates(self) -> RateKinematics:
+        return SingleRateKinematics(self)
 
 
-class SingleRates(SingleVelocity, Rates):
+class SingleRateKinematics(SingleVelocityKinematics, RateKinematics):
     """Kinematics of one state with rates along v.
 
     Args:
         motion: the state.
     """
 
-    def __init__(self, motion: SingleVelocity) -> None:
+    def __init__(self, motion: SingleVelocityKinematics) -> None:
         self._at = motion._at
         self.q, self.M, self.v, self.bias = motion.q, motion.M, motion.v, motion.bias
 
@@ -127,7 +127,7 @@ class SingleRates(SingleVelocity, Rates):
         return at.by_columns(pin.getFrameJacobianTimeVariation(at.model, at.data, frame, axes))
 
 
-class FrameGradients(NamedTuple):
+class FrameDerivatives(NamedTuple):
     """Derivatives of a frame's motion, in world axes, along the tangent space at q, (3, nv) each."""
 
     velocity: np.ndarray
@@ -136,7 +136,7 @@ class FrameGradients(NamedTuple):
     angular_acceleration: np.ndarray
 
 
-class Gradients(SingleRates):
+class KinematicDerivatives(SingleRateKinematics):
     """One state with derivatives of velocities and accelerations with respect to q, v fixed and ``vdot`` zero.
 
     Args:
@@ -149,7 +149,7 @@ class Gradients(SingleRates):
         at.update_derivatives(self.q, self.v)
         return at.by_columns(pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[1])
 
-    def frame_gradients(self, frame: int) -> FrameGradients:
+    def frame_gradients(self, frame: int) -> FrameDerivatives:
         """Derivatives of what ``velocity`` and ``acceleration`` give in world axes.
 
         Pinocchio differentiates components along the frame's own axes; turning those into world axes adds the frame's
@@ -171,6 +171,6 @@ class Gradients(SingleRates):
         def world(vector: np.ndarray, gradient: np.ndarray) -> np.ndarray:
             return turn @ (gradient - pin.skew(vector) @ twist)
 
-        return FrameGradients(
+        return FrameDerivatives(
             world(v.linear, v_q[:3]), world(v.angular, v_q[3:]), world(point, point_q), world(a.angular, a_q[3:])
         )

@@ -19,7 +19,7 @@ _CHOOSE_AGAIN = 1e3  # how dependent a row may become before other rows are look
 _TIE = 1e-6  # by how much an entry of v is preferred to the next one, where others are chosen
 
 
-class Parts:
+class ReductionData:
     """Constraint rows above reducing outputs, ``E = [A; J2]``, with everything that is evaluated beside them.
 
     Args:
@@ -63,31 +63,31 @@ class Parts:
         self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
         self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
-        self.lengths_of_rows, self.lengths_of_outputs = lengths[: rows.size], lengths[rows.size :]
-        self.lengths = np.concatenate([self.lengths_of_rows[list(self.kept)], self.lengths_of_outputs])
+        self.constraint_scales, self.output_scales = lengths[: rows.size], lengths[rows.size :]
+        self.lengths = np.concatenate([self.constraint_scales[list(self.kept)], self.output_scales])
         self.singularity_limit = singularity_limit
-        self.has_others = free or rows.size > self.m
-        limit = min(_CHOOSE_AGAIN, singularity_limit) if self.has_others else singularity_limit
-        self.quick_limit = limit**2
-        self.quick_length = float(self.lengths.dot(self.lengths))
+        self.has_alternatives = free or rows.size > self.m
+        limit = min(_CHOOSE_AGAIN, singularity_limit) if self.has_alternatives else singularity_limit
+        self.fast_limit = limit**2
+        self.fast_length = float(self.lengths.dot(self.lengths))
 
-    def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> Parts:
+    def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> ReductionData:
         """The same system in reducing velocities ``W v``, W (r, nv) constant with rows of unit length."""
         names = names or [f"w[{k}]" for k in range(self.r)]
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
         return self._with(self.kept, reducing, np.ones(self.r), free)
 
-    def in_entries(self, entries: Sequence[int], free: bool = False) -> Parts:
+    def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
         """The same system in some entries of v, r of them."""
         names = [self.robot.velocity_names[k] for k in entries]
         return self.in_velocities(np.eye(self.n)[list(entries)], names, free)
 
-    def keeping(self, kept: Sequence[int]) -> Parts:
+    def keeping(self, kept: Sequence[int]) -> ReductionData:
         """The same with other constraint rows in A."""
-        return self._with(kept, self.reducing, self.lengths_of_outputs, self.free)
+        return self._with(kept, self.reducing, self.output_scales, self.free)
 
-    def _with(self, kept: Sequence[int], reducing: OutputStack, lengths: np.ndarray, free: bool) -> Parts:
-        return Parts(
+    def _with(self, kept: Sequence[int], reducing: OutputStack, lengths: np.ndarray, free: bool) -> ReductionData:
+        return ReductionData(
             self.robot,
             self.rows,
             kept,
@@ -95,7 +95,7 @@ class Parts:
             reducing,
             self.vertical,
             self.singularity_limit,
-            np.concatenate([self.lengths_of_rows, lengths]),
+            np.concatenate([self.constraint_scales, lengths]),
             free,
             self.kinematics,
         )
@@ -128,7 +128,7 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     return sorted(order[:r].tolist())
 
 
-def natural_lengths(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
+def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
     """A typical length of each row: the median over configurations (count, nq), or the largest where most are zero.
 
     It is zero for a row that is zero but for rounding, as that of a planar loop across its plane is.
