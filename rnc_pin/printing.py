@@ -28,7 +28,7 @@ Line = tuple[str, Sequence[Item]]
 """A label, and what stands under it."""
 
 
-class Portrait(NamedTuple):
+class ObjectSummary(NamedTuple):
     """What a thing says of itself: a headline, and under each label some items."""
 
     title: str
@@ -44,24 +44,24 @@ class Portrait(NamedTuple):
         return f"<div><b>{escape(self.title)}</b></div><table>{rows}</table>"
 
 
-class Printed(ABC):
+class SummaryMixin(ABC):
     """Prints its portrait, as text and in notebooks as a table."""
 
     @abstractmethod
-    def _portrait(self) -> Portrait: ...
+    def _summary(self) -> ObjectSummary: ...
 
-    def _full_portrait(self) -> Portrait:
+    def _full_summary(self) -> ObjectSummary:
         """What notebooks show, where there is room for more."""
-        return self._portrait()
+        return self._summary()
 
     def __repr__(self) -> str:
-        return self._portrait().text()
+        return self._summary().text()
 
     def _repr_html_(self) -> str:
-        return self._full_portrait().html()
+        return self._full_summary().html()
 
 
-class Spelled:
+class ReprMixin:
     """Prints its class and its settings in one line: public attributes, unless it says otherwise."""
 
     def _settings(self) -> Mapping[str, object]:
@@ -111,7 +111,7 @@ def _value(value: object) -> str:
         return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, Spelled):
+    if isinstance(value, ReprMixin):
         return repr(value)
     if is_dataclass(value):
         settings = {each.name: getattr(value, each.name) for each in fields(value) if each.repr}

@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTracker
-from rnc_pin.control.dead_zone import beyond
+from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
 from rnc_pin.plants import Faults, FaultyMachine
 from rnc_pin.scenario.run import execute, plan
@@ -27,12 +27,12 @@ def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
     """Noise within the zone is taken away: zero, or the true error shortened, entry by entry."""
     generator, zone = np.random.default_rng(0), np.array([0.1, 0.5, 0.0])
     true = generator.normal(size=(1000, 3))
-    learnt_from = beyond(true + zone * generator.uniform(-1, 1, size=true.shape), zone)
+    learnt_from = apply_dead_zone(true + zone * generator.uniform(-1, 1, size=true.shape), zone)
     share = learnt_from / true
     assert share.min() >= 0.0
     assert share.max() <= 1.0 + 1e-12
     assert np.abs(true - learnt_from).max() <= 2 * zone.max() + 1e-12
-    np.testing.assert_array_equal(beyond(true, 0.0), true)
+    np.testing.assert_array_equal(apply_dead_zone(true, 0.0), true)
 
 
 def noisily(sleigh, tracker, noise, samples=3000):

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTarget, VelocityTracker
-from rnc_pin.control.windup import asks_for_more
+from rnc_pin.control.windup import saturation_mask
 from rnc_pin.planning import Hold
 
 
@@ -13,7 +13,7 @@ from rnc_pin.planning import Hold
 @pytest.mark.parametrize("added", [-2.5, -0.5, 0.0, 0.5, 2.5])
 def test_more_is_asked_for_in_the_direction_of_what_is_missing(excess, added):
     expected = (excess > 0 and added > 0) or (excess < 0 and added < 0)
-    assert asks_for_more(np.array([excess]), np.array([added])).tolist() == [expected]
+    assert saturation_mask(np.array([excess]), np.array([added])).tolist() == [expected]
 
 
 class Ahead:

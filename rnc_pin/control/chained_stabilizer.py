@@ -13,10 +13,10 @@ from scipy.signal import place_poles
 
 from rnc_pin.control.protocol import Description
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class ChainedStabilizer(Spelled):
+class ChainedStabilizer(ReprMixin):
     """``u1 = -k x1``, ``u2 = -P z`` with poles of z placed at -rate, -1.1 rate, -1.2 rate, ...
 
     Inputs are held below ``fastest`` by slowing the whole motion down, which leaves its path as it is. Where x1 is zero

@@ -7,10 +7,10 @@ import numpy as np
 from rnc_pin.control.protocol import Command, Description, KinematicController, command_towards, describe, listed
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class ComputedTorque(Spelled):
+class ComputedTorque(ReprMixin):
     """``F = H (v2d_dot + k (v2d - v2)) + V v2 + G``: the velocity error decays as exp(-k t).
 
     Reads the model, unlike the adaptive trackers, and from the measurement ``q, v2`` and what its kinematic

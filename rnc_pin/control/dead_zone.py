@@ -18,7 +18,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 
-def beyond(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:
+def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:
     """Errors less the zone, entry by entry; zero within it.
 
     Args:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.dead_zone import beyond
+from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
@@ -98,5 +98,5 @@ def adapt(
     grow either.
     """
     step = gain * elapsed
-    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * beyond(error, dead_zone))
+    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * apply_dead_zone(error, dead_zone))
     return np.clip(p + correction, low, high)

@@ -16,7 +16,7 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
@@ -33,7 +33,7 @@ class EstimatorState(NamedTuple):
     """Parameter estimates."""
 
 
-class Estimator(Spelled):
+class Estimator(ReprMixin):
     """``phat_dot = alpha Y^T E`` with ``E = y - Y phat``, paper (20), at the measured q and v.
 
     Args:

@@ -12,7 +12,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
 def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray, active: Sequence[str]) -> np.ndarray:
@@ -40,7 +40,7 @@ def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray,
     return np.linalg.inv(response)
 
 
-class JacobianTransposeController(Spelled):
+class JacobianTransposeController(ReprMixin):
     """``T = (J21 B)^T F21`` on the active actuators, zero on the others.
 
     F21 comes from (8)-(9), so neither rates nor inertia are read; J21 is the Jacobian of the tracked outputs.

@@ -11,13 +11,13 @@ from numpy import ndarray as Array
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gains import PositionGains
 from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
-from rnc_pin.control.windup import asks_for_more
+from rnc_pin.control.windup import saturation_mask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
 class PositionState(NamedTuple):
@@ -36,7 +36,7 @@ class PositionState(NamedTuple):
     """The error."""
 
 
-class PositionTracker(Spelled):
+class PositionTracker(ReprMixin):
     """``F = A x2d_ddot + B x2d_dot + f + k1 gamma^2 w + k2 gamma^2 e``, paper (8)-(9), without rates.
 
     The paper's laws contain ``edot``: the scan drops a dot from ``fdot = -sigma f + beta q_f`` with
@@ -179,7 +179,7 @@ class PositionTracker(Spelled):
         same = _stacked(state.f, state.A, state.B)
         same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
-        stays = quiet | asks_for_more(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
+        stays = quiet | saturation_mask(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
         kept = np.where(stays[..., None], same, new)
         k = step.shape[-1]
         return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]

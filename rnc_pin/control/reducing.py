@@ -9,10 +9,10 @@ from rnc_pin.control.protocol import Description, VelocityTarget, check_size, li
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class ReducingOutputController(Spelled):
+class ReducingOutputController(ReprMixin):
     """``v2d = x2d_dot + k2 (x2d - x2)``: every reducing output follows a reference of its own.
 
     The vertical outputs go wherever the constraints take them. Reads from the measurement: ``x1, x2, v2``.

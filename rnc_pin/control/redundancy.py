@@ -13,7 +13,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 _LIMIT = 1e8
 
@@ -28,7 +28,7 @@ def check_freedom(task: Task) -> None:
         )
 
 
-class RedundancyController(Spelled):
+class RedundancyController(ReprMixin):
     """``v22d = A4^-1 (x1d_dot + k3 (x1d - x1) - A3 v21d)``, paper (12), with its exact rate.
 
     The rate of the redundant outputs is chosen so that the vertical outputs follow their reference while

@@ -22,7 +22,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 _NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float where a joint has none
 _STEP = 2e-5  # [rad or m]; of a central difference along the motion
@@ -31,7 +31,7 @@ Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
 """Rates z that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
 
 
-class Combined(Spelled):
+class Combined(ReprMixin):
     """The sum of several objectives; their gains say what each is worth.
 
     Args:
@@ -52,7 +52,7 @@ class Combined(Spelled):
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
 
 
-class Posture(Spelled):
+class Posture(ReprMixin):
     """Redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
 
     Reads from the measurement: ``x2, v2``.
@@ -78,7 +78,7 @@ class Posture(Spelled):
         return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
 
 
-class JointLimits(Spelled):
+class JointLimits(ReprMixin):
     """Joints away from their limits: downhill on a potential that rises towards each end of a joint's range.
 
     In a zone of width delta at each end the potential of a joint is ``s^3 / 3``, s going from 0 where the zone begins
@@ -148,7 +148,7 @@ class JointLimits(Spelled):
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
 
 
-class SingularityDistance(Spelled):
+class SingularityDistance(ReprMixin):
     """Away from singular configurations: uphill on ``w = log |det E| + log det(A4 A4^T) / 2``.
 
     First derivatives along the motion of each redundant output i are exact,

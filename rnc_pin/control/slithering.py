@@ -17,7 +17,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import ReferencePoint
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 _ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
 _JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]
@@ -36,7 +36,7 @@ class DrivenPath(NamedTuple):
     """Desired heading at the last sample, so that it goes on without jumps [rad]."""
 
 
-class SlitheringReference(Spelled):
+class SlitheringReference(ReprMixin):
     """Heading of a trailer whose axle is on the tractor's driven path, one chord L behind the kingpin.
 
     The kingpin is at p, the axle at s on the path, whose direction there is t and curvature c. From ``L e = p - s``

@@ -9,10 +9,10 @@ import numpy as np
 from rnc_pin.control.protocol import Command, Controller, Description, State, describe
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class SplitController(Spelled):
+class SplitController(ReprMixin):
     """Each part sees and commands its own reducing outputs; what they do to each other they take as disturbance.
 
     A part's measurement has ``x2`` and ``v2`` cut down to its outputs; everything else is whole.

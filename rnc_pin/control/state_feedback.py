@@ -12,10 +12,10 @@ from rnc_pin.control.protocol import Command, Description, check_size, listed, s
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class StateFeedback(Spelled):
+class StateFeedback(ReprMixin):
     """``T = T_0 - K x``, x the deviation from what a linearisation was made about, or from a reference.
 
     It knows the model: T_0 and K come of it. It serves systems with fewer actuators than velocities, near where they

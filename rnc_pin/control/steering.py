@@ -13,12 +13,12 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 _A4_ZERO = 1e-9
 
 
-class SteeringController(Spelled):
+class SteeringController(ReprMixin):
     """Backstepping for ``x11dot = A3(x, x22) v21``.
 
     The paper puts its fire truck into class 2, but (13) has nothing to invert there: A4 = 0. Wanted is the rate

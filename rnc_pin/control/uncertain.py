@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rnc_pin.control.estimator import Estimator, EstimatorState, believed
 from rnc_pin.control.protocol import Command, Controller, Description, State, describe
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
 class UncertainState(NamedTuple):
@@ -17,7 +17,7 @@ class UncertainState(NamedTuple):
     controller: State
 
 
-class UncertainController(Spelled):
+class UncertainController(ReprMixin):
     """Certainty equivalence: a controller sees the kinematics of the estimates, which also allocate what it asks for.
 
     Once a sample the estimates are improved by (20); then the controller is shown ``A_star`` and its rate as the

@@ -12,10 +12,10 @@ from rnc_pin.control.protocol import Description, VelocityTarget
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
-class UncertainRedundancyController(Spelled):
+class UncertainRedundancyController(ReprMixin):
     """(16): ``v22d = A4hat^-1 (x1d_dot + k3 (x1d - x1) - A3hat v21d)`` with estimates from (20).
 
     Constraints are affine in what is not known, ``A_known v + Y p = 0``, so with ``y = -A_known v`` the prediction

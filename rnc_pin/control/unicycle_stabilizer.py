@@ -19,7 +19,7 @@ from rnc_pin.control.protocol import Description, VelocityTarget, listed
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 _WAKE = 2.0  # times ``close``: how far from its goal a vehicle that rests sets out again
 _TURN_ABOUT = 0.5  # share of what the angles add to V below which driving the other way round is worth a change
@@ -45,7 +45,7 @@ class _Sight(NamedTuple):
     """From the goal's heading to the line of sight (-pi, pi]."""
 
 
-class UnicycleStabilizer(Spelled):
+class UnicycleStabilizer(ReprMixin):
     """Drives a unicycle (forward speed, yaw) to a pose, from every other pose.
 
     The law is that of Aicardi and others, with V as above, forwards or backwards: whichever needs less turning.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.dead_zone import beyond
+from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.gains import VelocityGains
 from rnc_pin.control.protocol import (
     Command,
@@ -20,10 +20,10 @@ from rnc_pin.control.protocol import (
     elapsed_time,
     listed,
 )
-from rnc_pin.control.windup import asks_for_more
+from rnc_pin.control.windup import saturation_mask
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
 class TrackerState(NamedTuple):
@@ -37,7 +37,7 @@ class TrackerState(NamedTuple):
     """State of the kinematic controller."""
 
 
-class VelocityTracker(Spelled):
+class VelocityTracker(ReprMixin):
     """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
 
     The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time
@@ -104,10 +104,10 @@ class VelocityTracker(Spelled):
         gain = held * beta / (1.0 + held * beta * square[..., None] / k)
         step = gain * error
         if self._zoned:
-            learnt_from = beyond(error, self.gains.dead_zone)
+            learnt_from = apply_dead_zone(error, self.gains.dead_zone)
             step, decay = gain * learnt_from, np.where(learnt_from == 0.0, 1.0, decay)
         if measurement.excess is not None:
-            stays = asks_for_more(measurement.excess, error)
+            stays = saturation_mask(measurement.excess, error)
             step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)
         g = decay * state.g + step
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]

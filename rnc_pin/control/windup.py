@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 
-def asks_for_more(excess: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:
+def saturation_mask(excess: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:
     """Outputs whose learnt force must stay as it is.
 
     Args:

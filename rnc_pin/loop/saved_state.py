@@ -14,6 +14,7 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.plain import Json
 from rnc_pin.whole_files import written_whole
 
+_FORMER_NAMES = {"Motion": "VelocityEstimate"}  # of types, in files of version 0.1
 _STRUCTURE = "structure"
 _ROOM = 64 * 2**20  # bytes of all arrays: what a controller remembers
 
@@ -66,6 +67,7 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
         arrays = read_npz(path, text=[_STRUCTURE], largest=_ROOM)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
         known = {"tuple": tuple, **{each.__qualname__: each for each in kinds}}
+        known |= {former: known[name] for former, name in _FORMER_NAMES.items() if name in known}
         fields = dict(zip(kind._fields, structure["items"], strict=True))  # type: ignore[attr-defined]
         q = _value(fields["q"], arrays, known)
         if q is not None:

@@ -20,16 +20,16 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.portrait import output_items, system_lines, system_title
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.system_summary import output_items, system_headline, system_lines
 from rnc_pin.model.terms import LagrangianTerms, ReducedTerms, StateDerivative
-from rnc_pin.printing import Portrait, Printed
+from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
 
-class ReducedModel(Printed):
+class ReducedModel(SummaryMixin):
     """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
@@ -329,10 +329,10 @@ class ReducedModel(Printed):
 
     # ------------------------------------------------------------------ print
 
-    def _portrait(self) -> Portrait:
+    def _summary(self) -> ObjectSummary:
         lines = [
             ("reducing", output_items(self.reducing)),
             ("vertical", output_items(self.vertical)),
             *system_lines(self.constraints, self.dropped_rows, self.actuation),
         ]
-        return Portrait(system_title("ReducedModel", self.robot, self.constraints), lines)
+        return ObjectSummary(system_headline("ReducedModel", self.robot, self.constraints), lines)

@@ -17,19 +17,19 @@ from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, select_independent
 from rnc_pin.model.independence import row_scales as row_scales_beside
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.portrait import system_lines, system_title
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
-from rnc_pin.printing import Portrait, Printed
+from rnc_pin.model.system_summary import system_headline, system_lines
+from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
 _THIN = 1e-3  # smallest singular value of unit rows below which something may be wrong with them
 
 
-class NonholonomicSystem(Printed):
+class NonholonomicSystem(SummaryMixin):
     """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
 
     Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
@@ -158,9 +158,9 @@ class NonholonomicSystem(Printed):
         self._check_regular(reduced)
         return reduced
 
-    def _portrait(self) -> Portrait:
-        title = system_title("NonholonomicSystem", self.robot, self.constraints)
-        return Portrait(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
+    def _summary(self) -> ObjectSummary:
+        title = system_headline("NonholonomicSystem", self.robot, self.constraints)
+        return ObjectSummary(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")

@@ -10,11 +10,11 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import Spelled
+from rnc_pin.printing import ReprMixin
 
 
 @dataclass(frozen=True, repr=False)
-class Task(Spelled):
+class Task(ReprMixin):
     """Reducing outputs that the task names (x21), and those that it leaves free (x22).
 
     Together they are all reducing outputs of the model. Make one with ``Task.of``.

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.printing import Portrait, Printed, counted, items
+from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import urdf_files
 from rnc_pin.robots.admission import check_model
 from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
@@ -30,7 +30,7 @@ Base = Literal["fixed", "planar", "free"]
 _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
 
-class Robot(Printed):
+class Robot(SummaryMixin):
     """A rigid multibody model and the names in it.
 
     Args:
@@ -443,10 +443,10 @@ class Robot(Printed):
 
     # ------------------------------------------------------------------ print
 
-    def _portrait(self) -> Portrait:
+    def _summary(self) -> ObjectSummary:
         base = _BASES.get(self.model.joints[1].shortname(), "fixed")
         title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
-        return Portrait(title, [("joints", items(self.joint_names))])
+        return ObjectSummary(title, [("joints", items(self.joint_names))])
 
 
 def _mounted_geometry(mounted: Mounted, carrier: Robot, other: Robot, kind: str) -> pin.GeometryModel:

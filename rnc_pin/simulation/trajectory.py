@@ -17,7 +17,7 @@ from rnc_pin.bounded_npz import ArchiveError, read_npz
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.plain import Json, json_text
-from rnc_pin.printing import Item, Portrait, Printed
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.whole_files import written_whole
@@ -33,7 +33,7 @@ _OWN_PLOTTERS = {
 
 
 @dataclass(frozen=True, repr=False)
-class Trajectory(Printed):
+class Trajectory(SummaryMixin):
     """A run, sampled at N times. Arrays are as in the file that ``save`` writes.
 
     Example:
@@ -187,15 +187,15 @@ class Trajectory(Printed):
         except (MemoryError, RecursionError, ValueError):  # of what ``meta`` holds, or of its letters
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
 
-    def _portrait(self) -> Portrait:
+    def _summary(self) -> ObjectSummary:
         duration = self.time[-1] if len(self.time) else 0.0
         scenario, message = self.info.provenance.scenario, self.info.message
         of = f" of '{scenario}'" if scenario else ""
         title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
-        return Portrait(title, [("message", [Item(message)])] if message else [])
+        return ObjectSummary(title, [("message", [Item(message)])] if message else [])
 
-    def _full_portrait(self) -> Portrait:
-        short, outputs = self._portrait(), self.info.outputs
+    def _full_summary(self) -> ObjectSummary:
+        short, outputs = self._summary(), self.info.outputs
         if not len(self.time):
             return short
         values = {
@@ -209,7 +209,7 @@ class Trajectory(Printed):
             ),
         }
         said = [(label, [Item(name, f"{x:.4g}") for name, x in pairs]) for label, pairs in values.items()]
-        return Portrait(short.title, [*short.lines, *(line for line in said if line[1])])
+        return ObjectSummary(short.title, [*short.lines, *(line for line in said if line[1])])
 
 
 class _Unfit(ValueError):

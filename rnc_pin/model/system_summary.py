@@ -11,7 +11,7 @@ from rnc_pin.printing import Item, Line, counted, items
 from rnc_pin.robots.robot import Robot
 
 
-def system_title(kind: str, robot: Robot, constraints: RowStack) -> str:
+def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
     """How many degrees of freedom there are, and how many are left."""
     rows = counted(constraints.size, "independent row")
     return f"{kind} of '{robot.name}': {robot.nv} degrees of freedom less {rows} leave {robot.nv - constraints.size}"
