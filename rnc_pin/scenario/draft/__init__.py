@@ -1,4 +1,4 @@
-"""A first scenario for a robot: what its file suggests, in words that say what was assumed."""
+"""Draft of a first scenario from a robot's file, with a remark on each assumption."""
 
 from rnc_pin.scenario.draft.draft import draft
 from rnc_pin.scenario.draft.source import Wishes

@@ -1,4 +1,4 @@
-"""What pushes a robot: what its file drives, and what else is driven where that cannot do it."""
+"""Actuators of a draft: those of the file, and further ones if these cannot produce every reduced force."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.mobility import Entry, Mobility
 from rnc_pin.scenario.draft.tolerances import DRIVEN
 
-_UNPOWERED = "the file gives it no effort, or it would be carried along: CHECK"
-_UNTOLD = "stands for what the file does not tell of: CHECK"
+_UNPOWERED = "driven, although the file gives no effort or it is usually passive: CHECK"
+_UNTOLD = "in place of actuators that the file does not describe: CHECK"
 
 
 @dataclass(frozen=True)
 class Actuators:
-    """Entries that may drive a robot, one input each, with a remark each.
+    """Candidate actuator entries, one input each, with a remark on each.
 
     Attributes:
-        sure: of the base and of joints that have an effort.
-        joints: passive ones, driven where the rest cannot do it.
-        forces: on the base, which stand for what the file does not tell of.
+        sure: actuators of the base and of joints with an effort limit.
+        joints: passive joints, driven only if the sure actuators are not enough.
+        forces: forces and torques on the base, in place of actuators that the file does not describe.
     """
 
     sure: list[tuple[Entry, str]]
@@ -32,14 +32,14 @@ class Actuators:
 
     @property
     def all(self) -> list[tuple[Entry, str]]:
-        """The likeliest first."""
+        """All entries, the most likely first."""
         return [*self.sure, *self.joints, *self.forces]
 
     def enough(self, input_matrix: np.ndarray) -> list[tuple[Entry, str]]:
-        """The sure ones, and of the others in order those that make one more reduced force.
+        """Return the sure entries, and each further entry, in order, that raises the rank of the reduced forces.
 
         Args:
-            input_matrix: reduced forces for inputs of all of them (r, p).
+            input_matrix: reduced forces for unit inputs of all entries (r, p).
         """
         columns = list(range(len(self.sure)))
         for column in range(len(self.sure), len(self.all)):
@@ -49,13 +49,13 @@ class Actuators:
 
 
 def candidates(mobility: Mobility, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()) -> Actuators:
-    """What may drive a robot with a base of one kind.
+    """Return the candidate actuators of a robot with one kind of base.
 
     Args:
-        mobility: how the base stands.
-        robot: with that base.
+        mobility: assumptions about the base.
+        robot: the robot with that base.
         start: its joints with one degree of freedom.
-        undriven: joints that the file says to be passive, by naming the actuators of others.
+        undriven: joints without an actuator in a file that names the actuators of other joints.
     """
     joints = [name for name in start if name not in undriven]
     driving = [
@@ -75,7 +75,7 @@ def candidates(mobility: Mobility, robot: Robot, start: Iterable[str], undriven:
 
 
 def _forces(mobility: Mobility) -> list[Entry]:
-    """Forces and torques on the base, unless its momentum is kept."""
+    """Forces and torques on the base; none if its momentum is conserved."""
     if mobility.weightless or mobility.base == "fixed":
         return []
     kinds = [("force", "xy"), ("torque", "z")] if mobility.base == "planar" else [("torque", "xyz")]
@@ -83,5 +83,5 @@ def _forces(mobility: Mobility) -> list[Entry]:
 
 
 def _rank(input_matrix: np.ndarray) -> int:
-    """How many reduced forces actuators can make."""
+    """Number of independent reduced forces of actuators."""
     return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=DRIVEN)) if input_matrix.size else 0

@@ -1,4 +1,4 @@
-"""A scenario for one way a robot may stand in the world, made whole and tried out."""
+"""Complete scenario for one assumed base, tested by a trial run."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from rnc_pin.scenario.run import Plan, execute
 from rnc_pin.simulation import Outcome, Trajectory
 
 _LEAN = 0.05  # [rad]
-_SHORT, _REST = 0.1, 1  # how long a draft is tried out first, and how long it runs on after its reference [s]
-_PATIENCE = 20.0  # [s]
-_TELLS = 1.0  # run from which its errors tell something [s]
-_POSES, _ASIDE = 4, 0.5  # random poses at which gravity is looked at, and how far they are [rad or m]
-_LEVER = 1e-4  # of the weight behind a joint, above which gravity loads it [m]; slides by as much of the weight
-_LOADED = "gravity loads the robot, which it takes long to learn"
-_ADAPTIVE = "adaptive: knows no inertia; tracker: computed_torque knows them all"
-_INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # why
+_SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
+_PATIENCE = 20.0  # largest computing time of a trial run [s]
+_TELLS = 1.0  # shortest run with meaningful errors [s]
+_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
+_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
+_LOADED = "gravity loads the robot, and it learns this load slowly"
+_ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
+_INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
 _TRACKERS = (
     ("adaptive", 0.002, _ADAPTIVE),
     ("adaptive", 0.001, _ADAPTIVE),
@@ -47,13 +47,13 @@ _TRACKERS = (
 
 @dataclass
 class Attempt:
-    """One way.
+    """Scenario for one assumed base.
 
     Args:
-        mobility: how the base stands.
-        source: the robot.
-        start: values of joints at the start.
-        folder: where the scenario will be.
+        mobility: assumptions about the base.
+        source: the robot's file.
+        start: initial joint values.
+        folder: folder of the scenario.
     """
 
     mobility: Mobility
@@ -73,7 +73,7 @@ class Attempt:
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
         self.trial = Trial(0.0)
-        """The run of the text."""
+        """Trial run of the returned text."""
         self._motions: dict[str, float] = {}
         self.start, moved = turned_aside(self.robot, self.start)
         mobility.notes += moved
@@ -81,7 +81,7 @@ class Attempt:
 
     @cached_property
     def system(self) -> NonholonomicSystem:
-        """The robot with every actuator that it may have."""
+        """System with all candidate actuators."""
         raw: dict[str, Json] = {
             "robot": self._robot_entry(),
             "constraints": [entry for entry, _ in self.mobility.constraints],
@@ -92,7 +92,7 @@ class Attempt:
 
     @cached_property
     def q0(self) -> np.ndarray:
-        """Where it starts (nq,), wheels on the ground."""
+        """Initial configuration (nq,), assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
         if self.mobility.lean is not None:
             pitched = pin.AngleAxis(_LEAN, self.mobility.lean / np.linalg.norm(self.mobility.lean))
@@ -100,17 +100,17 @@ class Attempt:
         return self.system.assembled(q)
 
     def text(self) -> str:
-        """The scenario, which has run as it is, with the controller that follows its reference best.
+        """Return the scenario, tested by a run, with the controller that has the smallest tracking error.
 
         Raises:
-            RncError: it does not run.
+            RncError: no controller completes the run.
         """
         scenario, mobility = self._scenario(), self.mobility
         failures = [_LOADED] if self._is_loaded() else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
-                continue  # sampled faster it would miss its reference as well
+                continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
             scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
             try:
@@ -130,7 +130,7 @@ class Attempt:
         return text
 
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
-        """Settings, period [s] and a remark of each that may do, the most wanted first."""
+        """Settings, period [s] and remark of each candidate controller, the preferred one first."""
         if self.mobility.feedback is not None:
             return [(self.mobility.feedback, 0.002, self.mobility.feedback_remark)]
         return [
@@ -139,10 +139,10 @@ class Attempt:
             if not (is_loaded and tracker == "adaptive")
         ]
 
-    # ------------------------------------------------------------------ trying out
+    # ------------------------------------------------------------------ trial runs
 
     def _try_out(self, scenario: Drafted) -> Trial:
-        """Build it, with its preflight, and run it: a moment, and to the end where that is soon."""
+        """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         raw = _without_remarks(scenario)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
         begun = time.perf_counter()
@@ -163,7 +163,7 @@ class Attempt:
         return result.trajectory
 
     def _is_loaded(self) -> bool:
-        """Whether gravity pulls at a joint, at the start or near it: an arm that stands upright feels nothing there."""
+        """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""
         if self.mobility.weightless or not self.start:
             return False
         model, data = self.robot.model, self.robot.model.createData()
@@ -180,10 +180,10 @@ class Attempt:
         forces = [np.abs(pin.computeGeneralizedGravity(model, data, q))[rows] for q in beside]
         return bool((np.max(forces, axis=0) > least).any())
 
-    # ------------------------------------------------------------------ its parts
+    # ------------------------------------------------------------------ parts of the scenario
 
     def _find_momentum(self) -> None:
-        """Joints without effort are passive, and one of them on the ground may keep its momentum."""
+        """Mark joints without effort as passive, and add momentum conservation for such a joint on the ground."""
         robot, mobility = self.robot, self.mobility
         limits = {name: effort_limit(robot, name) for name in self.start}
         weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
@@ -207,7 +207,7 @@ class Attempt:
             mobility.vertical.append({"joint": name})
 
     def _hold_loose_joints(self) -> None:
-        """Hold joints that the file does not drive and no constraint couples to others."""
+        """Lock joints without an actuator in the file that no constraint couples to others."""
         mobility = self.mobility
         loose = uncoupled_joints(self._undriven, mobility.constraints, self.robot, self.start)
         if loose:
@@ -216,7 +216,7 @@ class Attempt:
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
 
     def _robot_entry(self) -> dict[str, Json]:
-        """What the scenario says of the robot."""
+        """Robot entry of the scenario."""
         mobility = self.mobility
         return {
             **self.source.described(mobility.base),
@@ -225,7 +225,7 @@ class Attempt:
         }
 
     def _scenario(self) -> Drafted:
-        """All but the controller."""
+        """Scenario without the controller."""
         mobility = self.mobility
         chosen = outputs.choose(outputs.candidates(mobility, self.robot, self.start), self.system, self.q0)
         primary = [name for name in chosen.names if name not in mobility.untracked]
@@ -263,7 +263,7 @@ class Attempt:
         return scenario
 
     def _actuators(self, chosen: outputs.Outputs) -> list[tuple[Entry, str]]:
-        """What drives it: joints without effort too, or forces, where the rest cannot do it."""
+        """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         if self.mobility.feedback is not None:
             return self.candidates.sure
         matrix = self.system.reduce(chosen.kinds).input_matrix(self.q0)
@@ -271,7 +271,7 @@ class Attempt:
         added = [str(each[0]) for each in driving if each in self.candidates.joints]
         if added:
             self.mobility.notes.append(
-                f"driven although nothing in the file says so, or the rest would fall: {', '.join(added)}"
+                f"driven against the file, because the other actuators are not enough: {', '.join(added)}"
             )
         return driving
 

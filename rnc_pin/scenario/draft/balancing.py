@@ -1,4 +1,4 @@
-"""Bases that fall over unless they are held: two wheels under a body, bicycles."""
+"""Statically unstable bases: two wheels under a body, bicycles."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rnc_pin.scenario.draft.wheels import Wheel
 
 _SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot|leg_rest")
 _BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
-_TALL = 1.5  # height of the centre of mass above the axle, in radii, of what is built to balance
-_NEAR = 0.3  # how far above the ground something that carries may be, in radii
-_FAR, _FAST = 0.05, 0.5  # what counts as much as a lean of a tenth of a radian [m, m/s]
-_PUSHED = 0.1  # how fast a bicycle leans at the start [rad/s]; one that leans may as well ride in a circle
-_FROUDE = 1.5  # speed of a bicycle over the root of gravity times wheelbase: fast enough to be steered upright
+_TALL = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
+_NEAR = 0.3  # largest height of a support above the ground, in radii
+_FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad [m, m/s]
+_PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could also be that of a steady circle
+_FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
 
 def balances(chassis: Chassis, site: Site) -> bool:
-    """Whether a base stands on two wheels of one axle alone."""
+    """True if a base stands only on two wheels of one axle."""
     lonely = not (chassis.casters or chassis.balls or chassis.steered or chassis.trailers)
     if not lonely or len(chassis.fixed) != 2 or len(chassis.axles) != 1:
         return False
@@ -36,9 +36,9 @@ def balances(chassis: Chassis, site: Site) -> bool:
 
 
 def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
-    """A free base on an axle: two wheels hold the angles of both and the pitch.
+    """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
-    Angles of wheels, not the way and heading: of a wheel that is not balanced the motion depends on them.
+    The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
     wheels = chassis.fixed
     result = Mobility("free", "2 wheels under a body that balances", site.frame)
@@ -73,7 +73,7 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
 
 
 def is_bicycle(chassis: Chassis) -> bool:
-    """Whether a steered wheel stands before a fixed one, in one plane."""
+    """True if a steered wheel is in front of a fixed wheel, in one plane."""
     if len(chassis.fixed) != 1 or len(chassis.steered) != 1 or chassis.balls or chassis.casters:
         return False
     rear, (front,) = chassis.fixed[0], (chassis.steered[0].wheels or (None,))[:1]
@@ -85,7 +85,7 @@ def is_bicycle(chassis: Chassis) -> bool:
 
 
 def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
-    """A free base that leans, rolling ahead, held upright by its steering."""
+    """Free base that rolls forward, tilts, and is balanced by its steering."""
     rear, fork = chassis.fixed[0], chassis.steered[0]
     front = fork.wheels[0]
     result = Mobility("free", "2 wheels in line: a bicycle, which leans", site.frame)
@@ -114,7 +114,7 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     sense = 1.0 if forward @ ahead > 0 else -1.0
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
-    # A file's wheels are rarely symmetric about their axles to the last digit; their angles are no shape.
+    # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
     result.feedback = {**feedback, "v2": dict(rolling), "cyclic": [rear.joint, front.joint]}
     result.notes.append(
         "a bicycle falls when it stands: it starts rolling, fast enough to be kept upright by steering alone"
@@ -128,7 +128,7 @@ def _ahead(fork: Carriage, rear: Wheel) -> np.ndarray:
 
 
 def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
-    """Put the base at the height at which the wheels touch, and hold what moves them."""
+    """Put the base at the height where the wheels touch the ground, and lock all other joints."""
     height = float(np.median([wheel.radius - wheel.center[2] for wheel in wheels]))
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
@@ -140,7 +140,7 @@ def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
 
 
 def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:
-    """Of everything but the wheels: height above the axle, and distance from the plane above it [m]."""
+    """Center of mass of all bodies except the wheels: height above the axle, horizontal offset from it [m]."""
     own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
     model = site.robot.model
     total, moment = 0.0, np.zeros(3)
@@ -155,7 +155,7 @@ def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:
 
 
 def _is_supported(chassis: Chassis, site: Site) -> bool:
-    """Whether something besides the wheels reaches the ground, or is called a support."""
+    """True if another shape than the wheels reaches the ground, or if a name in the file means a support."""
     if _SUPPORT.search(site.words):
         return True
     ground = chassis.fixed[0].center[2] - chassis.fixed[0].radius
@@ -166,7 +166,7 @@ def _is_supported(chassis: Chassis, site: Site) -> bool:
 
 
 def _input_cost(chassis: Chassis, site: Site) -> float:
-    """One over the square of the torque that holds a body which leans by a tenth of a radian [1/(N m)^2]."""
+    """Inverse square of the torque that holds the body at a tilt of 0.1 rad [1/(N m)^2]."""
     above, _ = _center_of_mass(chassis, site)
     weight = 9.81 * sum(inertia.mass for inertia in site.robot.model.inertias)
     return significant((0.1 * weight * max(above, chassis.fixed[0].radius)) ** -2)

@@ -13,23 +13,23 @@ from rnc_pin.scenario.draft.shapes import LEVEL, Shape
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.tolerances import SAME
 
-_INSIDE = 1.05  # how far from the centre what is inside may reach, in radii
-_ROUND = 0.03  # how much a mesh may differ from a sphere, in radii
-_WHOLE = 0.9  # share of its diameter that a mesh reaches along each axis
-_CORNERS = 30  # of a mesh that may be round
-_TURNED = 3.0  # how far a joint turns that has no ends [rad]
+_INSIDE = 1.05  # largest distance of an inner shape from the center, in radii
+_ROUND = 0.03  # largest deviation of a mesh from a sphere, in radii
+_WHOLE = 0.9  # smallest extent of the mesh along each axis, as a share of its diameter
+_CORNERS = 30  # smallest number of vertices of a spherical mesh
+_TURNED = 3.0  # displacement of a joint without limits [rad]
 _DURATION = 8.0
 
 
 @dataclass(frozen=True)
 class Shell:
-    """A ball around the whole robot.
+    """Sphere around the whole robot.
 
     Attributes:
-        frame: at its centre, turning with it.
-        radius: [m].
-        measured: "collision" or "visual" geometry.
-        height: of the base's origin above the ground [m].
+        frame: frame fixed to the shell, with its origin at the center.
+        radius: radius [m].
+        measured: geometry that gives the radius, "collision" or "visual".
+        height: height of the base's origin above the ground [m].
     """
 
     frame: str
@@ -39,11 +39,11 @@ class Shell:
 
 
 def find_shell(site: Site, driven: frozenset[str]) -> Shell | None:
-    """The shell of a spherical robot, or None.
+    """Return the shell of a spherical robot, or None.
 
     Args:
         site: the robot.
-        driven: joints that the file says are driven; none where it does not say.
+        driven: driven joints of the file; empty if the file does not name any.
     """
     if not _drives(site, driven):
         return None
@@ -61,7 +61,7 @@ def find_shell(site: Site, driven: frozenset[str]) -> Shell | None:
 
 
 def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
-    """A ball that rolls on the ground, while the joints inside follow their references."""
+    """Ball that rolls on the ground while the inner joints follow their references."""
     own = bool(site.root) and not site.is_rigid
     result = Mobility(None if own else "free", "a ball that joints inside it roll", site.frame)
     joint = site.robot.joint_names[site.root - 1] if own else "root_joint"
@@ -86,12 +86,12 @@ def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
 
 
 def _drives(site: Site, driven: frozenset[str]) -> list[str]:
-    """Joints inside that something drives."""
+    """Driven inner joints."""
     return [name for name in site.start if (name in driven if driven else effort_limit(site.robot, name) > 0)]
 
 
 def _step(name: str, site: Site) -> float:
-    """How far a joint's reference goes: most where it is a pendulum that turns on and on about a level axis."""
+    """Displacement of a joint's reference [rad or m]; largest for a continuous joint with a horizontal axis."""
     low, high = joint_limits(site.robot, name)
     level = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(name))[2]) < LEVEL
     length = (_TURNED if level else 0.4) if turns(site.robot, name) else 0.05
@@ -100,12 +100,12 @@ def _step(name: str, site: Site) -> float:
 
 
 def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
-    """Centre (3,) and radius of a shape that is a ball."""
+    """Center (3,) and radius of a spherical shape, or None."""
     if len(shape.points) == 1:
         return shape.points[0], shape.margin
     if len(shape.points) < _CORNERS or shape.margin:
         return None
-    # The sphere nearest to all corners: |p|^2 = 2 c . p + (r^2 - |c|^2).
+    # Least-squares sphere through all vertices: |p|^2 = 2 c . p + (r^2 - |c|^2).
     unknowns = np.column_stack([2 * shape.points, np.ones(len(shape.points))])
     center = np.linalg.lstsq(unknowns, (shape.points**2).sum(axis=1), rcond=None)[0][:3]
     distances = np.linalg.norm(shape.points - center, axis=1)
@@ -124,7 +124,7 @@ def _encloses(sphere: tuple[np.ndarray, float], site: Site) -> bool:
 
 
 def _frame_at(center: np.ndarray, radius: float, site: Site) -> str | None:
-    """A frame of the base with its origin at a point: that of the base where it is there."""
+    """Name of a frame of the base with its origin at the center, the base's own frame first, or None."""
     names = [site.frame]
     names += [str(frame.name) for frame in site.robot.model.frames if frame.parentJoint == site.root]
     for name in names:

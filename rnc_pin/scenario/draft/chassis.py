@@ -1,4 +1,4 @@
-"""What each wheel is there for: it drives, is steered, trails after the base, or carries a trailer."""
+"""Classification of wheels: fixed, steered, caster, ball caster, or wheel of a trailer."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from rnc_pin.scenario.draft.wheels import Pivot, Wheel
 
-_TRAILS = 0.2  # from a swivel's axis to the wheel, in radii, above which the wheel turns after the base by itself
-_AXLE = 1.0  # the same, of several wheels on one pivot, above which they carry a trailer
+_TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
+_AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
 _CASTER = re.compile("caster|castor|swivel")
 _GLIDES = re.compile("caster|castor|ball|support")
 _STEERED = re.compile("steer|knuckle|articul")
@@ -27,32 +27,32 @@ class Carriage:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Of the pivot and of the wheels."""
+        """Joints of the pivot and of the wheels."""
         return self.pivot.joint, *(wheel.joint for wheel in self.wheels)
 
     @property
     def is_lone(self) -> bool:
-        """One wheel, or twins beside each other."""
+        """True for one wheel, or for twin wheels side by side."""
         widest = max(np.linalg.norm(each.center - self.wheels[0].center) for each in self.wheels)
         return bool(widest < 2.5 * self.wheels[0].radius) and len(self.wheels) <= 2
 
     @property
     def trail(self) -> float:
-        """From the pivot's axis to the wheels, along their heading [m]."""
+        """Distance from the pivot's axis to the wheels along their heading [m]."""
         center = np.mean([each.center for each in self.wheels], axis=0)
         return abs(float(self.wheels[0].heading @ self.pivot.offset(center)))
 
 
 @dataclass
 class Chassis:
-    """The wheels of a robot by what they do.
+    """Wheels of a robot by their function.
 
     Attributes:
-        fixed: on the base, in one heading.
-        balls: on the base, as round in every direction: they slide where they do not roll.
-        casters: on a pivot each, turning after the base by themselves.
-        steered: on pivots that somebody has to turn.
-        trailers: on pivots that are towed.
+        fixed: wheels on the base with a constant heading.
+        balls: spheres on the base, which slide where they do not roll.
+        casters: wheels on swivels that align themselves with the motion of the base.
+        steered: wheels on pivots that need an actuator.
+        trailers: wheels on towed pivots.
     """
 
     fixed: list[Wheel] = field(default_factory=list)
@@ -63,30 +63,30 @@ class Chassis:
 
     @property
     def wheels(self) -> list[Wheel]:
-        """All of them."""
+        """All wheels."""
         carried = [wheel for each in (*self.casters, *self.steered, *self.trailers) for wheel in each.wheels]
         return [*self.fixed, *self.balls, *carried]
 
     @property
     def dollies(self) -> list[str]:
-        """Pivots that carry no wheels themselves but others that do."""
+        """Pivots that carry other pivots with wheels, but no wheels directly."""
         own = {each.pivot.joint for each in (*self.casters, *self.steered, *self.trailers)}
         beyond = (pivot.joint for wheel in self.wheels for pivot in wheel.pivots)
         return [joint for joint in dict.fromkeys(beyond) if joint not in own]
 
     @property
     def is_straight(self) -> bool:
-        """Whether all fixed wheels have one heading."""
+        """True if all fixed wheels have the same heading."""
         return all(are_parallel(self.fixed[0], wheel) for wheel in self.fixed)
 
     @property
     def axles(self) -> list[list[Wheel]]:
-        """Fixed wheels by the line they turn about."""
+        """Fixed wheels grouped by axle line."""
         return in_line(self.fixed)
 
 
 def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
-    """Wheels by the line they turn about."""
+    """Return wheels grouped by axle line."""
     axles: list[list[Wheel]] = []
     for wheel in wheels:
         for axle in axles:
@@ -100,15 +100,15 @@ def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
 
 
 def are_parallel(one: Wheel, other: Wheel) -> bool:
-    """Whether two wheels have one heading, but for the digits of a file."""
+    """True if two wheels have the same heading, up to the rounding of a file."""
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
 def chassis(wheels: list[Wheel]) -> Chassis:
-    """Sort wheels by what they do."""
+    """Classify wheels by their function."""
     result = Chassis()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
-    others = any(not wheel.is_ball for wheel in on_base)  # where all are spheres, that is how wheels are drawn
+    others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
         glides = wheel.is_ball and (others or _GLIDES.search(wheel.words) is not None)
         (result.balls if glides else result.fixed).append(wheel)
@@ -120,12 +120,12 @@ def chassis(wheels: list[Wheel]) -> Chassis:
         carriage = Carriage(group[0].pivots[0], tuple(group))
         _others_like(carriage, result).append(carriage)
     if not result.fixed and result.casters and all(_CASTER.search(_words(each)) is None for each in result.casters):
-        result.steered, result.casters = result.steered + result.casters, []  # a base on driven swivels
+        result.steered, result.casters = result.steered + result.casters, []  # without fixed wheels
     return result
 
 
 def _others_like(carriage: Carriage, chassis: Chassis) -> list[Carriage]:
-    """Which of the lists of a chassis it belongs to."""
+    """The list of the chassis to which a carriage belongs."""
     words, trail, radius = _words(carriage), carriage.trail, carriage.wheels[0].radius
     if _TOWED.search(words):
         return chassis.trailers

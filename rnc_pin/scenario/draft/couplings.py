@@ -1,4 +1,4 @@
-"""Joints that constraints couple: loops that a file closes, and joints that no constraint moves."""
+"""Coupling of joints by constraints: loop closures of a file, and joints without any coupling."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.mobility import Entry
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 
-_COUPLED = 1e-9  # entry of a row from which a joint takes part in a constraint
+_COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint
 
 
 def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
-    """Constraints for the loops of a file, with a remark on each; those within one body need none."""
+    """Return constraints for the loops of a file, with a remark on each; a loop within one body needs none."""
     entries: list[tuple[Entry, str]] = []
     for closure in robot.closures:
         joints = {robot.model.frames[robot.frame_id(name)].parentJoint for name in closure[:2]}
@@ -32,12 +32,12 @@ def loop_closures(robot: Robot) -> list[tuple[Entry, str]]:
 def uncoupled_joints(
     joints: Iterable[str], constraints: Iterable[tuple[Entry, str]], robot: Robot, start: Mapping[str, float]
 ) -> list[str]:
-    """Joints that no constraint couples to others, momentum apart, which couples all.
+    """Return the joints that no constraint couples to others; momentum conservation, which couples all, is ignored.
 
     Args:
-        joints: with one degree of freedom.
-        constraints: entries, with a remark on each.
-        robot: whose joints they are.
+        joints: joints with one degree of freedom.
+        constraints: constraint entries, with a remark on each.
+        robot: the robot.
         start: values of its joints with one degree of freedom.
     """
     position = Kinematics(robot).position(robot.configuration(start))

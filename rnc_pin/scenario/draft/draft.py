@@ -1,4 +1,4 @@
-"""A first scenario for a robot: base, wheels, actuators, outputs, a gentle motion and a controller."""
+"""Draft of a scenario: base, wheels, actuators, outputs, a slow reference and a controller."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _Way = Callable[[], Mobility]
 
 
 def draft(source: str, folder: Path, wishes: Wishes | None = None) -> str:
-    """The text of a scenario that ``rnc-pin inspect`` and ``rnc-pin run`` accept as it is: it has been tried out.
+    """Return the text of a scenario, tested by a trial run, that ``rnc-pin inspect`` and ``rnc-pin run`` accept.
 
     Args:
         source: a URDF, xacro or MJCF file, the name of a URDF shipped with rnc_pin or of a robot of example-robot-data.
-        folder: where the scenario will be: paths in it are relative to that.
-        wishes: what is not to be guessed.
+        folder: folder of the scenario: paths in the scenario are relative to it.
+        wishes: user's choices that replace guesses.
 
     Raises:
-        RncError: no such robot, or one of which no scenario can be made.
+        RncError: the robot does not exist, or no draft of it runs.
     """
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -78,13 +78,13 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
             warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
         return text
     if asked and isinstance(first, ModelError):
-        raise first  # the file cannot stand as it was asked to
-    hint = "hold joints with --lock JOINT, or say how it stands with --base"
+        raise first  # the file cannot have the base that the user asked for
+    hint = "lock joints with --lock JOINT, or choose the base with --base"
     raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
 
 
 def _ways(site: Site, asked: str | None, source: Source, driven: frozenset[str]) -> Iterator[_Way]:
-    """How the robot may stand, the likeliest first; what the user asks for has no alternative."""
+    """Candidate bases, the most likely first; only one if the user chose the base."""
     shell = find_shell(site, driven) if asked in (None, "free") else None
     if shell is not None:
         yield lambda: in_a_shell(shell, site, driven)
@@ -116,7 +116,7 @@ def _ways_on_wheels(
         yield lambda: on_rollers(found, site)
     elif found.fixed and found.is_straight:
         yield lambda: on_wheels(found, site, driven)
-    elif found.fixed and not found.steered:  # discs at right angles that carry nothing
+    elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
         yield lambda: without_wheels(site, asked, source.mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
     if found.fixed:

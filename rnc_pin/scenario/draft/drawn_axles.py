@@ -1,4 +1,4 @@
-"""Wheels that are only drawn, on bodies that cannot slip along their axles."""
+"""Axles of wheels that are only drawn: knife edges without side slip."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rnc_pin.scenario.draft.tolerances import PLACED, SAME
 
 @dataclass(frozen=True)
 class DrawnAxle:
-    """Wheels that are only drawn, on a body that cannot slip along their axle.
+    """Axle of wheels that are only drawn, on a body without side slip along this axle.
 
     Attributes:
-        frame: with its origin on the axle.
-        axis: the frame's own axis along the axle, "x" or "y" or "z".
-        joint: index of the joint that carries it.
-        radius: of the wheels [m].
-        axle: in the world (3,).
-        center: between the wheels, in the world (3,) [m].
+        frame: frame with its origin above or on the axle.
+        axis: local axis of the frame along the axle, "x", "y" or "z".
+        joint: index of the parent joint.
+        radius: wheel radius [m].
+        axle: axle direction in the world frame (3,).
+        center: midpoint of the wheels in the world frame (3,) [m].
     """
 
     frame: str
@@ -34,7 +34,7 @@ class DrawnAxle:
 
 
 def find_drawn_axles(site: Site) -> list[DrawnAxle]:
-    """Pairs of lying cylinders at the ground, fixed to one body: wheels that do not turn in the model."""
+    """Return pairs of coaxial horizontal disks at the ground on one body: wheels without joints in the model."""
     drawn = site.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
@@ -70,7 +70,7 @@ def _radius(cylinder: Shape) -> float:
 
 
 def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
-    """A frame of the body with its origin above or on the axle, and its own axis along it."""
+    """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
     best = None
     for index, frame in enumerate(site.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:

@@ -1,4 +1,4 @@
-"""Which joints a file says are driven: by transmissions, ros2_control and plugins of simulators."""
+"""Driven joints of a URDF: named by transmissions, ros2_control and simulator plugins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _ONLY_READS = re.compile("state_?publisher|p3d|odometry_?publisher", re.IGNORECA
 
 
 def driven_joints(robot: ElementTree.Element) -> frozenset[str]:
-    """Names of the joints of a URDF that something drives; none where the file does not say."""
+    """Return the names of the driven joints of a URDF; empty if the file does not name any."""
     joints = {str(joint.get("name")) for joint in robot.findall("joint")}
     return frozenset(joints & {*_transmissions(robot), *_ros2_control(robot), *_plugins(robot)})
 
@@ -27,7 +27,7 @@ def _ros2_control(robot: ElementTree.Element) -> Iterator[str]:
 
 
 def _plugins(robot: ElementTree.Element) -> Iterator[str]:
-    """Texts of elements such as ``<left_joint>`` or ``<joint_name>``, several of them with blanks or commas between."""
+    """Names in elements such as ``<left_joint>`` or ``<joint_name>``, separated by blanks or commas."""
     for plugin in robot.iterfind("gazebo/plugin"):
         if _ONLY_READS.search(f"{plugin.get('name')} {plugin.get('filename')}"):
             continue

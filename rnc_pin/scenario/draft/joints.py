@@ -1,4 +1,4 @@
-"""Facts of single joints: their axes, ranges and efforts, the links they carry, where they start."""
+"""Properties of single joints: axes, limits, efforts, body frames and start values."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from rnc_pin.robots.robot import Robot
 
 
 def sliding_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Direction in the world (3,) in which a joint with one degree of freedom moves its origin."""
+    """Linear part (3,) of the Jacobian column, in the world axes, of a joint with one degree of freedom."""
     return _column(model, data, joint)[:3]
 
 
 def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """Axis in the world (3,) of a joint with one degree of freedom; zero where it slides."""
+    """Rotation axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint."""
     return _column(model, data, joint)[3:]
 
 
 def _column(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
     jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
-    column: np.ndarray = jacobian.reshape(6, model.nv)[:, model.joints[joint].idx_v]  # (6,) where nv is 1
+    column: np.ndarray = jacobian.reshape(6, model.nv)[:, model.joints[joint].idx_v]  # (6,), also if nv is 1
     return column
 
 
 def body_frame(robot: Robot, joint: int) -> str:
-    """The frame of the link behind a joint, or the joint's own, which is at the same place."""
+    """Name of the body frame at the joint's placement, or of the joint's own frame if there is none."""
     frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
     for frame in frames:
         if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
@@ -34,7 +34,7 @@ def body_frame(robot: Robot, joint: int) -> str:
 
 
 def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
-    """Range of a joint [rad or m], infinite where the file gives none."""
+    """Position limits of a joint [rad or m]; infinite if the file gives none."""
     joint = robot.model.joints[robot.joint_id(name)]
     if joint.nq != 1:
         return -np.inf, np.inf
@@ -43,19 +43,19 @@ def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
 
 
 def effort_limit(robot: Robot, name: str) -> float:
-    """Largest force or torque of a joint with one degree of freedom [N or N m]; 0 where the file gives none."""
+    """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none."""
     return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
 
 
 def turns(robot: Robot, name: str) -> bool:
-    """Whether a joint with one degree of freedom turns; else it slides."""
+    """True if a joint with one degree of freedom is revolute, False if it is prismatic."""
     return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"
 
 
 def start_values(robot: Robot) -> dict[str, float]:
-    """Joints of one degree of freedom: at zero, or where that is not well inside their range, in its middle.
+    """Start values of joints with one degree of freedom: zero if well within the limits, else their middle.
 
-    Joints that mimic others are where those put them.
+    Mimic joints take the values that their leaders give them.
     """
     start = {}
     for index, name in enumerate(robot.joint_names, start=1):
@@ -65,7 +65,7 @@ def start_values(robot: Robot) -> dict[str, float]:
         margin = 0.02 * (high - low) if np.isfinite(high - low) else 0.0
         inside = low + margin < 0 < high - margin or low >= high
         start[name] = 0.0 if inside else round(float((low + high) / 2), 4)
-    for _ in robot.mimics:  # chains of them
+    for _ in robot.mimics:  # mimic joints can form chains
         for joint, of, multiplier, offset in robot.mimics:
             if joint in start:
                 start[joint] = round(multiplier * start.get(of, 0.0) + offset, 9) + 0.0

@@ -1,4 +1,4 @@
-"""What a draft says of the base: how it stands in the world, what drives it, what is held still for that."""
+"""Assumptions of a draft about the base: its kind, constraints, actuators, outputs and locked joints."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from rnc_pin.scenario.draft.wheels import Wheel
 
 Entry = str | Mapping[str, Json]
 
-DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # how far the reference goes [m, rad, rad]
+DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
 
 
 @dataclass
 class Mobility:
-    """What a draft says of the base, before the rest of the robot.
+    """Assumptions of a draft about the base.
 
     Attributes:
-        base: "fixed", "planar", "free", or None for what the file says.
-        kind: what it was taken for, and from what.
-        frame: of the base.
-        constraints: entries and a remark on each.
-        actuators: entries of the base, wheels and steering, and a remark on each.
-        outputs: candidates for reducing outputs, the most wanted first, and how far their references go.
-        vertical: where the base is.
-        lock: joint and value, to be held still.
+        base: "fixed", "planar", "free", or None for the base of the file.
+        kind: description of the assumed base, with its reason.
+        frame: frame of the base.
+        constraints: constraint entries, with a remark on each.
+        actuators: actuator entries of the base, wheels and steering, with a remark on each.
+        outputs: candidate reducing outputs, the preferred one first, with the displacement of each reference.
+        vertical: entries of the vertical outputs, such as the pose of the base.
+        lock: joints to lock, with their values.
         notes: assumptions and doubts, a line each.
-        passive: joints that nothing drives.
-        ground: height of the ground [m], where it is known.
-        weightless: whether gravity is taken away.
-        feedback: settings of a controller that the base needs, or nothing.
-        feedback_remark: on that controller.
-        reference: of primary outputs by name, where it is not a motion from rest to rest by what the outputs say.
-        duration: of the reference [s].
-        pose: values of single joints at the start, where the base needs others than zero.
-        initial: values at the start besides those of joints, by joint.
-        untracked: outputs that have no reference.
-        lean: horizontal axis of the world (3,) about which the base leans at the start, a little; or None.
-        v2: rates of outputs at the start, which are kept: there is no other reference then.
+        passive: joints without an actuator.
+        ground: height of the ground [m], or None if unknown.
+        weightless: True if the scenario has no gravity.
+        feedback: settings of the controller that the base needs, or None.
+        feedback_remark: remark on that controller.
+        reference: function from names of primary outputs to their reference; None for a minimum-jerk displacement.
+        duration: duration of the reference [s].
+        pose: initial joint values that the base needs instead of the default.
+        initial: initial values of joints with several degrees of freedom.
+        untracked: outputs without a reference.
+        lean: horizontal axis in the world frame (3,) of a small initial tilt of the base, or None.
+        v2: initial output rates, to be kept constant instead of a reference.
     """
 
     base: str | None
@@ -66,34 +66,34 @@ class Mobility:
     v2: dict[str, float] = field(default_factory=dict)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
-        """Lock joints at the start, and say why."""
+        """Lock joints at their start values, and note the reason."""
         named = list(dict.fromkeys(joints))
         if named:
             self.lock.update({joint: start.get(joint, 0.0) for joint in named})
             self.notes.append(f"{why}: {', '.join(named)}")
 
     def hold_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
-        """Lock the joints that would move wheels."""
+        """Lock the joints that would lift wheels."""
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
         self.hold(carriers, start, "locked, because they would lift wheels off the ground")
 
     def go_anywhere(self) -> None:
-        """Want its place on the ground and its heading as outputs."""
+        """Add position on the ground and heading to the candidate outputs."""
         self.outputs += zip(place_and_heading(self.frame), (DRIVEN, TURNED), strict=True)
 
 
 def place_and_heading(frame: str) -> list[dict[str, Json]]:
-    """Entries of the outputs that say where a frame is on the ground."""
+    """Output entries for the position on the ground and the heading of a frame."""
     return [{"frame_position": {"frame": frame, "axes": "xy"}}, {"frame_yaw": frame}]
 
 
 def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
-    """The entry of a wheel."""
+    """Constraint entry of a rolling wheel."""
     return {"rolling_wheel": {"frame": wheel.frame, "radius": round(wheel.radius, 6), **more}}
 
 
 def measured(wheel: Wheel) -> str:
-    """Where its radius is from."""
+    """Remark on the source of a wheel's radius."""
     if wheel.measured == "height":
         return "MEASURE the radius: the file has no shape for this wheel, it is the axle's height"
     if wheel.measured == "inertia":

@@ -1,4 +1,4 @@
-"""A base that moves in any direction: Mecanum and omni wheels, or wheels that are each steered."""
+"""Omnidirectional bases: Mecanum wheels, omni wheels, or independently steered wheels."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rnc_pin.scenario.draft.tolerances import SAME
 from rnc_pin.scenario.draft.wheels import Wheel
 
 _OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
-_APART = 0.05  # smallest singular value of the rows on the base's motion that counts as three
+_APART = 0.05  # smallest singular value of three independent rows on the base velocity
 _MECANUM = np.pi / 4
 
 
 def has_rollers(chassis: Chassis, site: Site) -> bool:
-    """Whether wheels have rollers: the file has them, says so, or its wheels could not roll otherwise."""
+    """True if wheels have rollers: as joints of the file, by name, or because their headings differ."""
     wheels = chassis.fixed
     if len(wheels) < 3 or chassis.steered:
         return False
@@ -30,7 +30,7 @@ def has_rollers(chassis: Chassis, site: Site) -> bool:
 
 
 def on_rollers(chassis: Chassis, site: Site) -> Mobility:
-    """Three rollers or more, each the row of one direction."""
+    """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = chassis.fixed, chassis.is_straight
     angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
@@ -54,15 +54,14 @@ def on_rollers(chassis: Chassis, site: Site) -> Mobility:
 
 
 def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
-    """Pushed by forces: what the wheels do together."""
+    """Base that moves in any direction, driven by forces in place of the wheels."""
     result = planar(site, f"{len(chassis.wheels)} wheels, in any direction", chassis.wheels)
     pivots = [pivot.joint for wheel in chassis.wheels for pivot in wheel.pivots]
     rollers = [roller for wheel in chassis.wheels for roller in wheel.rollers]
     result.hold(
         [*(wheel.joint for wheel in chassis.wheels), *pivots, *rollers],
         site.start,
-        f"{why}: the base is taken to move in any direction, by forces for what the wheels do together; "
-        "locked and only drawn",
+        f"{why}: the base is assumed to move in any direction, by forces in place of the wheels; locked and only drawn",
     )
     _release(result, chassis, site)
     push(result)
@@ -70,16 +69,16 @@ def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
 
 
 def push(result: Mobility) -> None:
-    """Let a base go anywhere, by forces along and across and a torque that turns it."""
+    """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
     for axis in "xy":
         force: dict[str, Json] = {"force": {"frame": result.frame, "axis": axis}}
-        result.actuators.append((force, "what the wheels do together"))
+        result.actuators.append((force, "in place of the wheels"))
     result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
     result.go_anywhere()
 
 
 def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
-    """Hold what lifts wheels, and wheels that only support."""
+    """Lock joints that would lift wheels, and wheels that only support."""
     result.hold_carriers(chassis.wheels, site.start)
     supports = [
         joint
@@ -92,12 +91,12 @@ def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
 
 
 def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> float:
-    """From the wheel's heading to the axis of the roller at the ground [rad]."""
+    """Angle from the wheel's heading to the axis of the roller at the ground [rad]."""
     if wheel.rollers:
         return _modelled_angle(wheel, site)
     if not parallel:
         return 0.0
-    # Rollers that point to the middle turn the base worst: those of a pair on one diagonal point across it.
+    # Roller axes through the middle give no torque about it: each roller axis is normal to its diagonal.
     middle = np.mean([each.center for each in wheels], axis=0)
     heading, across = wheels[0].heading, np.cross([0.0, 0.0, 1.0], wheels[0].heading)
     offset = wheel.center - middle
@@ -107,17 +106,17 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> flo
 
 
 def _modelled_angle(wheel: Wheel, site: Site) -> float:
-    """The angle that the file's rollers have: all the same to the axle, and to the same side along the rim."""
+    """Roller angle from the file [rad]; all rollers of a wheel have the same angle to the axle, with the same sign."""
     joint = site.robot.joint_id(wheel.rollers[0])
     axis = turning_axis(site.robot.model, site.data, joint)
     out = site.data.oMi[joint].translation - wheel.center
-    along_rim = np.cross(out, wheel.axle)  # the wheel's heading, where the roller is at the bottom
+    along_rim = np.cross(out, wheel.axle)  # the wheel's heading if the roller is at the bottom
     angle = np.arcsin(min(abs(float(axis @ wheel.axle)), 1.0))
     return float(angle if (axis @ wheel.axle) * (axis @ along_rim) >= 0 else -angle)
 
 
 def _on_base(wheels: list[Wheel], angles: list[float]) -> np.ndarray:
-    """Rows (k, 3) of the rollers on velocity and turn of a base in the middle of the wheels."""
+    """Roller rows (k, 3) for linear and angular velocity of a base in the middle of the wheels."""
     middle = np.mean([wheel.center for wheel in wheels], axis=0)
     rows = []
     for wheel, angle in zip(wheels, angles, strict=True):

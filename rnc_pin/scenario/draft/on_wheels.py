@@ -1,4 +1,4 @@
-"""A base on wheels that do not slip: carts, skid-steered bases, cars, tricycles, trucks with trailers."""
+"""Bases on wheels without slip: carts, skid-steered bases, cars, tricycles, trucks with trailers."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rnc_pin.scenario.draft.wheels import UPRIGHT, Wheel
 
 
 def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()) -> Mobility:
-    """Wheels on one axle or several, some of them steered, with casters and trailers.
+    """Base on one or more axles, with steered wheels, casters and trailers.
 
     Args:
-        chassis: the wheels by what they do.
+        chassis: wheels by their function.
         site: the robot.
-        driven: joints that the file says are driven; none where it does not say.
+        driven: driven joints of the file; empty if the file does not name any.
     """
     result = planar(site, _kind(chassis), chassis.wheels)
     result.hold_carriers(chassis.wheels, site.start)
@@ -56,7 +56,7 @@ def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()
 
 
 def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
-    """A base that moves over the ground, by the joints of the file where it has such."""
+    """Planar base; it uses the file's own planar joints if there are any."""
     result = Mobility("planar", kind, site.frame)
     if site.own_base:
         result.base = "fixed"
@@ -74,7 +74,7 @@ def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
 
 
 def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
-    """A base whose wheels are part of bodies: each axle is a knife edge."""
+    """Base whose wheels are only drawn: one knife edge for the axles of each body."""
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
     result = planar(site, f"wheels are drawn on {count}, and no joint turns them", [])
     result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
@@ -99,7 +99,7 @@ def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
 
 
 def _midway(site: Site, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
-    """The knife edge of a body that does not slip along its axles (3,) at a point of the world (3,) amid them."""
+    """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
     edge: dict[str, Json] = {"frame": site.frame, "axis": site.along(axle)}
     height = float(site.placement.translation[2])
     at = site.own_point(np.array([middle[0], middle[1], height]))
@@ -121,7 +121,7 @@ def _kind(chassis: Chassis) -> str:
 
 
 def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
-    """Fixed wheels: of several axles one guides, the others skid in a turn."""
+    """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
     axles = chassis.axles
     middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
     guide = axles[0]
@@ -148,7 +148,7 @@ def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
 
 
 def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
-    """Steered wheels: the two of an axle by Ackermann's law, a turntable with all its wheels, further ones straight."""
+    """Add steered wheels: a pair with Ackermann steering, or all wheels of one turntable; lock further pivots."""
     first, *others = chassis.steered
     axle = chassis.fixed[0]
     beside = [each for each in others if _side_by_side(first, each, axle)]
@@ -180,7 +180,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
 
 
 def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
-    """The entry of a wheel on a pivot: one that leans would lift the wheel, while a planar base keeps its height."""
+    """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
     leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
     return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 

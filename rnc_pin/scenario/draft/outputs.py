@@ -1,4 +1,4 @@
-"""Which of the candidates become reducing outputs, and how far their references go."""
+"""Choice of reducing outputs from candidates, and displacement of their references."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from rnc_pin.scenario.draft.mobility import BENT, Mobility
 from rnc_pin.scenario.draft.tolerances import DRIVEN, SAME
 from rnc_pin.scenario.schema.outputs import OutputItem
 
-_SLID = 0.05  # how far a slide's reference goes [m]
+_SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 
 
 @dataclass
 class Outputs:
-    """Reducing outputs.
+    """Chosen reducing outputs.
 
     Attributes:
-        entries: of the scenario.
-        kinds: what these stand for.
-        names: of their rows, (r,).
-        steps: how far the reference of each row goes, (r,) [m, rad].
+        entries: entries of the scenario.
+        kinds: output objects of these entries.
+        names: row names (r,).
+        steps: displacement of the reference of each row (r,) [m, rad].
     """
 
     entries: list[Mapping[str, Json]] = field(default_factory=list)
@@ -41,17 +41,17 @@ class Outputs:
 
 
 def candidates(mobility: Mobility, robot: Robot, start: Mapping[str, float]) -> list[tuple[Mapping[str, Json], float]]:
-    """Entries, the most wanted first, and how far their references go: of the base, then joints, driven ones first."""
+    """Return output entries by preference with reference displacements: base, driven joints, passive joints."""
     used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
     joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
 
 
 def choose(wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray) -> Outputs:
-    """Of the candidates in order, those that add a motion at ``q`` (nq,).
+    """Return the candidates, in order, whose Jacobian rows at ``q`` (nq,) are independent of the rows before them.
 
     Raises:
-        ConfigurationError: they are too few.
+        ConfigurationError: fewer than r independent rows.
     """
     chosen = Outputs()
     position = Kinematics(system.robot).position(q)
@@ -69,7 +69,7 @@ def choose(wanted: Iterable[tuple[Mapping[str, Json], float]], system: Nonholono
         chosen.steps += [step] + [0.0] * (len(added) - 1)
     if len(chosen.names) < system.r:
         raise ConfigurationError(
-            f"of {system.r} independent motions only {len(chosen.names)} were found in its joints and base"
+            f"only {len(chosen.names)} of {system.r} independent reducing outputs were found among its joints and base"
         )
     return chosen
 
@@ -84,8 +84,8 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
 
 
 def _step(robot: Robot, name: str, value: float) -> float:
-    """How far a joint's reference goes: a little, and to the side where there is room."""
+    """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
     low, high = joint_limits(robot, name)
-    above, below = high - value, value - low  # both infinite where nothing ends
+    above, below = high - value, value - low  # both infinite without limits
     length = min(BENT if turns(robot, name) else _SLID, 0.3 * max(above, below))
     return round(length if above >= (1 - SAME) * below else -length, 4)

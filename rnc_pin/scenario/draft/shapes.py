@@ -1,4 +1,4 @@
-"""Where a robot's geometry is, as points: enough to find its ground, its wheels and their radii."""
+"""Geometry of a robot as points, to find the ground, the wheels and their radii."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot import Robot
 
 LEVEL = 0.1
-"""Largest vertical part of an axle."""
+"""Largest vertical component of a unit axle vector."""
 
 NEAR = 0.3
-"""How far above the ground a wheel's lowest point may be, in radii."""
+"""Largest height of a wheel's lowest point above the ground, in radii."""
 
 _CIRCLE = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One geometry: points, all of it within ``margin`` of them.
+    """One geometry object: points, and a margin around their convex hull.
 
     Attributes:
-        joint: index of the joint that carries it.
-        name: of the geometry.
-        points: in the world, (k, 3) [m].
-        margin: [m].
-        axis: of a cylinder, in the world (3,); else None.
-        file: of its mesh, or nothing.
+        joint: index of the parent joint.
+        name: name of the geometry.
+        points: points in the world frame (k, 3) [m].
+        margin: radius around the points [m].
+        axis: axis of a cylinder in the world frame (3,), else None.
+        file: path of the mesh, or an empty string.
     """
 
     joint: int
@@ -47,7 +47,7 @@ class Shape:
 
 
 def shapes(robot: Robot, kind: str, q: np.ndarray) -> list[Shape]:
-    """The geometry of a kind, "visual" or "collision", at a configuration (nq,); nothing where files are missing."""
+    """Return the "visual" or "collision" geometry at a configuration (nq,); empty if files are missing."""
     try:
         geometry = robot.visual_model if kind == "visual" else robot.collision_model
     except ModelError:
@@ -60,7 +60,7 @@ def shapes(robot: Robot, kind: str, q: np.ndarray) -> list[Shape]:
     found = []
     for item, placement in zip(geometry.geometryObjects, placed.oMg, strict=True):
         local = _points(item.geometry)
-        if local is None or item.name in stand_ins:  # a box as large as a wheel's inertia is no wheel
+        if local is None or item.name in stand_ins:  # skip boxes that only stand for an inertia
             continue
         points, margin = local
         axis = placement.rotation[:, 2].copy() if type(item.geometry).__name__ == "Cylinder" else None
@@ -92,12 +92,12 @@ def _points(geometry: Any) -> tuple[np.ndarray, float] | None:
 
 @dataclass(frozen=True)
 class Disk:
-    """Something round about an axle.
+    """Disk about an axle.
 
     Attributes:
-        radius: [m].
-        bottom: height of its lowest point [m].
-        width: along the axle [m].
+        radius: radius [m].
+        bottom: height of the lowest point [m].
+        width: width along the axle [m].
     """
 
     radius: float
@@ -106,7 +106,7 @@ class Disk:
 
 
 def round_about(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Disk | None:
-    """The disk that shapes make about an axle through ``center``, or None where they are not round about it."""
+    """Return the disk that shapes form about an axle through ``center``, or None if they are not round."""
     if not parts:
         return None
     upward = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
@@ -122,14 +122,14 @@ def round_about(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     )
     middle = np.abs(high + low)[:2] / 2
     is_round = extents[:2].min() > 0.9 * extents[:2].max() and middle.max() < 0.1 * radius
-    # The corners of a square are farther away than its sides.
+    # A square has equal extents too, but its corners are farther away than its sides.
     if not is_round or 2 * radius > 1.1 * extents[:2].max():
         return None
     return Disk(radius, min(part.bottom for part in parts), float(extents[2]))
 
 
 def across(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """What of vectors (..., 3) is not along an axis (3,) of length one."""
+    """Component of vectors (..., 3) perpendicular to a unit axis (3,)."""
     return np.asarray(vectors - (vectors @ axis)[..., None] * axis)
 
 

@@ -1,4 +1,4 @@
-"""A robot as it lies before a draft is made: where its base is, and how it stands."""
+"""Robot of a draft at its start values, with the base pose of the file."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 
 @dataclass(frozen=True)
 class Site:
-    """A robot with its joints at the start, its base wherever the file puts it.
+    """Robot at its start values, with the base pose of the file.
 
     Attributes:
-        robot: it.
-        start: values of joints with one degree of freedom.
-        named: names in its file besides those of the model.
-        is_urdf: whether it was read from a URDF, whose free joints a base cannot replace.
-        is_rigid: whether the file has no joint that moves, so that it was given a free base.
+        robot: the robot.
+        start: start values of joints with one degree of freedom.
+        named: names in the file that the model does not contain.
+        is_urdf: True for a URDF; a base cannot replace free joints of a URDF.
+        is_rigid: True if the file has no movable joint; the robot then has a free base.
     """
 
     robot: Robot
@@ -35,7 +35,7 @@ class Site:
 
     @cached_property
     def q(self) -> np.ndarray:
-        """The configuration (nq,)."""
+        """Configuration at the start (nq,)."""
         return self.robot.configuration(self.start)
 
     @cached_property
@@ -48,12 +48,12 @@ class Site:
 
     @cached_property
     def shapes(self) -> dict[str, list[Shape]]:
-        """Of its geometry, "collision" and "visual"."""
+        """Shapes of the "collision" and the "visual" geometry."""
         return {kind: shapes(self.robot, kind, self.q) for kind in ("collision", "visual")}
 
     @cached_property
     def own_base(self) -> tuple[str, ...]:
-        """Joints of the file that let the base move over the ground: two slides and a turn, with nothing between."""
+        """Joints of the file's own planar base: two horizontal slides and a vertical revolute joint, or none."""
         model = self.robot.model
         joints: list[str] = []
         index, slides, turns = 0, 0, 0
@@ -69,7 +69,7 @@ class Site:
 
     @cached_property
     def root(self) -> int:
-        """Index of the joint that carries the base; 0 where it is fixed to the world."""
+        """Index of the joint that carries the base; 0 if the base is fixed to the world."""
         if self.own_base:
             return self.robot.joint_id(self.own_base[-1])
         model = self.robot.model
@@ -77,17 +77,17 @@ class Site:
 
     @property
     def holds_own_joint(self) -> bool:
-        """Whether the base hangs on a free joint of a URDF, in whose place a planar base can come if it is locked."""
+        """True if a free joint of a URDF carries the base: a planar base can replace it if it is locked."""
         return bool(self.is_urdf and self.root and self.robot.model.joints[self.root].nv == 6) and not self.is_rigid
 
     @property
     def own_joint(self) -> dict[str, list[float]]:
-        """The joint that carries the base, where it is."""
+        """Name and value of the joint that carries the base."""
         return {str(self.robot.model.names[self.root]): self.several_values(self.root)}
 
     @property
     def loose(self) -> dict[str, list[float]]:
-        """Joints of several degrees of freedom besides the base's, where they are."""
+        """Names and values of joints with several degrees of freedom, without the joint of the base."""
         joints = list(self.robot.model.joints)
         return {
             str(self.robot.model.names[index]): self.several_values(index)
@@ -96,12 +96,12 @@ class Site:
         }
 
     def several_values(self, index: int) -> list[float]:
-        """Values of a joint with several degrees of freedom at the start."""
+        """Return the start values of a joint with several degrees of freedom."""
         values = self.robot.joint_values(self.q)[str(self.robot.model.names[index])]
         return values if isinstance(values, list) else [values]
 
     def leader(self, joint: str) -> str:
-        """The joint that a joint follows in the end, or itself."""
+        """Return the last leader in a joint's chain of mimics, or the joint itself."""
         follows = {each.joint: each.of for each in self.robot.mimics if each.of in self.robot.joint_names}
         seen = {joint}
         while joint in follows and follows[joint] not in seen:
@@ -111,7 +111,7 @@ class Site:
 
     @cached_property
     def frame(self) -> str:
-        """The frame of the base: ``base_link`` where there is one, else the first link."""
+        """Frame of the base: ``base_link`` if it exists, else the first link."""
         frames = [
             str(frame.name)
             for frame in self.robot.model.frames
@@ -125,19 +125,19 @@ class Site:
 
     @cached_property
     def placement(self) -> pin.SE3:
-        """Of the base's frame in the world."""
+        """Placement of the base's frame in the world."""
         return self.data.oMf[self.robot.frame_id(self.frame)]
 
     def along(self, direction: np.ndarray) -> str:
-        """Which of the base's own axes lies nearest to a direction (3,), "x" where that is a tie."""
+        """Return the base's local axis nearest to a direction in the world frame (3,); the first one in a tie."""
         return "xyz"[first_smallest(-np.abs(self.placement.rotation.T @ direction), ALIGNED)]
 
     def own_point(self, point: np.ndarray) -> list[float]:
-        """A point of the world (3,) in the base's own axes [m]."""
+        """Return a point of the world frame (3,) in the base's frame [m]."""
         return [round(float(each), 6) + 0.0 for each in self.placement.actInv(point)]
 
     @cached_property
     def words(self) -> str:
-        """Everything in the file that has a name."""
+        """All names in the file, in lower case."""
         model = self.robot.model
         return " ".join([self.named, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()

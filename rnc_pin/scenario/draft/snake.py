@@ -1,4 +1,4 @@
-"""Snakes: bodies in a row on wheels that nothing drives, with driven upright joints between them."""
+"""Snake robots: a chain of bodies on passive wheels, with driven vertical joints between them."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.wheels import Wheel
 
-_BODIES = 4  # in a row with wheels, of a snake that is not called one
+_BODIES = 4  # smallest number of bodies with wheels, unless the file calls it a snake
 _SNAKE = re.compile("snake|serpent|worm|acm")
 _TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
-_BEND, _SHARE = 0.5, 0.8  # largest angle of the way from its mean [rad], and share of a joint's range that is used
+_BEND, _SHARE = 0.5, 0.8  # largest path angle from its mean [rad], and used share of joint limits
 _DURATION, _POINTS = 12.0, 24
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A body with wheels.
+    """Body with wheels.
 
     Attributes:
-        chain: joints from the base to it, the nearest to the base first.
-        center: between its wheels, in the world (3,) [m].
-        axle: in the world (3,).
-        entries: constraints of its wheels, with a remark on each.
+        chain: joints from the base to the body, the nearest to the base first.
+        center: midpoint of its wheels in the world frame (3,) [m].
+        axle: axle direction in the world frame (3,).
+        entries: constraint entries of its wheels, with a remark on each.
         wheels: joints of its wheels.
-        ground: below its wheels [m], where they have a radius.
+        ground: height of the ground below its wheels [m], or None if their radius is unknown.
     """
 
     chain: tuple[str, ...]
@@ -49,13 +49,13 @@ class Segment:
 def find_snake(
     wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], site: Site, driven: frozenset[str]
 ) -> list[Segment]:
-    """Segments of a snake from its root on, or nothing.
+    """Return the segments of a snake from its root on; empty if the robot is no snake.
 
     Args:
-        wheels: that turn.
-        axles: with wheels that are only drawn.
+        wheels: wheels with joints.
+        axles: axles of wheels that are only drawn.
         site: the robot.
-        driven: joints that the file says are driven; none where it does not say.
+        driven: driven joints of the file; empty if the file does not name any.
     """
     segments = sorted([*_on_wheels(wheels), *_on_axles(axles, site)], key=lambda each: len(each.chain))
     chain = segments[-1].chain if segments else ()
@@ -72,7 +72,7 @@ def find_snake(
 
 
 def on_a_snake(segments: list[Segment], site: Site) -> Mobility:
-    """The root leads along a winding way, and the body follows: the start has that shape too."""
+    """Snake whose first body follows a serpenoid path and whose other bodies follow it; the start lies on this path."""
     result = planar(site, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
     for segment in segments:
         result.constraints += segment.entries
@@ -92,24 +92,24 @@ def on_a_snake(segments: list[Segment], site: Site) -> Mobility:
     result.reference = lambda names: _through([columns[name] for name in names if name in columns], gait.wave)
     result.duration = _DURATION
     result.notes.append(
-        "nothing drives its wheels: it moves by winding, and cannot start where it is straight; the joints follow from "
-        "the way of its first body, which they push"
+        "nothing drives its wheels: it moves by bending, and cannot start straight; the joint angles follow from the "
+        "path of its first body, which they push"
     )
     return result
 
 
 @dataclass(frozen=True)
 class _Gait:
-    """A serpenoid, ``heading = bend sin(2 pi s / wave)`` at s along the way of the first body (Hirose 1993).
+    """Serpenoid curve, ``heading = bend sin(2 pi s / wave)`` at path length s of the first body (Hirose 1993).
 
     Attributes:
-        joints: from the first body on.
-        places: how far behind the first body's wheels each of them is (k,) [m].
-        signs: 1 where an axis points up, -1 where it points down (k,).
-        along: horizontal direction in which the first body leads (3,).
-        spacing: between joints [m].
-        wave: as long as the body [m].
-        bend: [rad].
+        joints: joints from the first body on.
+        places: distance of each joint behind the wheels of the first body (k,) [m].
+        signs: 1 if a joint axis points up, -1 if it points down (k,).
+        along: horizontal forward direction of the first body (3,).
+        spacing: distance between joints [m].
+        wave: wavelength, equal to the length of the snake [m].
+        bend: amplitude of the heading [rad].
     """
 
     joints: tuple[str, ...]
@@ -122,7 +122,7 @@ class _Gait:
 
     @classmethod
     def of(cls, segments: list[Segment], site: Site) -> _Gait:
-        """The gait that the ranges of the joints allow."""
+        """Return the gait within the joint limits."""
         head, joints = segments[0], segments[-1].chain
         indices = [site.robot.joint_id(name) for name in joints]
         along = np.cross(head.axle, [0.0, 0.0, 1.0])
@@ -137,23 +137,23 @@ class _Gait:
         return cls(joints, places, signs, along, spacing, wave, bend)
 
     def heading(self, s: np.ndarray) -> np.ndarray:
-        """Of the way at s (n,) [rad]."""
+        """Heading of the path at path lengths s (n,) [rad]."""
         return np.asarray(self.bend * np.sin(2 * np.pi * s / self.wave))
 
     def angle(self, joint: int, way: np.ndarray) -> np.ndarray:
-        """Of a joint where the first body has gone so far (n,) [rad]."""
+        """Angle of a joint at path lengths of the first body (n,) [rad]."""
         s, half = way - self.places[joint], self.spacing / 2
         return np.asarray(self.signs[joint] * (self.heading(s - half) - self.heading(s + half)))
 
     def speed(self, site: Site) -> tuple[str, str, float]:
-        """Name of the first body's speed, its axis, and 1 where it leads along that, -1 where against it."""
+        """Return the output name of the first body's speed, its axis, and its sign: 1 along the axis, -1 against it."""
         axis = site.along(self.along)
         sense = float(np.sign(site.placement.rotation[:, "xyz".index(axis)] @ self.along))
         return f"{site.frame}_speed_{axis}", axis, sense
 
 
 def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float) -> Mapping[str, Json]:
-    """Outputs over time while the first body goes one wave, from rest to rest."""
+    """Via points of outputs while the first body moves one wavelength, from rest to rest."""
     s = np.linspace(0.0, 1.0, _POINTS + 1)[1:]
     way = wave * s**3 * (10 - 15 * s + 6 * s**2)
     values = np.round(np.column_stack([column(way) for column in columns]), 5) + 0.0
@@ -202,6 +202,6 @@ def _drives(joint: str, site: Site, driven: frozenset[str]) -> bool:
 
 
 def _crosses(one: Segment, other: Segment) -> bool:
-    """Whether a body lies behind another along the way of its wheels."""
+    """True if one body lies behind another along the rolling direction of its wheels."""
     between = other.center - one.center
     return abs(float(between @ one.axle)) < 0.3 * float(np.linalg.norm(between))

@@ -1,4 +1,4 @@
-"""Where the robot of a draft comes from, and what has to be added to its file before it can be simulated."""
+"""Robot file of a draft, with the masses and locked joints that a simulation needs."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from rnc_pin.scenario.schema.robot import RobotSource
 
 Lock = Mapping[str, float | list[float]]
 
-_BASE = "root_joint"  # one without mass is given some, not held
+_BASE = "root_joint"  # a massless base gets a mass; it is not locked
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user says of a robot instead of leaving it to be guessed.
+    """User's choices that replace guesses of a draft.
 
     Attributes:
         base: "fixed", "planar" or "free".
         xacro_arguments: values for the arguments of a xacro file.
         package_dirs: folders of packages.
-        lock: joints to hold, and where.
+        lock: joints to lock, with their values.
     """
 
     base: str | None = None
@@ -47,21 +47,21 @@ class Wishes:
 
 
 class Source:
-    """A robot's file, to be loaded with one base or another.
+    """Robot file that can be loaded with different bases.
 
     Args:
         name: a file, the name of a URDF shipped with rnc_pin or of a robot of example-robot-data.
-        folder: where the scenario will be.
-        wishes: what is not to be guessed.
+        folder: folder of the scenario.
+        wishes: user's choices that replace guesses.
 
     Attributes:
-        entry: what the scenario says of the robot, without base and locked joints.
-        masses: link to mass [kg], of links whose inertia is of no use.
-        held: joints to lock, and where.
-        notes: what was done to joints, a line each.
+        entry: robot entry of the scenario, without base and locked joints.
+        masses: mass [kg] by link, for links without a usable inertia.
+        held: joints to lock, with their values.
+        notes: changes to joints, a line each.
 
     Raises:
-        ModelError: no such robot.
+        ModelError: the robot does not exist.
     """
 
     def __init__(self, name: str, folder: Path, wishes: Wishes) -> None:
@@ -76,7 +76,7 @@ class Source:
         self.notes: list[str] = []
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
-        """The robot; joints of it that move no mass are held or given some, once and for all."""
+        """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
         while True:
             try:
                 robot = self.as_it_is(base, lock)
@@ -90,17 +90,17 @@ class Source:
             self.masses[link] = mass_of_box(_volume(robot))
 
     def as_it_is(self, base: str | None, lock: Lock | None = None) -> Robot:
-        """The robot, or an error where a joint of it moves no mass."""
+        """Return the robot without such changes; a joint that moves no mass is an error."""
         raw = {**self.described(base), "lock": {**self.held, **(lock or {})}}
         return admitted(RobotSource, raw, "robot").build(self._folder)
 
     def described(self, base: str | None) -> dict[str, Json]:
-        """The entry with a base."""
+        """Return the robot entry with a base."""
         masses: dict[str, Json] = {"masses": dict(self.masses)} if self.masses else {}
         return {**self.entry, **masses, **({} if base is None else {"base": base})}
 
     def lying(self) -> tuple[Robot, bool]:
-        """The robot as its file has it; afloat where it is one rigid body, and whether it is."""
+        """Return the robot without an added base and False, or with a free base and True if it is one rigid body."""
         if self.is_mjcf:
             return self.load(None), False
         try:
@@ -116,29 +116,29 @@ class Source:
 
     @property
     def is_mjcf(self) -> bool:
-        """Whether the file is an MJCF, which names its actuators."""
+        """True for an MJCF file, which names its actuators."""
         return "mjcf" in self.entry
 
     @property
     def remarks(self) -> list[str]:
-        """What was added to the file, a line each."""
+        """Additions to the file, a line each."""
         if not self.masses:
             return self.notes
         links = ", ".join(self.masses)
         return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
 
     def words(self) -> str:
-        """Names in the file besides those of the model: of itself, its meshes and the plugins that drive it."""
+        """Return names that the model does not contain: of the file, its meshes and its plugins."""
         path = self._path()
         try:
             root = None if path is None else parse_xml(path)
-        except ModelError:  # a xacro file may be no whole document
+        except ModelError:  # a xacro file can be incomplete XML
             root = None
         elements = () if root is None else [each for each in root.iter() if each.tag in ("mesh", "plugin", "robot")]
         return " ".join([self.name, *(value for each in elements for value in each.attrib.values())]).lower()
 
     def driven(self) -> frozenset[str]:
-        """Joints that the file says are driven; none where it does not say, or is an MJCF."""
+        """Return the driven joints of a URDF; empty if it does not name any, or for an MJCF."""
         path = self._path()
         if path is None:
             return frozenset()
@@ -151,7 +151,7 @@ class Source:
         return find_urdf(str(self.entry["urdf"]), self._folder) if "urdf" in self.entry else None
 
     def remember_packages(self, robot: Robot) -> None:
-        """Record the packages that another shell would not find."""
+        """Add package folders that another shell would not find to the entry."""
         given = [each.resolve() for each in self._wishes.package_dirs]
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
@@ -159,18 +159,18 @@ class Source:
             self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
 
     def mass_of_base(self) -> float:
-        """Of the first link [kg]; a ground or world has none."""
+        """Return the mass of the first link [kg]; 0 for a ground or world link."""
         try:
             return float(self.as_it_is("free").model.inertias[1].mass)
         except ModelError:
             return 0.0
 
     def _mend(self, joints: Sequence[Massless]) -> bool:
-        """Give links a mass, or hold joints that nothing at all hangs on; whether that is anything new."""
+        """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
         idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
         new = {link: mass for link, mass in given.items() if link not in self.masses}
-        if new:  # joints that carry those will move some mass after that
+        if new:  # joints that carry these links move some mass from now on
             self.masses.update(new)
             return True
         held = [joint for joint in idle if joint not in self.held]
@@ -181,7 +181,7 @@ class Source:
 
 
 def _weightless_base(robot: Robot) -> str | None:
-    """The first link of a base that moves but has no mass, where it has a shape."""
+    """First link of a movable base that has a shape but no mass, or None."""
     if robot.model.inertias[1].mass > 0 or not _volume(robot):
         return None
     frames = (frame for frame in robot.model.frames if frame.parentJoint == 1 and frame.type == pin.FrameType.BODY)
@@ -189,7 +189,7 @@ def _weightless_base(robot: Robot) -> str | None:
 
 
 def _volume(robot: Robot) -> float:
-    """Of the box around the shapes of the base [m^3]."""
+    """Volume of the box around the shapes of the base [m^3]."""
     q = robot.configuration()
     everything = [[each for each in shapes(robot, kind, q) if each.joint == 1] for kind in ("collision", "visual")]
     parts = next((each for each in everything if each), [])

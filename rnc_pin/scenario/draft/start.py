@@ -1,4 +1,4 @@
-"""A start at which every motion has energy."""
+"""Start values with a nonsingular inertia matrix."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from rnc_pin.scenario.draft.joints import joint_limits, turns
 
 _SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
 _PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
-_MOVES = 3  # joints moved for that
+_MOVES = 3  # largest number of joints to move
 
 
 def turned_aside(robot: Robot, start: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
-    """Move a joint where the inertia matrix is singular at the start: two axes on one line, no mass between.
+    """Move joints if the inertia matrix is singular at the start: two axes on one line, no mass between them.
 
     Args:
-        robot: it.
+        robot: the robot.
         start: values of joints with one degree of freedom [rad or m].
 
     Returns:
-        Such values, and a line on each joint that was moved.
+        New values, and a line on each moved joint.
     """
     values, notes = dict(start), []
     for _ in range(_MOVES):
@@ -44,7 +44,7 @@ def _stiffness(robot: Robot, start: Mapping[str, float]) -> float:
 
 
 def _aside(robot: Robot, name: str, value: float) -> float:
-    """A value of a joint beside one that it has, within its range."""
+    """Value of a joint near a given one, within its limits."""
     low, high = joint_limits(robot, name)
     step = min(_TURNED_ASIDE if turns(robot, name) else _PULLED, (high - low) / 4)
     return round(value + (step if value + step < high else -step), 4)

@@ -1,4 +1,4 @@
-"""A drafted scenario as YAML with remarks."""
+"""YAML text of a drafted scenario, with remarks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class DraftedStart(TypedDict):
 
 
 class Drafted(TypedDict):
-    """The parts of a drafted scenario; constraints and actuators with a remark each."""
+    """Parts of a drafted scenario; constraints and actuators have a remark each."""
 
     robot: Mapping[str, Json]
     constraints: list[tuple[Entry, str]]
@@ -45,14 +45,14 @@ class Drafted(TypedDict):
 
 
 def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility: Mobility) -> str:
-    """The text of a scenario file.
+    """Return the text of a scenario file.
 
     Args:
-        name: of the robot.
-        scenario: its parts.
-        remark: on the controller.
-        tried: what became of its run.
-        mobility: what was assumed of the base.
+        name: name of the robot.
+        scenario: parts of the scenario.
+        remark: remark on the controller.
+        tried: result of the trial run.
+        mobility: assumptions about the base.
     """
     outputs = scenario["outputs"]
     lines = [
@@ -63,23 +63,23 @@ def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility:
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         f"robot: {_flow(scenario['robot'])}",
         *_entries("constraints", scenario["constraints"], "# A(q) v = 0"),
-        *_entries("actuators", scenario["actuators"], "# what can push"),
+        *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
         "outputs:",
-        *_remark("as many rows as the constraints leave degrees of freedom; controllers move these", "  "),
+        *_remark("one row for each degree of freedom that the constraints leave; controllers move these", "  "),
         *_entries("reducing", [(each, "") for each in outputs["reducing"]], "", "  "),
     ]
     if outputs["vertical"]:
         lines += [
-            *_remark("these follow from the others, and are watched", "  "),
+            *_remark("these follow from the reducing outputs, and are monitored", "  "),
             *_entries("vertical", [(each, "") for each in outputs["vertical"]], "", "  "),
         ]
     lines.append(f"task: {_flow(scenario['task'])}")
     if scenario["initial"]["q"] or scenario["initial"].get("v2"):
         lines += [
             *_remark(
-                "joints start in the shape of the way"
+                "joints start in the shape of the path"
                 if mobility.pose
-                else "joints whose range does not contain zero start in its middle"
+                else "joints start at zero, or in the middle of limits that do not contain zero"
             ),
             f"initial: {_flow(scenario['initial'])}",
         ]

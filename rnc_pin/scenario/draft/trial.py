@@ -1,4 +1,4 @@
-"""Errors of a trial run beside the motion that was asked for."""
+"""Tracking errors of a trial run relative to the motion of its reference."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.simulation.summary import tracking_errors
 
 FAR = 0.2
-"""Share of the motion that is asked for, above which a run misses its reference."""
+"""Ratio of error to reference motion above which a run misses its reference."""
 LOST = 0.5
-"""The same, above which another kind of base is more likely."""
-_LITTLE = 0.5  # share of the largest motion that counts for an output that should stay where it is
-_SETTLED = 0.1  # last part of a run in which a controller that has to balance first is judged
+"""Ratio of error to reference motion above which another kind of base is more likely."""
+_LITTLE = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
+_SETTLED = 0.1  # final share of a run whose errors count for a balancing controller
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The worst output of a run.
+    """Worst output of a run.
 
     Attributes:
-        duration: of the run [s].
-        output: its name; nothing where the run follows no reference.
-        error: its largest error [m or rad].
-        motion: how far it should go, or others where it should stay [m or rad].
+        duration: duration of the run [s].
+        output: name of the output; empty if the run has no reference.
+        error: largest error of the output [m or rad].
+        motion: displacement of its reference; for a constant one, a share of the largest displacement [m or rad].
     """
 
     duration: float
@@ -36,12 +36,12 @@ class Trial:
 
     @property
     def share(self) -> float:
-        """Error beside motion."""
+        """Ratio of error to motion."""
         return self.error / self.motion
 
     @property
     def words(self) -> str:
-        """Half a sentence."""
+        """Summary for the remark in the draft."""
         if not self.output:
             return f"tried for {self.duration:.3g} s"
         return (
@@ -51,17 +51,17 @@ class Trial:
 
     @property
     def complaint(self) -> str:
-        """What is wrong with it, in words that can follow "its run"."""
+        """Description of the tracking error; it continues a sentence that begins with "its run"."""
         return f"misses its reference: {self.output} is off by {self.error:.2g}, and should move by {self.motion:.2g}"
 
 
 def judged(trajectory: Trajectory, motions: Mapping[str, float], *, settles: bool) -> Trial:
-    """The worst of the outputs that follow a reference.
+    """Return the worst output with a reference.
 
     Args:
         trajectory: the run.
-        motions: how far each of them goes [m or rad], by output.
-        settles: whether only the end counts, as of a controller that has to balance first.
+        motions: displacement of each reference [m or rad], by output.
+        settles: True if only the end of the run counts, as for a controller that first has to balance.
     """
     duration = float(trajectory.time[-1])
     largest = max((abs(length) for length in motions.values()), default=0.0)

@@ -1,4 +1,4 @@
-"""Which joints are wheels: by what is round about a level axle at the ground; names only help."""
+"""Detection of wheels: round shapes about a horizontal axle at the ground; names only help."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, round_abou
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
 
-UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is upright but for rounding
-_STEERS = 0.8  # smallest vertical part of the axis that a wheel swivels about: forks lean back
-_TURNS = 4 * np.pi  # a joint that turns farther than a wrist does is a wheel like a continuous one
-_WIDEST = 8.0  # width of a wheel in radii
-_ROLLERS = 4  # so many joints on a rim are rollers
-_SIZES = (0.01, 1.5)  # radii that are believed where nothing was measured [m]
+UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
+_STEERS = 0.8  # smallest vertical part of a unit swivel axis: forks are inclined
+_TURNS = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
+_WIDEST = 8.0  # largest width of a wheel, in radii
+_ROLLERS = 4  # smallest number of child joints on a rim that are rollers
+_SIZES = (0.01, 1.5)  # plausible radii if no shape gives one [m]
 _WHEEL = re.compile("wheel|tire|tyre|caster|castor")
 _NO_WHEEL = re.compile("reaction|flywheel|momentum|steering_?wheel")
 _PART = re.compile("rotor|prop|pulley|gear|diff_|ring|spider")
@@ -27,14 +27,14 @@ _PART = re.compile("rotor|prop|pulley|gear|diff_|ring|spider")
 
 @dataclass(frozen=True)
 class Pivot:
-    """A joint with an upright axis that carries wheels.
+    """Joint with a nearly vertical axis that carries wheels.
 
     Attributes:
-        joint: its name.
-        index: in the model.
-        point: on its axis, in the world (3,) [m].
-        axis: in the world (3,), upward.
-        turns_round: whether nothing stops it.
+        joint: joint name.
+        index: joint index in the model.
+        point: point on the axis in the world frame (3,) [m].
+        axis: axis in the world frame (3,), upward.
+        turns_round: True if it can turn through a full revolution.
     """
 
     joint: str
@@ -44,7 +44,7 @@ class Pivot:
     turns_round: bool
 
     def offset(self, point: np.ndarray) -> np.ndarray:
-        """From the axis to a point (3,), along the ground where the axis is upright."""
+        """Return the horizontal vector (3,) from the axis to a point (3,)."""
         away = point - self.point
         away = away - away[2] / self.axis[2] * self.axis
         return np.asarray(away)
@@ -52,19 +52,19 @@ class Pivot:
 
 @dataclass(frozen=True)
 class Wheel:
-    """A joint that is a wheel.
+    """Wheel with a joint.
 
     Attributes:
-        joint: its name.
-        frame: at its centre, turning with it.
-        radius: [m].
-        measured: where the radius is from: "collision" or "visual" geometry, "height" of the axle or "inertia".
-        center: in the world (3,) [m].
-        axle: in the world (3,).
-        pivots: upright axes between the wheel and the base, the nearest first.
-        carriers: other joints between the wheel and the base, which move it.
-        rollers: joints of the rollers on its rim.
-        is_ball: as round in every direction.
+        joint: joint name.
+        frame: frame fixed to the wheel, with its origin at the center.
+        radius: radius [m].
+        measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
+        center: center in the world frame (3,) [m].
+        axle: axle direction in the world frame (3,).
+        pivots: nearly vertical joints between the wheel and the base, the nearest to the wheel first.
+        carriers: other joints between the wheel and the base that move the wheel.
+        rollers: joints of the rollers on the rim.
+        is_ball: True if the wheel is a sphere.
     """
 
     joint: str
@@ -80,13 +80,13 @@ class Wheel:
 
     @property
     def heading(self) -> np.ndarray:
-        """Where it rolls, along the ground (3,)."""
+        """Horizontal rolling direction in the world frame (3,)."""
         along = np.cross(self.axle, [0.0, 0.0, 1.0])
         return np.asarray(along / np.linalg.norm(along))
 
     @property
     def words(self) -> str:
-        """Names that say what it is."""
+        """Names of joint, frame and nearest pivot, in lower case."""
         return " ".join([self.joint, self.frame, *(each.joint for each in self.pivots[:1])]).lower()
 
 
@@ -102,7 +102,7 @@ class _Candidate:
 
 
 def find_wheels(site: Site) -> list[Wheel]:
-    """The wheels of a robot that stands on the ground."""
+    """Return the wheels that touch the ground."""
     floor = _floor(site)
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
@@ -118,7 +118,7 @@ def find_wheels(site: Site) -> list[Wheel]:
         elif candidate.named:
             unmeasured.append(candidate)
     wheels = _on_the_ground(found, site.shapes["collision"] or site.shapes["visual"], site.root)
-    for candidate in unmeasured if wheels else ():  # as high as their mates stand
+    for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
         ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
         height = float(candidate.center[2] - ground)
         if _believed(height) and height < 2 * max(wheel.radius for wheel in wheels):
@@ -147,7 +147,7 @@ class _Found:
 
 
 def _candidates(site: Site) -> Iterator[_Candidate]:
-    """Joints that turn on and on about a level axis, with nothing behind them but rollers."""
+    """Yield continuous joints with a horizontal axis and no child joints except rollers."""
     model = site.robot.model
     for index in range(site.root + 1, model.njoints):
         if model.joints[index].nv != 1:
@@ -159,7 +159,7 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
         if not _are_rollers(model, rollers):
             if not named:
                 continue
-            rollers = []  # gears and hubs that a wheel carries
+            rollers = []  # a named wheel can carry gears and hubs
         turns_on = _travel(site, index) > (1 + SAME) * _TURNS
         if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
             continue
@@ -169,13 +169,13 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
 
 
 def _travel(site: Site, index: int) -> float:
-    """Length of a joint's range [rad or m]."""
+    """Range of a joint [rad or m]: upper limit minus lower limit."""
     low, high = joint_limits(site.robot, str(site.robot.model.names[index]))
     return high - low
 
 
 def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
-    """The frame of a wheel and where it is (3,): a link on the axle that is called one, or the joint's own."""
+    """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
     origin = site.data.oMi[joint].translation
     for index, frame in enumerate(site.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
@@ -185,7 +185,7 @@ def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]
 
 
 def _called(joint: str, link: str) -> tuple[bool, bool]:
-    """Whether names say wheel, and whether they say something else."""
+    """Two flags: names mean a wheel; names mean another part."""
     words = f"{joint} {link}".lower()
     named = _WHEEL.search(words) is not None
     return named, _NO_WHEEL.search(words) is not None or (not named and _PART.search(words) is not None)
@@ -197,10 +197,10 @@ def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
 
 
 def _measured(site: Site, candidate: _Candidate, floor: float | None) -> _Size | None:
-    """How large a wheel is, or None where it is none.
+    """Size of a wheel, or None if the candidate is no wheel.
 
-    By its shapes; where there are none, by its height over a floor that the file has, by its inertia, or by its height
-    over the base's origin.
+    Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
+    base's origin.
     """
     for kind, parts in candidate.parts.items():
         disk = round_about(parts, candidate.center, candidate.axle)
@@ -222,7 +222,7 @@ def _believed(radius: float) -> bool:
 
 
 def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
-    """Radius [m] of the solid disk that has this inertia, or None where it is not that of something round."""
+    """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
     inertia = site.robot.model.inertias[candidate.index]
     if inertia.mass <= 0:
         return None
@@ -230,7 +230,7 @@ def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
     tensor, lever = inertia.inertia, inertia.lever
     about = float(axle @ tensor @ axle)
     moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
-    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # those about axes across the axle
+    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # moments about axes normal to the axle
     radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
     beside = np.linalg.norm(across(lever, axle))
     is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
@@ -243,9 +243,9 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
     if sure:
         ground = min(each.bottom for each in sure)
         lowest = min((shape.bottom for shape in everything), default=ground)
-        level = sum(each.touches(ground) for each in sure)  # a fork or a skirt may reach lower than two wheels
+        level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
         if level < 2 and lowest < ground - 2 * max(each.wheel.radius for each in sure):
-            return []  # called a wheel, but in the air
+            return []  # named wheels, but above the ground
     else:
         bottoms = [shape.bottom for shape in everything if shape.joint <= root]
         ground = min([*bottoms, *(each.bottom for each in found)], default=0.0)
@@ -256,14 +256,14 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
     model, data = site.robot.model, site.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
-    springs = True  # only slides so far: a suspension
+    springs = True  # True while all carriers are prismatic: a suspension
     parent = model.parents[candidate.index]
     while parent > site.root and model.joints[parent].nv == 1:
         axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
         parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
         if parallel and np.abs(across(along, axis)).max() < SAME * size.radius:
-            pass  # a gear on its axle turns it and does not move it
+            pass  # a gear on the same axle rotates the wheel but does not move it
         elif springs and abs(axis[2]) > _STEERS:
             free = _travel(site, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
             point = data.oMi[parent].translation.copy()
@@ -287,7 +287,7 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
 
 
 def _floor(site: Site) -> float | None:
-    """Height of a frame of the base that is called its footprint, or None."""
+    """Height of the base's footprint frame [m], or None."""
     heights = [
         float(site.data.oMf[index].translation[2])
         for index, frame in enumerate(site.robot.model.frames)

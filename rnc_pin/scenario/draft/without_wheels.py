@@ -1,4 +1,4 @@
-"""Robots that nothing rolls: bolted down, floating in space, flying."""
+"""Robots without wheels: fixed to the ground, floating in space, flying."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility
 from rnc_pin.scenario.draft.on_rollers import push
 from rnc_pin.scenario.draft.site import Site
 
-_LIMBS = 3  # a body with so many is more likely to float than to be bolted down
-_HEAVY = 0.5  # share of the mass in the first link above which arms move it rather than it them
+_LIMBS = 3  # a body with at least this number of limbs probably floats
+_HEAVY = 0.5  # share of the mass in the first link above which the base probably floats
 _AFLOAT = re.compile(
     "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
 )
@@ -25,13 +25,13 @@ _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 def without_wheels(
     site: Site, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
 ) -> Mobility:
-    """A robot without wheels.
+    """Return the assumptions for a robot without wheels.
 
     Args:
         site: the robot.
-        asked: "fixed", "planar" or "free", or None.
-        mass_of_base: gives that of its first link [kg], for which the robot has to be loaded.
-        because: why it has the base that is asked for.
+        asked: "fixed", "planar" or "free" if the base is given, else None.
+        mass_of_base: returns the mass of the first link [kg]; it loads the robot.
+        because: reason for the given base.
     """
     if asked == "planar":
         return _doubting_wheels(_on_ice(site), site)
@@ -51,7 +51,7 @@ def without_wheels(
 
 
 def held_fast(site: Site) -> Mobility:
-    """A bolted robot whose joints without effort are held: what falls when nothing drives it."""
+    """Robot on a fixed base with its joints without effort locked, because they would fall."""
     result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
     weak = [name for name in site.start if effort_limit(site.robot, name) == 0]
     why = "effort 0 in the file" if site.is_urdf else "no actuator in the file"
@@ -60,7 +60,7 @@ def held_fast(site: Site) -> Mobility:
 
 
 def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
-    """Say where links are called wheels and do not turn."""
+    """Add a note on links with a wheel's name that do not roll."""
     frames = site.robot.model.frames
     named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
     if named:
@@ -71,7 +71,7 @@ def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
 
 
 def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
-    """Why it is taken to float, or nothing."""
+    """Reason why the robot probably floats, or an empty string."""
     if site.is_rigid:
         return "one rigid body"
     mass = 0.0 if site.root else mass_of_base()
@@ -101,7 +101,7 @@ def _afloat(site: Site, base: str | None, why: str) -> Mobility:
         "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
     )
     place = {"frame_position": {"frame": site.frame}}
-    if not site.start:  # one rigid body: with its momentum kept nothing would move
+    if not site.start:  # one rigid body: with conserved momentum it would not move
         for axis in "xyz":
             result.actuators.append(({"force": {"frame": site.frame, "axis": axis}}, "thrusters"))
         for axis in "xyz":
