@@ -211,7 +211,7 @@ class Attempt:
         mobility = self.mobility
         loose = uncoupled_joints(self._undriven, mobility.constraints, self.robot, self.start)
         if loose:
-            mobility.hold(loose, self.start, "held, because neither an actuator nor a constraint moves them")
+            mobility.hold(loose, self.start, "locked, because neither an actuator nor a constraint moves them")
             self.robot = self.source.load(mobility.base, mobility.lock)
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
 

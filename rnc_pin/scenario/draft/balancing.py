@@ -66,8 +66,8 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
     }
     result.lean = wheels[0].axle
     result.notes.append(
-        "two wheels and nothing else at the ground: it has to be balanced, about the equilibrium near the start; "
-        "where a caster is missing in the file, use --base planar"
+        "only two wheels touch the ground: feedback balances the base about the equilibrium near the start; "
+        "if a caster is missing in the file, use --base planar"
     )
     return result
 
@@ -136,7 +136,7 @@ def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
     moving = {wheel.joint for wheel in wheels} | pivots
     result.hold_carriers(wheels, site.start)
     others = [name for name in site.start if name not in moving and name not in result.lock]
-    result.hold(others, site.start, "held still, while the base is balanced")
+    result.hold(others, site.start, "locked, while the base is balanced")
 
 
 def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:

@@ -77,11 +77,11 @@ def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
     result.untracked |= {f"{shell.frame}_orientation_{axis}" for axis in "xyz"} | result.passive
     result.vertical.append({"frame_position": {"frame": shell.frame, "axes": "xy"}})
     result.feedback = {"type": "jacobian_transpose", "active": [*drives], "preset": "scaled"}
-    result.feedback_remark = "moves the joints inside by their own actuators: the shell rolls as it has to"
+    result.feedback_remark = "moves the inner joints by their own actuators; the shell rolls as the constraints require"
     by: list[Json] = [*ways.values()]
     result.reference = lambda names: {"minimum_jerk": {"by": by, "duration": _DURATION}}
     result.duration = _DURATION
-    result.notes.append("nothing but the joints inside drives the shell: where it rolls to is not controlled")
+    result.notes.append("only the inner joints drive the shell: its position is not controlled")
     return result
 
 

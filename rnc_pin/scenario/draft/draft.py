@@ -56,7 +56,7 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
         mobility = way()
         if site.loose:
             mobility.lock.update(site.loose)
-            mobility.notes.append(f"held, because nothing drives them: {', '.join(site.loose)}")
+            mobility.notes.append(f"locked, because nothing drives them: {', '.join(site.loose)}")
         try:
             attempt = Attempt(mobility, source, site.start, folder)
             mobility.notes += source.remarks + failures

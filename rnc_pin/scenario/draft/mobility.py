@@ -56,7 +56,7 @@ class Mobility:
     ground: float | None = None
     weightless: bool = False
     feedback: Mapping[str, Json] | None = None
-    feedback_remark: str = "knows the model: feedback of the state, by linearize and lqr at the start"
+    feedback_remark: str = "uses the model: state feedback by linearize and lqr at the start"
     reference: Callable[[Sequence[str]], Mapping[str, Json]] | None = None
     duration: float = 5
     pose: dict[str, float] = field(default_factory=dict)
@@ -95,7 +95,7 @@ def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
 def measured(wheel: Wheel) -> str:
     """Remark on the source of a wheel's radius."""
     if wheel.measured == "height":
-        return "MEASURE the radius: the file has no shape for this wheel, it is the axle's height"
+        return "MEASURE the radius: the wheel has no shape in the file, the value is the axle's height"
     if wheel.measured == "inertia":
-        return "MEASURE the radius: the file has no shape for this wheel, a solid disk of its inertia has this one"
+        return "MEASURE the radius: the wheel has no shape in the file, the value fits its inertia as a solid disk"
     return f"radius from the {wheel.measured} geometry"

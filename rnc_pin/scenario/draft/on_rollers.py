@@ -34,11 +34,11 @@ def on_rollers(chassis: Chassis, site: Site) -> Mobility:
     wheels, parallel = chassis.fixed, chassis.is_straight
     angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
-        return in_any_direction(chassis, site, "the rollers of these wheels do not hold the base")
+        return in_any_direction(chassis, site, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = planar(site, kind, wheels)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
-    result.hold(modelled, site.start, "the roller that touches the ground is a row, those of the file are held")
+    result.hold(modelled, site.start, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
         doubt = "" if wheel.rollers else "MEASURE its angle; "
         if parallel and not wheel.rollers:
@@ -47,7 +47,7 @@ def on_rollers(chassis: Chassis, site: Site) -> Mobility:
         result.constraints.append((entry, f"{doubt}{measured(wheel)}"))
         result.actuators.append((wheel.joint, ""))
     if not parallel:
-        result.notes.append("wheels in different headings can only move the base if they are omni wheels")
+        result.notes.append("wheels with different headings can move the base only if they are omni wheels")
     _release(result, chassis, site)
     result.go_anywhere()
     return result

@@ -24,7 +24,7 @@ def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()
     result = planar(site, _kind(chassis), chassis.wheels)
     result.hold_carriers(chassis.wheels, site.start)
     gliding = [wheel.joint for wheel in chassis.balls]
-    result.hold(gliding, site.start, "balls glide where they do not roll, so that they are locked and only drawn")
+    result.hold(gliding, site.start, "ball casters slide, so that they are locked and only drawn")
     for dolly in chassis.dollies:
         result.passive.add(dolly)
     _roll(result, chassis, site)
@@ -66,7 +66,7 @@ def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
         )
     elif site.holds_own_joint:
         result.lock.update(site.own_joint)
-        result.notes.append(f"a planar base takes the place of the file's own {', '.join(site.own_joint)}")
+        result.notes.append(f"a planar base replaces the file's own {', '.join(site.own_joint)}")
     elif site.root:
         result.base = "fixed" if site.is_urdf else "planar"
     result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
@@ -162,7 +162,7 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
         pair = [first.pivot.joint, other.pivot.joint]
         together = site.leader(pair[1]) == leader
         if together:
-            result.notes.append(f"{pair[0]} and {pair[1]} turn by one angle, so that the wheel of the second skids")
+            result.notes.append(f"{pair[0]} and {pair[1]} have the same angle, so that the second wheel skids")
         else:
             ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
             result.constraints.append(({"ackermann": ackermann}, "both steered wheels turn about one point"))
@@ -173,10 +173,10 @@ def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
     straight = [each for each in others if each not in beside[:1]]
     for each in straight:
         for wheel in each.wheels:
-            result.constraints.append((rolls(wheel, lateral=False), f"held straight, skids; {measured(wheel)}"))
+            result.constraints.append((rolls(wheel, lateral=False), f"locked straight, skids; {measured(wheel)}"))
         result.passive |= {wheel.joint for wheel in each.wheels}
     pivots = (each.pivot.joint for each in straight)
-    result.hold(pivots, site.start, "one pair of wheels steers; held straight are")
+    result.hold(pivots, site.start, "only one pair of wheels steers; locked straight")
 
 
 def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
@@ -200,6 +200,6 @@ def _tow(result: Mobility, carriage: Carriage) -> None:
         what = "" if wheel.joint in guides else ", skids sideways"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
     result.notes.append(
-        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, put it among the actuators"
+        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"
     )
     result.passive |= set(carriage.joints)

@@ -18,7 +18,7 @@ from rnc_pin.scenario.draft.on_wheels import planar
 from rnc_pin.scenario.draft.site import Site
 from rnc_pin.scenario.draft.wheels import Wheel
 
-_BODIES = 4  # smallest number of bodies with wheels, unless the file calls it a snake
+_BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
 _SNAKE = re.compile("snake|serpent|worm|acm")
 _TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
 _BEND, _SHARE = 0.5, 0.8  # largest path angle from its mean [rad], and used share of joint limits

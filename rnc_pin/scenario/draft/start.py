@@ -33,7 +33,7 @@ def turned_aside(robot: Robot, start: Mapping[str, float]) -> tuple[dict[str, fl
         moved = {name: {**values, name: _aside(robot, name, values[name])} for name in values}
         name = max(moved, key=lambda each: _stiffness(robot, moved[each]))
         values = moved[name]
-        notes.append(f"{name} starts at {values[name]:g}: at zero axes lie on one line")
+        notes.append(f"{name} starts at {values[name]:g}: at its default value two joint axes coincide")
     return values, notes
 
 

@@ -85,7 +85,7 @@ def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility:
         ]
     if "reference" in scenario:
         words = "displacements in the order of task.primary: m along the ground or a slide, rad for angles"
-        lines += [*_remark(f"a gentle motion, {words}"), f"reference: {_flow(scenario['reference'])}"]
+        lines += [*_remark(f"a slow motion, {words}"), f"reference: {_flow(scenario['reference'])}"]
     lines += [
         *_remark(remark),
         f"controller: {_flow(scenario['controller'])}",
