@@ -112,7 +112,7 @@ def test_series_differ_without_colour(run):
 
 def test_a_run_of_one_sample_has_nothing_to_plot(run):
     short = replace(run, **{each.name: getattr(run, each.name)[:1] for each in fields(run) if each.name != "info"})
-    with pytest.raises(rnc.InputError, match="a run of 1 samples has nothing to plot"):
+    with pytest.raises(rnc.InputError, match="too few samples to plot: 1, expected at least 2"):
         plot_run(short)
 
 
@@ -245,7 +245,7 @@ def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
     reduced = rnc.NonholonomicSystem(flying).reduce()
     bias_acceleration = rnc.free_motion(reduced, flying.configuration(), np.zeros(reduced.r), duration=0.1)
     assert ground_paths(bias_acceleration) == []
-    with pytest.raises(rnc.InputError, match="nothing of this run is seen from above"):
+    with pytest.raises(rnc.InputError, match="no path for a top view"):
         plot_top_view(bias_acceleration)
 
 

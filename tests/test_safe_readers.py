@@ -333,7 +333,7 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         drawn = visualizer.loadMeshFromFile(shape)
         assert list(drawn.img_resources) == [str(tmp_path / image)]
     else:
-        with pytest.warns(rnc.ModelWarning, match="is no image below the robot's own folders"):
+        with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
 

@@ -304,5 +304,5 @@ def test_an_unknown_layer_cannot_be_hidden():
 
 def test_a_run_of_another_robot_is_refused(run):
     truck = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
-    with pytest.raises(rnc.InputError, match="configurations have 4 entries, the robot 7"):
+    with pytest.raises(rnc.InputError, match="q has 4 entries, but nq of the robot is 7"):
         Recording(truck, run)

@@ -1,1 +1,1 @@
-"""Pictures: the browser, recordings, plots. Imported only where one is wanted."""
+"""Visualization: browser view, recordings and plots. It is imported only on demand."""

@@ -1,4 +1,4 @@
-"""Figures at the corner of the page: time, errors of whatever has a goal, distance from singularity."""
+"""Board in the corner of the page: time, errors of the outputs with goals, singularity margin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BEHIND = 20.0  # [m]
 
 
 class Row(NamedTuple):
-    """A figure on the board."""
+    """Number on the board: its label, unit, value and optional colour."""
 
     label: str
     unit: str
@@ -26,7 +26,7 @@ class Row(NamedTuple):
 
 
 class Label(TypedDict):
-    """What a row is called, as the page's script reads it."""
+    """Label of a row, as ``page.js`` reads it."""
 
     label: str
     unit: str
@@ -34,14 +34,14 @@ class Label(TypedDict):
 
 
 class Board:
-    """What the board says.
+    """Rows of the board.
 
     Args:
-        names: of the outputs.
+        names: names of the outputs.
         goals: outputs that have goals.
-        poses: where things are.
-        plan: the path that was planned, if one was.
-        margin: whether states know their distance from singularity.
+        poses: kinematics of the robot.
+        plan: planned path, if any.
+        margin: True if the states have a singularity margin.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Board:
             )
 
     def labels(self) -> list[Label]:
-        """What the rows are called."""
+        """Labels of the rows."""
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
     def figures(self, state: State) -> tuple[list[float], list[str | None]]:
@@ -85,7 +85,7 @@ class Board:
 def _off_track(plan: PlannedPath | None, poses: Poses) -> list[Row]:
     if not plan or not plan.trailer:
         return []
-    # Before the start the path goes straight on backwards, as far as the trailer is behind.
+    # The trailer starts behind the path, so the path is continued backwards in a straight line.
     points = continued_back(np.array(plan.poses), _BEHIND)
     point = poses.point(plan.trailer)
     return [
@@ -98,7 +98,7 @@ def _off_track(plan: PlannedPath | None, poses: Poses) -> list[Row]:
 
 
 def margin_color(margin: float) -> np.ndarray:
-    """Blue far from a singularity, vermillion near it, (3,), for the smallest singular value of E on a log scale."""
+    """Colour (3,) for the smallest singular value of E on a log scale: vermillion near a singularity, blue far away."""
     stops = np.array([[0xD5, 0x5E, 0x00], [0xE6, 0x9F, 0x00], [0x56, 0xB4, 0xE9], [0x00, 0x72, 0xB2]]) / 255
     where = np.interp(np.log10(max(margin, 1e-6) if np.isfinite(margin) else 1e-6), [-2.3, -0.3], [0.0, 3.0])
     return np.array([np.interp(where, np.arange(4), channel) for channel in stops.T])

@@ -1,4 +1,4 @@
-"""Where to look from, so that all of it is in the picture."""
+"""Camera placement that keeps the motion in the picture."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 from rnc_pin.simulation import PlannedPath
 
-FIELD_OF_VIEW = 50.0  # [deg], from the bottom of the picture to its top
-GAZE = (-0.35, 1.0, -0.8)  # of a camera whose place is looked for
-ASPECT = 1.6
-_FILLED = np.array([0.8, 0.58])  # of the picture's width and height; the rest is for figures, legend and player
+FIELD_OF_VIEW = 50.0  # vertical [deg]
+GAZE = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
+ASPECT = 1.6  # width over height of the picture
+_FILLED = np.array([0.8, 0.58])  # used part of the picture's width and height; board, legend and player need the rest
 _CENTERINGS = 4
-_ROOM = 1.5  # around a robot that the camera follows, of its size
-# How far from the middle of the picture a robot may go, by the distance from the camera.
-_WIDE = 0.3  # what is farther is soon out of it
-_CLOSE = 0.1  # for a robot that fills it
+_ROOM = 1.5  # box around a robot that the camera follows, over the size of the robot
+# Largest distance of the robot from the target, over the distance between camera and target.
+_WIDE = 0.3  # beyond this the robot soon leaves the picture
+_CLOSE = 0.1  # for a robot that fills the picture
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
-    """Points (N, 3), and those of the planned path at this height, where there is one."""
+    """Points (N, 3) together with the points of the planned path, if any, at this height [m]."""
     if plan is None:
         return points
     path = np.array(plan.poses)[:, :2]
@@ -26,20 +26,20 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
 
 
 def spread_out(corners: np.ndarray) -> np.ndarray:
-    """Corners of a robot (N, 3), moved apart so that some of its tracks are in the picture."""
+    """Scale the corners of a robot (N, 3) about their centre, so that parts of its tracks are in the picture."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     return middle + _ROOM * (corners - middle)
 
 
 def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A camera that has points in the picture, as large as it goes.
+    """Camera that shows all points as large as possible.
 
     Args:
         points: (N, 3) [m].
-        forward: the gaze, (3,), of any length; not straight up or down.
+        forward: viewing direction (3,), of any length; not vertical.
 
     Returns:
-        Where the camera is and what it looks at, (3,) each.
+        Position of the camera and its target, (3,) each [m].
     """
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -52,20 +52,20 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
         beside, depth = away @ axes.T, away @ forward
         distance = max(float((np.abs(beside) / (_FILLED * half) - depth[:, None]).max()), 0.2)
         if centerings_left:
-            # What is nearer looks larger, so the middle of the picture is not the middle of the points.
+            # Perspective enlarges near points, so the middle of the picture is not the middle of the points.
             seen = beside / (distance + depth)[:, None]
             target = target + 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * distance @ axes
     return target - forward * distance, target
 
 
 class Follower:
-    """How far a camera goes along with a robot that leaves the middle of the picture, and no farther.
+    """Camera offset that follows a robot. The camera moves only as far as the robot leaves the middle of the picture.
 
     Args:
-        camera: where it is at first, (3,) [m].
-        target: what it looks at, (3,).
-        point: where the robot is at first, (3,); it may be as far from the target later.
-        close: whether the robot fills the picture.
+        camera: initial position of the camera (3,) [m].
+        target: initial target of the camera (3,) [m].
+        point: initial position of the robot (3,) [m]. Its distance from the target is always allowed later.
+        close: True if the robot fills the picture.
     """
 
     def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
@@ -75,9 +75,9 @@ class Follower:
         self.offset = np.zeros(3)
 
     def follow(self, point: np.ndarray) -> np.ndarray:
-        """By what camera and target have moved, (3,), now that the robot is at a point (3,)."""
+        """Return the offset (3,) [m] of camera and target for a robot at a point (3,) [m]."""
         away = point - self._target - self.offset
         distance = float(np.linalg.norm(away))
-        if distance > self._leash:  # never where it is not finite
+        if distance > self._leash:  # False if the distance is NaN
             self.offset = self.offset + away * (1.0 - self._leash / distance)
         return self.offset

@@ -1,4 +1,4 @@
-"""Pictures and videos of a recording, from a browser that nobody sees: Playwright, Chromium and, for videos, ffmpeg."""
+"""Pictures and videos of a recording from a headless browser: Playwright, Chromium and, for videos, ffmpeg."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _FLAGS = (
     "--disable-background-networking",
 )
 VIDEOS = (".mp4", ".gif")
-_LONGEST_WAIT = 60_000  # [ms] for a page to be drawn, by a processor that has other things to do
+_LONGEST_WAIT = 60_000  # [ms], timeout for a page to be drawn on a busy processor
 
 
 @contextmanager
 def browser() -> Iterator[Any]:
-    """A headless Chromium under Playwright.
+    """Start a headless Chromium under Playwright.
 
     Raises:
-        ConfigurationError: one of them is not installed.
+        ConfigurationError: Chromium or Playwright is not installed.
     """
     executable = next(filter(None, map(shutil.which, BROWSERS)), None)
     if executable is None:
@@ -52,16 +52,16 @@ def browser() -> Iterator[Any]:
 def take_pictures(
     recording: Recording, times: Iterable[float], size: tuple[int, int] = (1280, 720), kind: str = "png"
 ) -> Iterator[bytes]:
-    """Pictures of a recording at some times.
+    """Take pictures of a recording at given times.
 
     Args:
-        recording: what to take pictures of.
-        times: [s].
+        recording: recording to draw.
+        times: times of the pictures [s].
         size: width and height [pixels].
         kind: "png" or "jpeg".
 
     Raises:
-        ConfigurationError: no browser to do it.
+        ConfigurationError: Chromium or Playwright is not installed.
     """
     with TemporaryDirectory() as scratch, browser() as launched:
         path = Path(scratch) / "page.html"
@@ -84,17 +84,17 @@ def write_frames(
     size: tuple[int, int] = (1280, 720),
     replace: bool = True,
 ) -> list[Path]:
-    """Write one PNG a frame, ``frame_00000.png`` and so on, into a folder that is made, when there are all.
+    """Write one PNG per frame (``frame_00000.png``, ...) into a new or existing folder, after all are complete.
 
     Args:
-        recording: what to take pictures of.
-        folder: where to.
+        recording: recording to draw.
+        folder: folder of the pictures.
         rate: frames per second.
         size: width and height [pixels].
-        replace: files of the same names.
+        replace: True replaces files of the same names.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: a file cannot be written.
     """
     folder, names = Path(folder), []
     with written_folder(folder, replace) as staging:
@@ -111,25 +111,25 @@ def write_video(
     size: tuple[int, int] = (1280, 720),
     replace: bool = True,
 ) -> Path:
-    """Write an MP4 or a GIF; nothing half-written is left on failure.
+    """Write an MP4 or a GIF. A failure leaves no partial file.
 
     Args:
-        recording: what to show.
-        path: ends in ``.mp4`` or ``.gif``.
+        recording: recording to draw.
+        path: file name that ends in ``.mp4`` or ``.gif``.
         rate: frames per second.
         size: width and height [pixels], even numbers.
-        replace: what is there by then.
+        replace: True replaces an existing file.
 
     Raises:
-        ConfigurationError: another ending, or ffmpeg or a browser is missing.
-        OSError: it cannot be written.
+        ConfigurationError: the file name has another suffix, or ffmpeg, Chromium or Playwright is not installed.
+        OSError: the file cannot be written.
     """
     path = Path(path)
     if path.suffix not in VIDEOS:
         raise ConfigurationError(f"{path}: expected a name that ends in {' or '.join(VIDEOS)}")
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
-        raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames can be had without")
+        raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames do not need it")
     with written_whole(path, replace) as partial:
         _encode(ffmpeg, path, partial, take_pictures(recording, _times(recording, rate), size, "jpeg"), rate)
     return path

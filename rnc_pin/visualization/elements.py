@@ -1,6 +1,6 @@
-"""What is drawn of a run besides the robot. Each element is on a layer, which the viewer's controls switch on and off.
+"""Drawn elements of a run besides the robot. Each is on a layer that the viewer's controls show and hide.
 
-Elements are told states in their order, live or frame by frame of a recording, and do not know which.
+Elements receive the states in time order. Live views and recordings use the same elements.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ GREY = 0x7A8794
 
 
 class Entry(NamedTuple):
-    """A line of the legend."""
+    """Entry of the legend."""
 
     label: str
     layer: str
@@ -37,18 +37,18 @@ class Entry(NamedTuple):
 
 
 class Element(ABC):
-    """Something drawn.
+    """Drawn element of the scene.
 
     Attributes:
-        entry: its line in the legend; elements of one layer share one.
-        costly: whether it may lag behind in a live view.
+        entry: its entry in the legend; elements of one layer share an entry.
+        costly: True if a live view may update it less often.
     """
 
     entry: Entry
     costly = False
 
     def build(self, stage: Stage) -> None:  # noqa: B027, some have nothing to build
-        """Draw what is there from the start."""
+        """Draw the initial content."""
 
     @abstractmethod
     def update(self, stage: Stage, state: State) -> None:
@@ -56,7 +56,7 @@ class Element(ABC):
 
 
 class Still(Element):
-    """A path that is known beforehand."""
+    """Path that is known in advance."""
 
     def __init__(self, entry: Entry, name: str, points: np.ndarray, width: float) -> None:
         self.entry, self._name, self._points, self._width = entry, name, points, width
@@ -70,14 +70,14 @@ class Still(Element):
 
 
 class Trail(Element):
-    """A path that grows as it is travelled, in pieces.
+    """Path of a moving point, drawn piece by piece.
 
     Args:
-        entry: of the legend.
-        name: of the path.
-        point: where it is at a state, (3,).
-        width: [m].
-        piece: pictures to a piece.
+        entry: entry of the legend.
+        name: name of the path.
+        point: position (3,) [m] at a state.
+        width: width of the path [m].
+        piece: frames per piece.
     """
 
     def __init__(self, entry: Entry, name: str, point: Callable[[State], np.ndarray], width: float, piece: int) -> None:
@@ -96,7 +96,7 @@ class Trail(Element):
 
 
 class Triad(Element):
-    """Three axes at a pose, (4, 4); black ones for a goal."""
+    """Coordinate axes at a pose (4, 4), with a sphere in the colour of the entry at the origin."""
 
     def __init__(self, entry: Entry, name: str, pose: Callable[[State], np.ndarray], size: float) -> None:
         self.entry, self._node, self._pose, self._size = entry, f"{entry.layer}/{name}", pose, size
@@ -117,7 +117,7 @@ class Triad(Element):
 
 
 class Arrow(Element):
-    """An arrow from a point along a vector, both (3,) [m]; next to nothing where the vector is zero."""
+    """Arrow from a point along a vector, both (3,) [m]; almost invisible if the vector is zero."""
 
     def __init__(
         self, entry: Entry, name: str, vector: Callable[[State], tuple[np.ndarray, np.ndarray]], width: float
@@ -132,7 +132,7 @@ class Arrow(Element):
         point, vector = self._vector(state)
         length = float(np.linalg.norm(vector))
         width = self._width
-        if not length > 0.2 * width:  # NaN too
+        if not length > 0.2 * width:  # True if NaN
             for part in ("shaft", "head"):
                 stage.place(f"{self._node}/{part}", _pillar(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
             return
@@ -144,7 +144,7 @@ class Arrow(Element):
 
 
 class Bar(Element):
-    """A thin rod about a point, both ways along a unit vector: a direction in which nothing may move."""
+    """Thin rod centred at a point along a unit vector: a direction in which the constraint prevents motion."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class Bar(Element):
 
 
 class Lamp(Element):
-    """A ball that changes its colour."""
+    """Sphere whose position and colour depend on the state."""
 
     def __init__(
         self,
@@ -190,16 +190,16 @@ class Lamp(Element):
 
 
 class Ghost(Element):
-    """The robot once more, somewhere else: pale, or as it is and set aside.
+    """Copy of the robot at another configuration or place, pale or in its own colours.
 
     Args:
-        entry: of the legend.
-        name: of the ghost.
-        robot: whose it is.
-        configuration: where it is at a state, (nq,).
-        source: group of the parts that it copies.
-        opacity: 1 for the robot's own colours.
-        offset: moved by this in the world, (3,) [m].
+        entry: entry of the legend.
+        name: name of the copy.
+        robot: robot to copy.
+        configuration: configuration (nq,) at a state.
+        source: group of the shapes to copy.
+        opacity: opacity of the copy; 1 keeps the robot's own colours.
+        offset: displacement in the world (3,) [m].
     """
 
     def __init__(
@@ -235,7 +235,7 @@ class Ghost(Element):
 
 
 def _pillar(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
-    """Where a cylinder of unit height and radius goes, which has its axis along y."""
+    """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side /= np.linalg.norm(side)
     matrix = np.eye(4)

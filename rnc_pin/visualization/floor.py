@@ -1,4 +1,4 @@
-"""Where the floor is drawn: none under what floats."""
+"""Height of the drawn floor; a floating robot has none."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from rnc_pin.visualization.view import View
 
 
 def floor_of(view: View, subject: Subject) -> float | None:
-    """Height of the grid [m], or None for none."""
+    """Height of the grid [m]; None for no grid."""
     if view.ground == "auto":
         return None if floats(subject) else 0.0
     return view.ground
 
 
 def floats(subject: Subject) -> bool:
-    """Whether a robot is free in space: a base that moves in all directions, no weight, momentum that is conserved."""
+    """True if a robot floats in space: free-flyer base, no gravity, and (in a reduced model) conserved momentum."""
     model, reduced = subject.robot.model, subject.reduced
     if model.joints[1].shortname() != "JointModelFreeFlyer" or model.gravity.linear.any():
         return False

@@ -1,4 +1,4 @@
-"""A run as an interactive page of plots that needs no network. Needs plotly, the optional extra ``interactive``."""
+"""Interactive page of plots that works offline. It needs plotly (optional extra ``interactive``)."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def write_plots(
     comparisons: Mapping[str, Trajectory] | None = None,
     replace: bool = True,
 ) -> Path:
-    """Write the plots of a run, by the ending of the name: interactive for .html, else a figure.
+    """Write the plots of a run: an interactive page for .html, otherwise a figure.
 
     Args:
-        trajectory: the run.
-        path: ends in .png, .pdf, .svg or .html.
-        title: above the plots.
+        trajectory: run to plot.
+        path: file name that ends in .png, .pdf, .svg or .html.
+        title: title above the plots.
         comparisons: other runs by label, dashed.
-        replace: what is there by then.
+        replace: True replaces an existing file.
 
     Raises:
-        ConfigurationError: another ending, or plotly is not installed.
-        OSError: it cannot be written.
+        ConfigurationError: the file name has another suffix, or plotly is not installed.
+        OSError: the file cannot be written.
     """
     path = Path(path)
     if path.suffix in (".png", ".pdf", ".svg"):
@@ -56,7 +56,7 @@ def write_plots(
 def interactive_figure(
     trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
 ) -> Any:
-    """A plotly figure with the panels of ``plot_run``; zoom in time in one and all follow.
+    """Plotly figure with the panels of ``plot_run``, which share one time axis.
 
     Raises:
         ConfigurationError: plotly is not installed.
@@ -89,12 +89,12 @@ def _axis(row: int) -> str:
 
 
 def _legend(row: int) -> str:
-    """Each panel has a legend beside it."""
+    """Layout key of the legend of a panel."""
     return "legend" if row == 1 else f"legend{row}"
 
 
 def _add_panel(figure: Any, row: int, panel: Panel, run: Trajectory, others: Others) -> None:
-    """Add a panel: actual solid, desired dotted, other runs dashed, as they are in print."""
+    """Add a panel: actual solid, desired dotted, other runs dashed, as in ``plot_run``."""
     count = len(panel.series)
 
     def shown(values: np.ndarray) -> np.ndarray:
@@ -122,7 +122,7 @@ def _add_top_view(figure: Any, paths: Sequence[GroundPath], others: Others) -> N
         _add_path(figure, path.points, f"{path.name} from above", ps.COLORS[k])
         if path.headings is not None:
             marks = path.marks()
-            angles = 90.0 - np.rad2deg(path.headings[marks])  # plotly counts clockwise from upwards
+            angles = 90.0 - np.rad2deg(path.headings[marks])  # plotly measures clockwise from the vertical axis
             figure.add_scatter(
                 x=path.points[marks, 0], y=path.points[marks, 1], mode="markers", showlegend=False, row=1, col=1,
                 name=f"heading of {path.name}",
@@ -145,7 +145,7 @@ def _add_top_view(figure: Any, paths: Sequence[GroundPath], others: Others) -> N
 
 
 def _add_path(figure: Any, points: np.ndarray, name: str, color: str, dash: str = "solid") -> None:
-    """Add a path (N, 2) to the view from above."""
+    """Add a path (N, 2) to the top view."""
     _add_line(figure, 1, points[:, 0], points[:, 1], name, color, dash)
 
 

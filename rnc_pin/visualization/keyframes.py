@@ -1,4 +1,4 @@
-"""Keyframes of an animation, as Meshcat's viewer takes them: parts that move, change colour or appear."""
+"""Keyframes of an animation in Meshcat's format: transforms, colours and visibility of nodes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _STILL = 1e-7
 
 
 class Keyframes:
-    """Collects what parts do, frame by frame.
+    """Collector of the keyframes of all nodes.
 
     Args:
         rate: frames per second.
@@ -23,23 +23,23 @@ class Keyframes:
         self._colors: dict[str, tuple[list[int], list[np.ndarray]]] = {}
 
     def place(self, path: str, frame: int, matrix: np.ndarray) -> None:
-        """Put a part somewhere, (4, 4), which may scale it."""
+        """Set the transform (4, 4) of a node at a frame, which may include a scale."""
         self._frames.setdefault(path, []).append(frame)
         self._matrices.setdefault(path, []).append(matrix)
 
     def paint(self, path: str, frame: int, color: np.ndarray) -> None:
-        """Give an object a colour, (3,) in [0, 1]."""
+        """Set the colour of an object at a frame, (3,) in [0, 1]."""
         frames, colors = self._colors.setdefault(path + "/<object>", ([], []))
         frames.append(frame)
         colors.append(color)
 
     def appear(self, path: str, frame: int) -> None:
-        """Show a part from this frame on."""
+        """Show a node from this frame on."""
         keys = [{"time": 0, "value": frame == 0}, {"time": max(frame, 1), "value": True}]
         self._tracks.setdefault(path, []).append({"name": ".visible", "type": "boolean", "keys": keys})
 
     def command(self) -> dict[str, object]:
-        """The command that plays it."""
+        """Command that plays the animation."""
         for path, matrices in self._matrices.items():
             self._tracks.setdefault(path, []).extend(self._motion(self._frames[path], np.stack(matrices)))
         for path, (frames, colors) in self._colors.items():
@@ -57,7 +57,7 @@ class Keyframes:
         columns = matrices[:, :3, :3]
         scale = np.linalg.norm(columns, axis=1)
         turn = Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
-        # q and -q are one rotation; between neighbours of one sign the way is short.
+        # q and -q are the same rotation; neighbours of the same sign interpolate on the short arc.
         signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
         turn[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
         tracks = [
@@ -70,7 +70,7 @@ class Keyframes:
 
 
 def _track(name: str, kind: str, frames: list[int], values: np.ndarray) -> dict[str, object]:
-    """Keys of one property; where it rests, the first and the last will do."""
+    """Keys of one property; of a constant interval only the first and the last key."""
     moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _STILL
     kept = np.r_[True, moves] | np.r_[moves, True]
     keys = [{"time": int(frames[i]), "value": values[i].tolist()} for i in np.flatnonzero(kept)]

@@ -1,4 +1,4 @@
-"""A run as it happens, in the browser."""
+"""Live view of a run in the browser."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from rnc_pin.visualization.state import State, live_state
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 
-RATE = 30.0  # pictures per second
+RATE = 30.0  # frames per second
 _FIGURES_RATE = 10.0
 
 
 class Screen(Protocol):
-    """What draws states: Meshcat's page, or another visualizer's."""
+    """Screen that draws states: the page of Meshcat or of another visualizer."""
 
     url: str
 
@@ -41,20 +41,20 @@ class Screen(Protocol):
 
 
 class LiveView:
-    """Shows samples as they come, at most at display rate and no faster than real time.
+    """Live view that shows samples at most at display rate and no faster than real time times ``speed``.
 
-    Use it as the ``observer`` of ``simulate``. The loop leaves a sample for the thread that draws, and goes on: what
-    comes before that thread or the browser is ready is not drawn, and nothing waits for either.
+    Use it as the ``observer`` of ``simulate``. The loop hands a sample to the drawing thread and continues. It never
+    waits for that thread or the browser; samples that arrive before both are ready are not drawn.
 
     Args:
-        model: what moves; a reduced model shows its constraints and its null motion too.
-        view: what is drawn, and from where.
-        meta: where the run to come is from, as ``simulate`` takes it; ``info`` or ``meta`` of a run to be shown again.
-        speed: simulated over real time; 0 does not wait.
-        open_browser: show the page at once.
+        model: reduced model or robot; a reduced model also shows its constraints and null motion.
+        view: view options.
+        meta: provenance of the coming run, as for ``simulate``; or ``info`` or ``meta`` of a run to show again.
+        speed: simulated time over real time; 0 does not wait.
+        open_browser: open the page immediately.
         host: address to serve on.
-        title: of the page.
-        screen: what draws; Meshcat's page by default.
+        title: title of the page.
+        screen: factory of the screen; Meshcat's page by default.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class LiveView:
     ) -> None:
         subject = Subject.of(model)
         check_drawable(subject.robot)
-        self._subject, self._speed = subject.for_another_thread(), speed  # the loop uses this one
+        self._subject, self._speed = subject.for_another_thread(), speed  # the loop uses the original
         self._screen = (screen or MeshcatScreen)(self._subject, view or View(), _info(subject, meta), host, title)
         self.url = self._screen.url
         self._started: float | None = None
@@ -85,14 +85,14 @@ class LiveView:
             self._screen.open()
 
     def wait_for_browser(self, patience: float) -> bool:
-        """Wait up to ``patience`` [s] until a browser looks on."""
+        """Wait up to ``patience`` [s] for a browser to connect. Return True if one is connected."""
         end = time.monotonic() + patience
         while not self._screen.browsers and time.monotonic() < end:
             time.sleep(0.05)
         return bool(self._screen.browsers)
 
     def __call__(self, sample: Sample | State) -> None:
-        """Show what is due at a sample's time, or at a state's."""
+        """Show a sample or a state, if the next frame is due at its time."""
         t = sample.time
         self._last = sample
         if t < self._next:
@@ -117,13 +117,13 @@ class LiveView:
         self._draw_due()
 
     def _draw_due(self) -> bool:
-        """Draw what is due, and say whether to go on."""
+        """Draw the pending samples. Return False if drawing failed."""
         while self._due:
             try:
                 self._screen.draw(self._state(self._due.popleft()))
             except RncError:
-                continue  # a singular configuration: the run itself will say so
-            except Exception as error:  # a picture that fails must not take the run along
+                continue  # for example a singular configuration; the run itself reports it
+            except Exception as error:  # a drawing error must not stop the run
                 self.problem = error
                 return False
         return True
@@ -149,7 +149,7 @@ class LiveView:
 
 
 def _info(subject: Subject, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
-    """What there is to say before a run; a model knows the names of its outputs."""
+    """Run information from ``meta``, or from the model's output names before a run."""
     if isinstance(meta, RunInfo):
         return meta
     if isinstance(meta, Mapping) and "names" in meta:
@@ -158,14 +158,14 @@ def _info(subject: Subject, meta: RunInfo | Provenance | Mapping[str, Json] | No
 
 
 class MeshcatScreen:
-    """Meshcat's page, served by this process.
+    """Meshcat page served by this process.
 
     Args:
-        subject: what is shown, for the drawing thread alone.
-        view: how.
-        info: on the run.
+        subject: subject to show; only the drawing thread may use it.
+        view: view options.
+        info: information on the run.
         host: address to serve on.
-        title: of the page.
+        title: title of the page.
     """
 
     def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
@@ -178,7 +178,7 @@ class MeshcatScreen:
 
     @property
     def browsers(self) -> int:
-        """How many look on."""
+        """Number of connected browsers."""
         return self._window.browsers
 
     def open(self) -> None:
@@ -186,9 +186,9 @@ class MeshcatScreen:
         self._window.open()
 
     def draw(self, state: State) -> None:
-        """Show a state; the first one sets the stage."""
+        """Draw a state; the first state creates the scene."""
         if self._show is None:
-            # Which outputs have goals is seen in the first command.
+            # The first command shows which outputs have goals.
             goals = self._info.goals or [
                 name
                 for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))

@@ -1,4 +1,4 @@
-"""Where a robot could be as well without moving its task: along the null space of the outputs that have goals."""
+"""Null motion: motion of the robot that leaves the outputs with goals unchanged."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _NOTHING_ELSE = np.zeros(0)
 
 
 class NullMotion:
-    """Moves one reducing output by itself while all others rest: ``v = R e_j``, followed a little way.
+    """Motion of one reducing output while all others are constant: ``v = R e_j``, integrated over a short distance.
 
     Args:
-        reduced: the model.
+        reduced: reduced model.
         output: name of the reducing output.
-        far: how far the output goes [its unit].
+        far: change of the output [its unit].
     """
 
     def __init__(self, reduced: ReducedModel, output: str, far: float = 0.35) -> None:
@@ -27,7 +27,7 @@ class NullMotion:
         self._integrator = LieRungeKutta4(reduced.robot)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """The configuration at the end of it, or as far as it goes before a singularity."""
+        """Return the configuration at the end of the motion, or the last one before a singularity."""
         for _ in range(_STEPS):
             try:
                 q, _ = self._integrator.step(self._rate, q, _NOTHING_ELSE, self._step)

@@ -1,4 +1,4 @@
-"""The page: Meshcat's viewer, and beside it a board with figures and a legend, and a player."""
+"""HTML page: Meshcat's viewer with a board, a legend and a player."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _PAGE = """<!DOCTYPE html>
 
 
 def live_page(title: str) -> str:
-    """A page that draws what comes over its web socket; it asks its server for ``main.min.js``."""
+    """Page that draws the commands from its web socket. It loads ``main.min.js`` from its server."""
     scripts = (
         f'<script src="main.min.js"></script>\n<script>{_part("page.js")}</script>\n<script>viewer.connect();</script>'
     )
@@ -47,12 +47,12 @@ def live_page(title: str) -> str:
 
 
 def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = None) -> str:
-    """A page that needs nothing but a browser.
+    """Self-contained page that needs only a browser.
 
     Args:
-        title: of the page.
-        commands: drawing commands in their order, the animation last.
-        begin: stand still at this time [s] instead of playing at once.
+        title: title of the page.
+        commands: drawing commands in order; the animation is last.
+        begin: pause at this time [s]; by default the animation plays immediately.
     """
     text = base64.b64encode(gzip.compress(bundle(commands), 9, mtime=0)).decode("ascii")
     start = f'play_recording("{text}"' + (")" if begin is None else f", {begin!r})")
@@ -62,7 +62,7 @@ def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = N
 
 
 def bundle(commands: Iterable[bytes]) -> bytes:
-    """Commands in one piece, each after its size."""
+    """Join commands into one message; the size of each precedes it as a 4-byte little-endian integer."""
     return b"".join(len(data).to_bytes(4, "little") + data for data in commands)
 
 

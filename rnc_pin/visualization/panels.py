@@ -1,6 +1,6 @@
-"""Panels of a run over time: which lines stand together, under which label. Matplotlib and plotly draw the same ones.
+"""Panels of a run over time: lines that share an axis and a label. Matplotlib and plotly draw the same panels.
 
-Another panel is one more function in ``_MAKERS``: from a run and those that it is compared with to its panels.
+To add a panel, add a function to ``_MAKERS``. It takes a run and the compared runs, and returns panels.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ import numpy as np
 from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.simulation.run_info import Columns
 
-MOST = 6  # lines of a panel that can be told apart
-_PANELS = 3  # of one quantity, or the others would not be seen
-_FEWEST = 6  # lines of one quantity that are shown in any case
-_LONGEST_NAME = 60
-_SMALLEST = 1e-8  # of what an error axis shows
+MOST = 6  # largest number of lines in a panel
+_PANELS = 3  # largest number of panels of one quantity
+_FEWEST = 6  # number of lines of one quantity that are always shown
+_LONGEST_NAME = 60  # characters
+_SMALLEST = 1e-8  # smallest value on an error axis
 
 Others: TypeAlias = Mapping[str, Trajectory]
 
 
 @dataclass(frozen=True)
 class Series:
-    """One line of a panel, with what belongs to it.
+    """Line of a panel, with its reference and the same line of compared runs.
 
     Attributes:
-        name: as people read it.
-        values: over the time of the run, (N,).
-        desired: the reference, (N,), where there is one.
-        compared: the same of other runs by label, over their own time.
+        name: readable name.
+        values: values (N,) over the time of the run.
+        desired: reference (N,), if any.
+        compared: values of the compared runs by label, over their own time.
     """
 
     name: str
@@ -46,12 +46,12 @@ class Panel:
     """Lines that share an axis.
 
     Attributes:
-        label: of the axis, with the unit.
-        series: the lines, at most ``MOST`` where nothing is compared.
-        what: what a line is, where its name alone does not say: "error of", "input".
-        note: above the names: what the panel leaves out.
-        log: whether the axis is logarithmic; it begins at ``bottom``.
-        bottom: where the axis begins, if that is fixed.
+        label: label of the axis, with the unit.
+        series: lines, at most ``MOST`` if there are no compared runs.
+        what: prefix of the line names, such as "error of" or "input"; empty if the names are clear alone.
+        note: title of the legend, for example about lines that the panel omits.
+        log: True if the axis is logarithmic; it begins at ``bottom``.
+        bottom: fixed lower limit of the axis, if any.
     """
 
     label: str
@@ -63,22 +63,22 @@ class Panel:
 
 
 def panels(run: Trajectory, others: Others | None = None) -> list[Panel]:
-    """All panels of a run: motion with references, errors, inputs, what was learnt, distance from singularity.
+    """All panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
 
     Args:
-        run: the run.
-        others: runs that it is compared with, by label.
+        run: run to show.
+        others: compared runs by label.
     """
     return [panel for make in _MAKERS for panel in make(run, others or {})]
 
 
 def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None) -> list[Panel]:
-    """Outputs with their references, by quantity; of quasi-velocities the rates and what they add up to.
+    """Panels of the outputs with their references, one per quantity; for quasi-velocities also their rates.
 
     Args:
-        run: the run.
-        others: runs that it is compared with.
-        names: of the outputs, of which rates are not shown then; all by default, those with goals first.
+        run: run to show.
+        others: compared runs by label.
+        names: names of the outputs, shown without rates; by default all outputs with rates, those with goals first.
     """
     found = list(_outputs_of(run) if names is None else names)
     shown = []
@@ -89,7 +89,7 @@ def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None)
 
 
 def learnt(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
-    """Parameters that the controller learnt ("estimates"), or how far its predictions were off ("prediction_error")."""
+    """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error")."""
     values: np.ndarray = getattr(run, quantity)
     origin = run.info.provenance
     known = origin.estimates if quantity == "estimates" else origin.predicted
@@ -115,7 +115,7 @@ def learnt(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
 
 
 def _in_si(unit: str) -> tuple[float, str]:
-    """The factor of a unit such as "10 kg", and the unit without it."""
+    """Factor of a unit such as "10 kg", and the unit without the factor."""
     number, _, rest = unit.partition(" ")
     try:
         return (float(number), rest) if rest else (1.0, unit)
@@ -124,14 +124,14 @@ def _in_si(unit: str) -> tuple[float, str]:
 
 
 def words(name: str) -> str:
-    """A name as people read it; of a long one, its ends."""
+    """Readable name; the middle of a long name is replaced by dots."""
     if len(name) > _LONGEST_NAME:
         name = f"{name[: _LONGEST_NAME // 2]}...{name[-_LONGEST_NAME // 2 :]}"
     return name.replace("_", " ").strip()
 
 
 def split(names: Sequence[str], most: int = MOST) -> list[list[str]]:
-    """Names in groups of at most so many: those that begin alike stay together, such as the joints of an arm."""
+    """Split names into groups of at most ``most``. Names with the same first word stay together."""
     if len(names) <= most:
         return [list(names)] if names else []
     groups = [list(group) for _, group in groupby(names, key=_first_word)]
@@ -157,7 +157,7 @@ def _first_word(name: str) -> str:
 
 
 def _outputs_of(run: Trajectory) -> list[str]:
-    """Names of all outputs of a run, those with goals first."""
+    """Names of all outputs of a run; outputs with goals come first."""
     names = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
     return sorted(names, key=lambda name: name not in run.info.goals)
 
@@ -178,7 +178,7 @@ def _of(run: Trajectory, name: str) -> np.ndarray:
 
 
 def _moving_most(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
-    """Of very many series those that move most, in the order that they have, and a note that says so."""
+    """Names of the series with the largest range if there are too many, in the given order, and a note about it."""
     count = max(_FEWEST, _PANELS * _room(others))
     if len(names) <= count:
         return list(names), ""
@@ -192,7 +192,7 @@ def _is_integral(run: Trajectory, name: str) -> bool:
 
 
 def _quantity(run: Trajectory, name: str) -> str:
-    """Label of the axis of an output."""
+    """Axis label of an output."""
     _, columns, column = _where(run, name)
     unit, integral = columns.units[column], _is_integral(run, name)
     if any(start <= column < start + 3 for start in columns.rotations):
@@ -209,7 +209,7 @@ def _grouped_by(names: Iterable[str], key: Callable[[str], str]) -> list[tuple[s
 
 
 def _room(others: Others) -> int:
-    """How many lines of the run a panel has room for, beside those of others."""
+    """Largest number of lines of the run in a panel, given the lines of the compared runs."""
     return max(1, MOST // (1 + len(others)))
 
 
@@ -228,18 +228,18 @@ def _panels_of_outputs(
 
     room = _room(others)
     parts = [list(names)]
-    if len(names) > room:  # those with references first, and by themselves
+    if len(names) > room:  # outputs with references come first, in panels of their own
         parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
     return [Panel(label, tuple(map(series, part)), note=note) for group in parts for part in split(group, room)]
 
 
 def _has(other: Trajectory, run: Trajectory, kind: str) -> bool:
-    """Whether another run has the same outputs."""
+    """True if another run has the same outputs of this kind."""
     return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
 
 
 def _rates(run: Trajectory, others: Others) -> list[Panel]:
-    """Speeds, of which nothing but the rate is a quantity of the robot."""
+    """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
     columns = run.info.outputs.x2
     names = [name for name in columns.names if _is_integral(run, name)]
     found = []
@@ -258,7 +258,7 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
 
 
 def _errors(run: Trajectory, others: Others) -> list[Panel]:
-    """Tracking errors by unit, the largest where there are many."""
+    """Panels of the tracking errors by unit; of many errors only the largest."""
     errors = tracking_errors(run)
     compared = {label: tracking_errors(other) for label, other in others.items()}
     units = {name: _where(run, name)[1].units[_where(run, name)[2]] for name in errors}
@@ -270,7 +270,7 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
         for name in [name for name in names if name in largest]:
             shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
             series.append(Series(_called(run, name), _magnitude(errors[name]), None, shown))
-        # What is small beside the errors themselves is where they change their signs.
+        # Values far below the errors are only sign changes, so the axis begins above them.
         bottom = max(_SMALLEST, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
         note = f"largest {room} of {len(names)}" if len(names) > room else ""
         found.append(Panel(f"error [{unit or '-'}]", tuple(series), "error of", note, log=True, bottom=bottom))
@@ -278,15 +278,15 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
 
 
 def _magnitude(error: np.ndarray) -> np.ndarray:
-    """On a logarithmic axis, where zero has no place."""
+    """Absolute error plus a small positive value, because a logarithmic axis cannot show zero."""
     return np.abs(error) + _SMALLEST / 1e8
 
 
-# ---------------------------------------------------------------------- what drives it, what it learns, how safe it is
+# ---------------------------------------------------------------------- inputs, estimates, normal forces, margin
 
 
 def _inputs(run: Trajectory, others: Others) -> list[Panel]:
-    """Actuator inputs by unit. Those of other runs would hide them."""
+    """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
     names, units = run.info.outputs.T, run.info.outputs.T_units
     kinds = {"N": "force [N]", "N m": "torque [N m]"}
     found = []
@@ -301,7 +301,7 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
 
 
 def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
-    """Normal forces of the contacts; below zero a contact would lift off."""
+    """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
     names, forces = run.info.outputs.normal_forces, run.normal_forces
     found = []
     for part in split(names):

@@ -1,4 +1,4 @@
-"""One print-ready style for all plots: readable in grey, and by people who see colours differently."""
+"""Print-ready style of all plots: readable in greyscale and with colour vision deficiency."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from matplotlib.lines import Line2D
 
 from rnc_pin.whole_files import written_whole
 
-# Okabe and Ito, in an order in which neighbours differ in lightness too.
+# Palette of Okabe and Ito, ordered so that neighbours also differ in lightness.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 MARKERS = "os^Dvp<>hPX*"
 Dashes = tuple[int, tuple[float, ...]]
-"""Where a pattern begins, and lengths of lines and gaps [points]."""
+"""Offset of a dash pattern, and lengths of its lines and gaps [points]."""
 
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
-_LONGEST_LINE = 30  # letters of a name in a legend, which would leave the axes no room
-_MARKS = 7  # markers on a line
+_LONGEST_LINE = 30  # characters per line of a legend; longer lines would leave too little room for the axes
+_MARKS = 7  # number of markers on a line
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.grid": True,
@@ -55,7 +55,7 @@ P = ParamSpec("P")
 
 
 class PrintFigure(Figure):
-    """A figure that notebooks show by themselves."""
+    """Figure that notebooks display automatically."""
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
@@ -64,7 +64,7 @@ class PrintFigure(Figure):
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this style, whatever else the process plots."""
+    """Decorator: draw the figure in this style, without changing Matplotlib's global settings."""
 
     @wraps(draw)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -75,21 +75,21 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
-    """Write a figure; the ending of the name says what: .png, .pdf, .svg. Nothing half-written is left on failure."""
+    """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file."""
     with mpl.rc_context(STYLE), written_whole(Path(path), replace) as partial:
         figure.savefig(partial)
     return Path(path)
 
 
 class Entry(NamedTuple):
-    """A name in a legend, and the lines that it is the name of: their colours and dashes are the legend's."""
+    """Legend entry: a name and its lines. The legend shows their colours and dashes."""
 
     name: str
     lines: Sequence[Line2D]
 
 
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, width: float = 1.6) -> Line2D:
-    """Draw the k-th of so many series: its colour, and its marker at places of its own."""
+    """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
     step = max(1, len(time) // _MARKS)
     color, marker = look(k)
     start = (2 * k + 1) * step // (2 * max(count, 1))
@@ -105,17 +105,17 @@ def look(k: int) -> tuple[str, str]:
 
 
 def color_of(k: int, count: int, run: int) -> str:
-    """Colour of the k-th of so many series, of a run that is compared: the run's own where there is one series."""
+    """Colour of the k-th of ``count`` series of a compared run. A single series has the colour of its run."""
     return COLORS[k % len(COLORS)] if count > 1 else COLORS[(run + 1) % len(COLORS)]
 
 
 def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
-    """A dash pattern for each label."""
+    """Pairs of dash pattern and label."""
     return zip(cycle(DASHES), labels, strict=False)
 
 
 def legend_beside(axes: Axes, entries: Sequence[Entry], title: str = "") -> None:
-    """A legend to the right. Where several lines have one name, it shows them all side by side."""
+    """Add a legend to the right of the axes. Lines of one entry are shown side by side."""
     if not entries:
         return
     handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in entries]
@@ -127,10 +127,10 @@ def legend_beside(axes: Axes, entries: Sequence[Entry], title: str = "") -> None
 
 
 def _broken(name: str) -> str:
-    """A long name in several lines."""
+    """Break a long name into several lines."""
     return "\n".join(textwrap.wrap(name, _LONGEST_LINE)) or name
 
 
 def literal(text: str) -> str:
-    """A text from a file, whose dollar signs are no formula."""
+    """Escape dollar signs, so that Matplotlib does not read a formula."""
     return text.replace("$", r"\$")

@@ -1,6 +1,6 @@
-"""Figures of a run. Every function returns a Matplotlib figure; ``plot_style.save`` writes it.
+"""Figures of a run. Every function returns a Matplotlib figure; ``plot_style.save`` writes it to a file.
 
-``panels`` says what stands in panels over time, ``top_view`` draws what is seen from above.
+``panels`` defines the panels over time. ``top_view`` draws the view from above.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.top_view import draw_top_view, ground_paths
 
-_WIDTH, _NARROW = 8.0, 7.0  # of a panel and its legend, alone and beside others [inches]
-_LONGEST_TITLE, _TITLE_LINES = 64, 3  # letters in a line: what a figure of one column has room for
-_HEIGHT = 2.1  # of a panel [inches]
-_ROWS = (4, 5, 6)  # panels one above the other in figures of one, two, and more columns
-_VIEW_HEIGHTS = 3.2, 6.0  # of a view from above alone [inches]
-_VIEW = 2  # panels whose place a view from above takes
+_WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
+_LONGEST_TITLE, _TITLE_LINES = 64, 3  # characters per line that fit a figure of one column; largest number of lines
+_HEIGHT = 2.1  # height of a panel [inches]
+_ROWS = (4, 5, 6)  # largest number of rows in figures of one, two, and more columns
+_VIEW_HEIGHTS = 3.2, 6.0  # smallest and largest height of a top view without panels [inches]
+_VIEW = 2  # height of a top view beside panels, in panels
 
 
 @ps.styled
@@ -33,12 +33,12 @@ def plot_outputs(
     title: str | None = None,
     comparisons: Mapping[str, Trajectory] | None = None,
 ) -> Figure:
-    """Outputs over time, by quantity: actual solid, desired dotted, other runs dashed.
+    """Plot outputs over time, one panel per quantity: actual solid, desired dotted, other runs dashed.
 
     Args:
-        trajectory: the run.
+        trajectory: run to plot.
         outputs: names of reducing or vertical outputs.
-        title: above the plot.
+        title: title above the plot.
         comparisons: other runs by label.
     """
     return _stacked(trajectory, p.outputs(trajectory, comparisons or {}, outputs), title, comparisons or {})
@@ -51,12 +51,12 @@ def plot_learning(
     title: str | None = None,
     comparisons: Mapping[str, Trajectory] | None = None,
 ) -> Figure:
-    """What a controller learnt over time, or how far its predictions were off.
+    """Plot the parameter estimates or the prediction error of a controller over time.
 
     Args:
-        trajectory: the run.
+        trajectory: run to plot.
         quantity: "estimates" or "prediction_error".
-        title: above the plot.
+        title: title above the plot.
         comparisons: other runs by label, dashed.
     """
     return _stacked(trajectory, p.learnt(trajectory, comparisons or {}, quantity), title, comparisons or {})
@@ -66,19 +66,19 @@ def plot_learning(
 def plot_top_view(
     trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
 ) -> Figure:
-    """What moves on the ground as seen from above: paths with heading marks, and where it should have gone.
+    """Plot the top view of a run: actual paths with heading marks, and desired paths.
 
     Args:
-        trajectory: the run.
-        title: above the plot.
+        trajectory: run to plot.
+        title: title above the plot.
         comparisons: other runs by label, dashed.
 
     Raises:
-        InputError: nothing moves in the plane.
+        InputError: the run has no path in the plane.
     """
     paths = ground_paths(trajectory)
     if not paths:
-        raise InputError("nothing of this run is seen from above: no body on the ground, no x and y among the outputs")
+        raise InputError("the run has no path for a top view: no body on the ground, no planar frame with x and y")
     across, up = np.ptp(np.concatenate([path.points for path in paths]), axis=0)
     height = np.clip(0.7 * _WIDTH * up / max(across, 1e-9) + 1.2, *_VIEW_HEIGHTS)
     figure = ps.PrintFigure(figsize=(_WIDTH, float(height)))
@@ -93,19 +93,18 @@ def plot_top_view(
 def plot_run(
     trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
 ) -> Figure:
-    """A run of any system: from above, and over time its outputs, errors, inputs, what it learnt, how near it is to
-    a singularity.
+    """Plot a run of any system: top view, and outputs, errors, inputs, estimates and singularity margin over time.
 
     Args:
-        trajectory: the run.
-        title: above the plots.
+        trajectory: run to plot.
+        title: title above the plots.
         comparisons: other runs by label, dashed.
 
     Raises:
         InputError: the run has fewer than two samples.
     """
     if len(trajectory.time) < 2:
-        raise InputError(f"a run of {len(trajectory.time)} samples has nothing to plot")
+        raise InputError(f"the run has too few samples to plot: {len(trajectory.time)}, expected at least 2")
     others = comparisons or {}
     shown = p.panels(trajectory, others)
     above = _VIEW if ground_paths(trajectory) else 0
@@ -130,20 +129,20 @@ def plot_run(
 
 
 def _settle(figure: Figure) -> None:
-    """Lay out once before drawing: equal scales change ticks, for whose labels the next layout leaves room."""
+    """Run the layout once before drawing: equal scales change the ticks. The next layout makes room for the labels."""
     layout = figure.get_layout_engine()
     assert layout is not None
     layout.execute(figure)
 
 
 def _layout(places: int) -> tuple[int, int]:
-    """Rows and columns for so many panels."""
+    """Rows and columns for a number of panels."""
     columns = next((k for k, rows in enumerate(_ROWS, start=1) if places <= k * rows), -(-places // _ROWS[-1]))
     return -(-places // columns), columns
 
 
 def _stacked(run: Trajectory, shown: Sequence[p.Panel], title: str | None, others: p.Others) -> Figure:
-    """A figure of few panels, one above the other."""
+    """Figure with one column of panels."""
     height = 3.6 if len(shown) == 1 else _HEIGHT * len(shown) + 0.5
     figure = ps.PrintFigure(figsize=(_WIDTH, height))
     stack = figure.subplots(max(1, len(shown)), 1, sharex=True, squeeze=False)[:, 0]
@@ -156,7 +155,7 @@ def _stacked(run: Trajectory, shown: Sequence[p.Panel], title: str | None, other
 
 
 def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None:
-    """Draw a panel: actual solid, desired dotted, other runs dashed, each in the colour that its legend shows."""
+    """Draw a panel: actual solid, desired dotted, other runs dashed, in the colours of the legend."""
     count = len(panel.series)
     entries = [
         ps.Entry(series.name, [ps.line(axes, k, count, run.time, series.values)])
@@ -170,7 +169,7 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
                 lines += axes.plot(others[label].time, series.compared[label], color=color, ls=style, lw=1.4)
         if lines:
             entries.append(ps.Entry(label, lines))
-    # Above the solid lines, or a dotted one that they follow closely could not be seen.
+    # Desired lines are drawn last: a solid line that follows them closely would hide them.
     desired = [
         axes.plot(run.time, series.desired, color="black", ls=ps.DOTS, lw=1.3)[0]
         for series in panel.series
@@ -192,7 +191,7 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
 
 
 def _calm(axes: Axes) -> None:
-    """Keep an axis from showing rounding as if it were a motion."""
+    """Enlarge the range of an axis that would show only rounding errors."""
     low, high = axes.get_ylim()
     least = 1e-6 * max(1.0, abs(low), abs(high))
     if high - low < least:

@@ -1,4 +1,4 @@
-"""Where things are at a state: frames, parts, wheels, and how large it all is."""
+"""Poses of frames, shapes and wheels at a state, and the size of the robot."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _ENDLESS = 1e3  # [m]
 
 
 class Poses:
-    """Kinematics of a robot, computed once a state however many ask.
+    """Kinematics of a robot, computed once per state.
 
     Args:
         robot: the robot.
-        rows: constraint rows whose lines of action are asked for.
+        rows: constraint rows for ``lines`` and ``wheels``.
     """
 
     def __init__(self, robot: Robot, rows: RowStack | None = None) -> None:
@@ -43,17 +43,17 @@ class Poses:
         return self._data
 
     def frame(self, name: str) -> Callable[[State], pin.SE3]:
-        """Placement of a frame, as a function of the state."""
+        """Placement of a frame in the world, as a function of the state."""
         index = self.robot.frame_id(name)
         return lambda state: self._data_at(state.q).oMf[index]
 
     def point(self, name: str) -> Point:
-        """Origin of a frame, (3,), as a function of the state."""
+        """Origin (3,) of a frame in the world [m], as a function of the state."""
         placement = self.frame(name)
         return lambda state: placement(state).translation
 
     def path(self, name: str, configurations: np.ndarray) -> np.ndarray:
-        """Origins (N, 3) of a frame along configurations (N, nq)."""
+        """Origins (N, 3) of a frame at configurations (N, nq)."""
         index = self.robot.frame_id(name)
         return np.stack([self._data_at(q).oMf[index].translation.copy() for q in configurations])
 
@@ -65,13 +65,13 @@ class Poses:
         return self._lines[0], self._lines[1]
 
     def middle(self, q: np.ndarray) -> np.ndarray:
-        """Where the robot is, (3,): its centre of mass."""
+        """Centre of mass of the robot (3,) [m]."""
         return np.array(pin.centerOfMass(self.robot.model, self._masses, q))
 
     # ------------------------------------------------------------------ size
 
     def corners(self, q: np.ndarray) -> np.ndarray:
-        """Corners (N, 3) of a box about every part [m]; parts without end, such as planes, have none."""
+        """Corners (N, 3) of the bounding boxes of all shapes [m], without infinite shapes such as planes."""
         visual = self.robot.visual_model
         assert visual is not None
         data = self._data_at(q)
@@ -88,9 +88,9 @@ class Poses:
     # ------------------------------------------------------------------ wheels
 
     def wheels(self, state: State, ground: float) -> dict[str, Point]:
-        """Points that leave tracks: wheels drawn as cylinders on an axle that may not slip, else where rows act.
+        """Points that leave tracks: wheels, or the points of action of rows without a wheel.
 
-        A wheel is a cylinder with its axis on a row's line of action, and its lowest point near the ground.
+        A wheel is a cylinder whose axis is the line of action of a row and whose lowest point is near the ground.
         """
         points, directions = self.lines(state)
         tracks: dict[str, Point] = {}

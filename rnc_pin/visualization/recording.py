@@ -1,4 +1,4 @@
-"""A trajectory as one HTML page that plays anywhere, offline."""
+"""Recording of a trajectory as one HTML page that plays offline."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from rnc_pin.whole_files import written_whole
 
 
 class Recording:
-    """An animation that needs nothing but a browser. In a notebook, the last line of a cell shows it.
+    """Animation that needs only a browser. A notebook shows it if it is the last line of a cell.
 
     Args:
-        model: what moved; a reduced model shows its constraints and its null motion too.
-        trajectory: how it moved.
-        view: what is drawn, and from where.
-        title: of the page.
-        comparisons: other runs of the same robot by label, shown as pale robots in the same scene.
-        aside: set them beside it instead.
+        model: reduced model or robot; a reduced model also shows its constraints and null motion.
+        trajectory: trajectory to play.
+        view: view options.
+        title: title of the page.
+        comparisons: other runs of the same robot by label, shown as pale robots in the same place.
+        aside: True places the compared runs beside the run, in their own colours.
 
     Raises:
-        ModelError: the robot has no geometry to draw, or no such frame.
-        InputError: nothing to play, or a run of another robot.
+        ModelError: the robot has no visual geometry, or a frame of the view does not exist.
+        InputError: a run has fewer than two samples, or belongs to another robot.
     """
 
     def __init__(
@@ -50,9 +50,9 @@ class Recording:
         robot = subject.robot
         for label, each in {title: trajectory, **others}.items():
             if each.q.shape[1] != robot.nq:
-                raise InputError(f"'{label}': configurations have {each.q.shape[1]} entries, the robot {robot.nq}")
+                raise InputError(f"'{label}': q has {each.q.shape[1]} entries, but nq of the robot is {robot.nq}")
             if len(each.time) < 2:
-                raise InputError(f"'{label}': holds {len(each.time)} samples, nothing to play")
+                raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
         shown = Shown(subject, trajectory.info, trajectory.info.goals, trajectory, others, aside)
         self.duration = float(trajectory.time[-1])
@@ -69,22 +69,22 @@ class Recording:
         self._stage.play()
 
     def html(self, begin: float | None = None) -> str:
-        """The page.
+        """Return the HTML page.
 
         Args:
-            begin: stand still at this time [s] instead of playing at once.
+            begin: pause at this time [s]; by default the animation plays immediately.
         """
         return self._stage.window.page(begin)
 
     def save(self, path: str | Path, replace: bool = True) -> Path:
-        """Write the page; nothing half-written is left on failure.
+        """Write the HTML page. A failure leaves no partial file.
 
         Args:
-            path: of the page.
-            replace: what is there by then.
+            path: path of the page.
+            replace: True replaces an existing file.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         with written_whole(Path(path), replace) as partial:
             partial.write_text(self.html(), encoding="utf-8")

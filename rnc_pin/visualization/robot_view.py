@@ -1,4 +1,4 @@
-"""The robot itself, drawn by Pinocchio's visualizer for Meshcat."""
+"""Robot drawn by Pinocchio's Meshcat visualizer."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rnc_pin.visualization.stage import Stage
 
 
 def check_drawable(robot: Robot) -> None:
-    """Refuse a robot that has nothing to draw.
+    """Check that a robot has visual geometry.
 
     Raises:
-        ModelError: it has no visual geometry.
+        ModelError: the robot has no visual geometry.
     """
     visual = robot.visual_model
     if visual is None or not len(visual.geometryObjects):
@@ -23,14 +23,14 @@ def check_drawable(robot: Robot) -> None:
 
 
 class RobotView:
-    """A robot on a stage.
+    """Robot in a scene.
 
     Args:
-        robot: the robot.
-        stage: where it is drawn.
+        robot: robot to draw.
+        stage: scene to draw in.
 
     Attributes:
-        parts: group of its parts.
+        parts: path of the group of its shapes.
     """
 
     def __init__(self, robot: Robot, stage: Stage) -> None:
@@ -47,7 +47,7 @@ class RobotView:
 
 
 class _Placer:
-    """Stands where the visualizer has Meshcat's tree, so that the stage hears of every movement."""
+    """Replacement of Meshcat's tree in the visualizer, so that the stage receives every transform."""
 
     def __init__(self, stage: Stage, name: str = "") -> None:
         self._stage, self._name = stage, name

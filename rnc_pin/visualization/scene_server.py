@@ -1,8 +1,8 @@
-"""Meshcat's scene inside this process, served on loopback only or not at all.
+"""Meshcat scene inside this process, served on loopback by default or not at all.
 
-Meshcat 0.3.2 starts a server process that listens on every interface, and queues without bound for a browser that
-does not read. Here a thread of our own serves its viewer: the web server binds to 127.0.0.1, each browser is sent the
-last word on every part as fast as it takes it, and where only a recording is wanted nothing listens anywhere.
+Meshcat 0.3.2 starts a server process that listens on every interface. Its queue for a browser that does not read grows
+without limit. Here a thread of this process serves Meshcat's viewer, and the web server binds to 127.0.0.1. Each
+browser receives the latest command for every node, as fast as it reads. A recording needs no server.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rnc_pin.visualization.visitors import Visitors, addresses_of
 
 LOOPBACK = "127.0.0.1"
 _GOODBYE = 0.5  # [s]
-_LONGEST_MESSAGE = 1024  # [bytes]; what browsers send is ignored
+_LONGEST_MESSAGE = 1024  # [bytes]; messages from browsers are ignored
 _LIMITS = {
     "max_header_size": 16_384,
     "max_body_size": 1024,
@@ -39,27 +39,27 @@ _LIMITS = {
     "idle_connection_timeout": 30.0,
     "body_timeout": 10.0,
 }
-"""Of what one connection may cost [bytes, s]."""
-_PACKED_FLOAT = np.dtype([("mark", "u1"), ("value", ">f8")])  # of MessagePack
+"""Resource limits of one connection [bytes, s]."""
+_PACKED_FLOAT = np.dtype([("mark", "u1"), ("value", ">f8")])  # float64 in MessagePack
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody but this computer reaches an address; a name counts as what it stands for here."""
+    """True if only this computer can reach an address. A host name is resolved first."""
     found = addresses_of(host)
     return bool(found) and all(ipaddress.ip_address(address).is_loopback for address in found)
 
 
 class Drawing(Protocol):
-    """One of Meshcat's commands."""
+    """Drawing command of Meshcat."""
 
     def lower(self) -> Mapping[str, object]: ...
 
 
 class SceneWindow:
-    """What Meshcat's ``Visualizer`` writes to. Pass it as ``meshcat.Visualizer(window=...)``.
+    """Window for Meshcat's ``Visualizer``. Pass it as ``meshcat.Visualizer(window=...)``.
 
     Args:
-        title: of the page.
+        title: title of the page.
     """
 
     def __init__(self, title: str = "rnc_pin") -> None:
@@ -75,21 +75,21 @@ class SceneWindow:
     # ------------------------------------------------------------------ drawing
 
     def send(self, command: Drawing) -> None:
-        """Take one of Meshcat's drawing commands; returns at once."""
+        """Send a drawing command of Meshcat, without waiting."""
         self.post(command.lower())
 
     def post(self, command: Mapping[str, object], single: bool = False) -> None:
-        """Take a drawing command as the viewer gets it, Meshcat's or one of ``page.js``; returns at once.
+        """Send a drawing command in the format of the viewer (Meshcat or ``page.js``), without waiting.
 
         Args:
-            command: with its "type" and "path".
+            command: command with its "type" and "path".
             single: pack floats in single precision.
         """
         data = umsgpack.packb(command, force_float_precision="single" if single else "double")
         self._put(key_of(command), data)
 
     def place(self, path: str, matrix: np.ndarray) -> None:
-        """Take a transform (4, 4): what ``post`` does at a tenth of the cost, for every part of every picture."""
+        """Set the transform (4, 4) of a node, at a tenth of the cost of ``post``; every frame sets all transforms."""
         head = self._heads.get(path)
         if head is None:
             words = [umsgpack.packb(word) for word in ("type", "set_transform", "path", path, "matrix")]
@@ -100,7 +100,7 @@ class SceneWindow:
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Let browsers have what is drawn inside as one message."""
+        """Send all commands of the ``with`` block to browsers as one message."""
         self._gathered = []
         try:
             yield
@@ -127,7 +127,7 @@ class SceneWindow:
             browser.offer(commands)
 
     def page(self, begin: float | None = None) -> str:
-        """The scene as one self-contained HTML page; see ``recorded_page``."""
+        """Return the scene as one self-contained HTML page; see ``recorded_page``."""
         return recorded_page(self.title, (data for _, data in self._store.items()), begin)
 
     # ------------------------------------------------------------------ serving
@@ -136,11 +136,11 @@ class SceneWindow:
         """Serve the scene and return its address.
 
         Args:
-            port: 0 finds a free one.
-            host: address to listen on; anything but loopback lets others watch.
+            port: port to listen on; 0 finds a free port.
+            host: address to listen on; any address except loopback lets other computers watch.
 
         Raises:
-            ConfigurationError: the port is taken, or the address is not this machine's.
+            ConfigurationError: the port is in use, or the address is not an address of this computer.
         """
         try:
             sockets = tornado.netutil.bind_sockets(port, host)
@@ -161,7 +161,7 @@ class SceneWindow:
             self._loop.run_until_complete(server.close_all_connections())
             self._loop.run_until_complete(_end_tasks())
             asyncio.set_event_loop(None)
-            around.close()  # and the loop; tornado would keep it until the next one is made
+            around.close()  # closes the loop too; tornado would keep it until it creates the next one
 
         self._thread = threading.Thread(target=run, name="meshcat", daemon=True)
         self._thread.start()
@@ -171,7 +171,7 @@ class SceneWindow:
         return self.web_url
 
     async def _say_goodbye(self) -> None:
-        """Let browsers have the last picture, those that still read."""
+        """Send the last frame to browsers that still read, and close all connections."""
         sending = [browser.sending for browser in self._watching if browser.sending is not None]
         if sending:
             _, stuck = await asyncio.wait(sending, timeout=_GOODBYE)
@@ -194,12 +194,12 @@ class SceneWindow:
             default_handler_class=_Nothing,
             websocket_max_message_size=_LONGEST_MESSAGE,
             visitors=visitors,
-            log_function=lambda handler: None,  # what strangers ask for is not for the user's terminal
+            log_function=lambda handler: None,  # requests are not logged to the terminal
         )
 
     @property
     def browsers(self) -> int:
-        """How many browsers look on."""
+        """Number of connected browsers."""
         return len(self._watching)
 
     def open(self) -> SceneWindow:
@@ -216,7 +216,7 @@ class SceneWindow:
 
 
 async def _end_tasks() -> None:
-    """Let nothing that waits for a browser hold on to it."""
+    """Cancel all other tasks of the loop, which may still wait for a browser."""
     waiting = asyncio.all_tasks() - {asyncio.current_task()}
     for task in waiting:
         task.cancel()
@@ -224,7 +224,7 @@ async def _end_tasks() -> None:
 
 
 class _Checked(tornado.web.RequestHandler):
-    """Answers those who ask for this computer by a name of its own."""
+    """Request handler that refuses requests which ``Visitors`` does not admit."""
 
     def prepare(self) -> None:
         visitors: Visitors = self.settings["visitors"]
@@ -237,10 +237,10 @@ class _Checked(tornado.web.RequestHandler):
 
 
 class _Browser(_Checked, tornado.websocket.WebSocketHandler):
-    """A browser that looks on. What it sends is ignored.
+    """Connection to a browser. Messages from the browser are ignored.
 
-    One batch is under way to it at a time. Of what comes meanwhile only the last word on every part waits, so a
-    browser that is slow, or reads no more, costs no more memory than the scene has.
+    One batch is sent at a time. Meanwhile only the latest command for every node waits. So a browser that is slow, or
+    stops reading, needs no more memory than the scene.
     """
 
     def initialize(self, store: SceneStore, watching: set[_Browser]) -> None:
@@ -268,12 +268,12 @@ class _Browser(_Checked, tornado.websocket.WebSocketHandler):
                 batch, self._waiting = self._waiting, {}
                 await self.write_message(bundle(batch.values()), binary=True)
         except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
-            self._watching.discard(self)  # gone, and what was under way to it too
+            self._watching.discard(self)  # the browser has disconnected; the batch is lost
         finally:
             self.sending = None
 
     def hang_up(self) -> None:
-        """Close the connection, whatever the other end does."""
+        """Close the connection, even if the browser does not respond."""
         self.close()
         if self._stream is not None:
             self._stream.close()
@@ -286,7 +286,7 @@ class _Browser(_Checked, tornado.websocket.WebSocketHandler):
 
 
 class _Text(_Checked):
-    """A file of the page."""
+    """Static file of the page."""
 
     def initialize(self, kind: str, text: bytes) -> None:
         self._kind, self._text = kind, text
@@ -298,14 +298,14 @@ class _Text(_Checked):
 
 
 class _NoIcon(_Checked):
-    """Browsers ask for an icon; there is none, and that is no error."""
+    """Empty answer to a browser's request for an icon."""
 
     def get(self) -> None:
         self.set_status(204)
 
 
 class _Nothing(_Checked):
-    """What is not there."""
+    """Answer 404 for any other path."""
 
     def prepare(self) -> None:
         super().prepare()

@@ -1,30 +1,30 @@
-"""What is on the stage: the last word on every part, as the commands that draw it."""
+"""Store of the scene: the latest drawing command for every node and property."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 Key = tuple[str, str]
-"""Path of a part, and what of it: an object, a transform, one property, ..."""
+"""Path of a node, and the kind of command: object, transform, one property, ..."""
 
 _RANK = {"set_object": 0, "copy": 0, "set_property": 1, "set_transform": 2}
 
 
 def key_of(command: Mapping[str, object]) -> Key:
-    """What a command has the last word on."""
+    """Key of a command; a later command with the same key replaces it."""
     path = "/".join(part for part in str(command.get("path", "")).split("/") if part)
     kind = str(command["type"])
     return path, f"{kind} {command['property']}" if kind == "set_property" else kind
 
 
 class SceneStore:
-    """Commands by what they have the last word on, so that it stays as small as the scene is."""
+    """Latest command for each key, so that memory depends only on the size of the scene."""
 
     def __init__(self) -> None:
         self._parts: dict[str, dict[str, bytes]] = {}
 
     def put(self, key: Key, data: bytes) -> None:
-        """Take a command."""
+        """Store a command. "delete" removes the commands at this path and below."""
         path, kind = key
         if kind == "delete":
             for each in [each for each in self._parts if below(each, path)]:
@@ -33,7 +33,7 @@ class SceneStore:
             self._parts.setdefault(path, {})[kind] = data
 
     def items(self) -> Iterator[tuple[Key, bytes]]:
-        """All that it takes to draw the scene, in an order that works: the animation comes last."""
+        """Commands that draw the scene, in a valid order; the animation is last."""
         for last in (False, True):
             for path, commands in self._parts.items():
                 for kind in sorted(commands, key=lambda kind: _RANK.get(kind.split(" ")[0], 3)):
@@ -42,5 +42,5 @@ class SceneStore:
 
 
 def below(path: str, other: str) -> bool:
-    """Whether a path is another, or a part of it."""
+    """True if a path is equal to or below another path."""
     return path == other or other == "" or path.startswith(other + "/")

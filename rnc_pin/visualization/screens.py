@@ -1,4 +1,4 @@
-"""Which visualizer shows a live run: Meshcat, or what ``PINOCCHIO_VIEWER`` names."""
+"""Choice of the visualizer of live runs: Meshcat, or the one that ``PINOCCHIO_VIEWER`` names."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _NAMES = ("meshcat", "viser")
 
 
 def chosen_screen() -> Callable[..., Screen]:
-    """The visualizer that the environment asks for.
+    """Visualizer that the environment variable ``PINOCCHIO_VIEWER`` names; Meshcat by default.
 
     Raises:
-        ConfigurationError: it is not one of those that work here.
+        ConfigurationError: the name is not a supported visualizer.
     """
     name = os.environ.get("PINOCCHIO_VIEWER", "meshcat").strip().lower() or "meshcat"
     if name not in _NAMES:
-        raise ConfigurationError(f"PINOCCHIO_VIEWER={name}: is not known here{nearest(name, _NAMES)}")
+        raise ConfigurationError(f"PINOCCHIO_VIEWER={name}: unknown visualizer{nearest(name, _NAMES)}")
     if name == "meshcat":
         return MeshcatScreen
     from rnc_pin.visualization.viser_screen import ViserScreen

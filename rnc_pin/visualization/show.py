@@ -1,4 +1,4 @@
-"""What is shown of a run of any robot: chosen from the names of its outputs, its constraints and its goals."""
+"""Scene of a run of any robot. The outputs, constraints and goals determine its elements."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
-_FAR = 4.0  # times the robot's size: a picture of a longer way shows little of the robot
-_LAG = 6  # pictures of a live view between two of what is costly
+_FAR = 4.0  # largest motion over the robot's size that the camera shows as a whole
+_LAG = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
 class Shown:
-    """A run to be shown, over or under way.
+    """Run to show, live or finished.
 
     Attributes:
-        subject: what moves.
-        info: names of its outputs, and what it is a run of.
+        subject: robot, and its reduced model if there is one.
+        info: names of the outputs, and provenance of the run.
         goals: outputs that have goals.
-        trajectory: the run, where it is over.
-        comparisons: runs beside it, by label.
-        aside: set the runs that it is compared with beside it instead of into it.
+        trajectory: trajectory of a finished run; None for a live run.
+        comparisons: compared runs by label.
+        aside: True places the compared runs beside the run instead of in the same place.
     """
 
     subject: Subject
@@ -50,7 +50,7 @@ class Shown:
 
 
 class LegendLine(TypedDict):
-    """A layer in the legend, as the page's script reads it."""
+    """Layer in the legend, as ``page.js`` reads it."""
 
     label: str
     path: str
@@ -60,16 +60,16 @@ class LegendLine(TypedDict):
 
 
 class Show:
-    """A robot on a stage with everything that is drawn around it.
+    """Scene of a robot with all drawn elements.
 
     Args:
-        shown: what to show.
-        view: how to look at it.
-        stage: where.
-        first: the first state.
+        shown: run to show.
+        view: view options.
+        stage: Meshcat scene to draw in.
+        first: first state.
 
     Raises:
-        ModelError: nothing to draw, or no such frame.
+        ModelError: the robot has no visual geometry, or a frame of the view does not exist.
     """
 
     def __init__(self, shown: Shown, view: View, stage: Stage, first: State) -> None:
@@ -96,7 +96,7 @@ class Show:
                 stage.hide(entry["path"])
 
     def update(self, state: State) -> None:
-        """Show a state."""
+        """Draw a state."""
         self.robot_view.display(state.q)
         if self._follower is not None:
             self.stage.follow(self._follower.follow(self.poses.middle(state.q)))
@@ -107,7 +107,7 @@ class Show:
             element.update(self.stage, state)
 
     def legend(self) -> list[LegendLine]:
-        """Lines of the legend, one a layer."""
+        """Entries of the legend, one per layer."""
         entries = {element.entry.layer: element.entry for element in self.elements}
         return [
             {
@@ -127,7 +127,7 @@ class Show:
     # ------------------------------------------------------------------ camera
 
     def _look(self, first: State, points: np.ndarray) -> None:
-        """Place the camera; points (N, 3) are those of the robot along what is known of its way."""
+        """Place the camera for points (N, 3) [m] of the robot along its known motion."""
         view, whole = self.view, with_plan(points, self._path, self.ground or 0.0)
         given = None if view.camera is None else np.array(view.camera, dtype=float)
         forward = np.array(GAZE) if given is None else np.array(view.target, dtype=float) - given
@@ -137,7 +137,7 @@ class Show:
             steps = range(len(self.shown.comparisons) + 1)
             whole = np.concatenate([whole + k * self._offset for k in steps])
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
-        # Of a way much longer than the robot all that could be seen is a dot on it.
+        # In a picture of a motion much longer than the robot, the robot would be only a dot.
         far = self._path is None and radius > _FAR * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
@@ -179,7 +179,7 @@ class Show:
 
     @property
     def _floor(self) -> float:
-        """A little above the ground, or tracks and grid would flicker."""
+        """Height of tracks [m]: slightly above the grid, otherwise both would flicker."""
         return (self.ground or 0.0) + 0.004 * self.size
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[State], np.ndarray]:
@@ -198,7 +198,7 @@ class Show:
         return pose
 
     def _desired_attitude(self, frame: str) -> Callable[[State], np.ndarray]:
-        """The goal's axes (3, 3): of the attitude where that has a goal, of the heading, or the world's."""
+        """Axes (3, 3) of the goal: from the desired attitude, otherwise the desired heading, otherwise the identity."""
         for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
             column = self.names.column(name)
             if name in self.shown.goals and column is not None:
@@ -265,7 +265,7 @@ class Show:
 
             def vector(state: State, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
                 points, directions = self.poses.lines(state)
-                # Multipliers stand with the inertia: the ground pushes the other way.
+                # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
                 value = -state.multipliers[row]
                 return points[row], directions[row] * value / largest(abs(value)) * 0.7 * self.size
 
@@ -311,7 +311,7 @@ class Show:
 
 
 def _attitude(kind: str, first: int, size: int) -> Callable[[State], np.ndarray]:
-    """Axes (3, 3) from a desired rotation vector, or from a heading alone."""
+    """Axes (3, 3) from a desired rotation vector (size 3) or a desired heading (size 1)."""
 
     def axes(state: State) -> np.ndarray:
         value = getattr(state, f"{kind}_desired")[first : first + size]
@@ -335,7 +335,7 @@ def _other(k: int) -> Callable[[State], np.ndarray]:
 
 
 class _Largest:
-    """The largest value so far, which others are measured by."""
+    """Largest value so far, used to scale the arrows."""
 
     def __init__(self, value: float) -> None:
         self._value = max(value, 1e-9)

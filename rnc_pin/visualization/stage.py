@@ -1,4 +1,4 @@
-"""Where a robot is shown: a scene in which parts are placed, painted and drawn, live or as keyframes."""
+"""Meshcat scene of a robot, live or recorded as keyframes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MOST_DOTS = 2000
 
 
 class Stage:
-    """A Meshcat scene. Parts move at once; in a recording, from frame to frame.
+    """Meshcat scene. Nodes of a live scene move immediately; those of a recording move by keyframes.
 
     Args:
-        window: where to draw; a window that nothing listens to by default.
+        window: window to draw in; by default a window that is not served.
         rate: frames per second of a recording; None for a live scene.
     """
 
@@ -36,10 +36,10 @@ class Stage:
         self._offsets: list[list[float]] = []
         self._pitch = 1.0
 
-    # ------------------------------------------------------------------ what moves
+    # ------------------------------------------------------------------ motion
 
     def place(self, name: str, matrix: np.ndarray) -> None:
-        """Put a part somewhere, (4, 4), which may scale it."""
+        """Set the transform (4, 4) of a node, which may include a scale."""
         path = f"/meshcat/{name}"
         if self.keyframes is None or self.frame == 0:
             self.window.place(path, matrix)
@@ -47,61 +47,61 @@ class Stage:
             self.keyframes.place(path, self.frame, matrix)
 
     def paint(self, name: str, color: np.ndarray) -> None:
-        """Give a part a colour, (3,) in [0, 1]."""
+        """Set the colour of a node, (3,) in [0, 1]."""
         if self.keyframes is None:
             self.root[name].set_property("color", [*map(float, color), 1.0])
         else:
             self.keyframes.paint(f"/meshcat/{name}", self.frame, color)
 
     def appear(self, name: str) -> None:
-        """Show a part from now on."""
+        """Show a node from the current frame on; a live scene shows it anyway."""
         if self.keyframes is not None:
             self.keyframes.appear(f"/meshcat/{name}", self.frame)
 
     def play(self) -> None:
-        """Put the recorded motion on the stage."""
+        """Add the recorded motion to the scene."""
         if self.keyframes is not None:
             if self._offset.any():
                 track = {"offsets": self._offsets, "rate": self.keyframes.rate}
                 self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)
             self.window.post(self.keyframes.command(), single=True)
 
-    # ------------------------------------------------------------------ what is there
+    # ------------------------------------------------------------------ content
 
     def look(self, camera: np.ndarray, target: np.ndarray) -> None:
-        """Look from one point of the world at another, (3,) each [m]."""
+        """Set position and target of the camera in the world, (3,) each [m]."""
         far = max(100.0, 10.0 * float(np.linalg.norm(camera - target)))
         gaze = {"position": camera.tolist(), "target": target.tolist(), "fov": FIELD_OF_VIEW, "far": far}
         self.window.post({"type": "look", "path": "/Cameras", **gaze})
 
     def follow(self, offset: np.ndarray) -> None:
-        """Let the camera have moved by this, (3,) [m], since ``look``; what a user does with it stays."""
+        """Set the offset (3,) [m] of the camera since ``look``; movements by the user remain."""
         if self.keyframes is not None:
             self._offsets.append(offset.tolist())
         elif not np.array_equal(offset, self._offset):
             self.window.post({"type": "follow", "path": "/Cameras", "offset": offset.tolist()})
             floor = np.eye(4)
-            floor[:2, 3] = np.round(offset[:2] / self._pitch) * self._pitch  # or it would end somewhere
+            floor[:2, 3] = np.round(offset[:2] / self._pitch) * self._pitch  # the finite grid moves with the camera
             self.place("ground", floor)
         self._offset = offset
 
     def hide(self, name: str) -> None:
-        """Switch a part off; the viewer's controls switch it on again."""
+        """Hide a node; the viewer's controls show it again."""
         self.root[name].set_property("visible", False)
 
     def copy(self, name: str, source: str, color: int | None = None, opacity: float = 1.0) -> None:
-        """Draw another part once more, at no cost in size; in a colour of its own, or as it is."""
+        """Draw a copy of another node, without new geometry data; ``color=None`` keeps its colours."""
         command = {"color": color, "opacity": opacity, "source": f"/meshcat/{source}"}
         self.window.post({"type": "copy", "path": f"/meshcat/{name}", **command})
 
     def mesh(self, name: str, shape: mg.Geometry, color: int, opacity: float = 1.0) -> None:
-        """Draw a shape."""
+        """Draw a shape of one colour."""
         material = mg.MeshLambertMaterial(color=color, opacity=opacity, transparent=opacity < 1.0)
         self.root[name].set_object(shape, material)
 
     def path(self, name: str, points: np.ndarray, color: int, width: float, dashed: bool = False) -> None:
-        """Draw a path through points (N, 3) [m]; a name with slashes groups paths in Meshcat's controls."""
-        # WebGL draws every line one pixel wide, so a path is a row of dots, close enough to touch.
+        """Draw a path through points (N, 3) [m]; slashes in the name group paths in Meshcat's controls."""
+        # WebGL draws all lines one pixel wide, so a path is a row of dots that touch each other.
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         dots = max(2, min(_MOST_DOTS, int(length[-1] / (0.4 * width)) + 1))
         along = np.linspace(0.0, length[-1], dots)
@@ -113,7 +113,7 @@ class Stage:
         self.root[name].set_object(mg.PointCloud(vertices, colors, size=width))
 
     def grid(self, height: float, center: np.ndarray, half: float) -> None:
-        """Draw a square grid on the ground."""
+        """Draw a square grid at a height, of half width ``half`` about a centre [m]."""
         pitch = 0.5 * 2.0 ** max(0, round(np.log2(half / 10.0)))
         self._pitch = pitch
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
@@ -121,17 +121,17 @@ class Stage:
     def board(
         self, title: str, rows: Sequence[Mapping[str, object]], legend: Sequence[Mapping[str, object]], **series: object
     ) -> None:
-        """Figures and legend at the corner of the page."""
+        """Show the board and the legend in the corners of the page."""
         content = {"title": title, "rows": list(rows), "legend": list(legend), **series}
         self.window.post({"type": "board", "path": "/board", **content}, single=True)
 
     def figures(self, values: Sequence[float], chips: Sequence[str | None]) -> None:
-        """What the board says now, live."""
+        """Update the values on the live board; ``chips`` are colours, or None."""
         self.window.post({"type": "figures", "path": "/board", "values": list(values), "chips": list(chips)})
 
 
 def _grid(height: float, center: np.ndarray, half: float, pitch: float) -> mg.LineSegments:
-    """A grid of short segments: renderers may drop a line that passes behind the camera, as Meshcat's own grid does."""
+    """Grid of short segments: renderers may drop long lines that pass behind the camera, as in Meshcat's own grid."""
     count = int(np.ceil(half / pitch))
     ticks = (np.arange(-count, count + 1) * pitch).astype(np.float32)
     along, across = np.meshgrid(ticks[:-1], ticks, indexing="ij")

@@ -1,4 +1,4 @@
-"""What there is to draw at one time, whether it comes from a run under way or from one that is over."""
+"""State to draw at one time, from a live run or from a finished one."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory
 
-RATE = 25.0  # pictures per second of a recording
+RATE = 25.0  # frames per second of a recording
 
 
 class State(NamedTuple):
-    """One moment of a run; NaN where there is no goal."""
+    """State of a run at one time. Desired values are NaN for outputs without a goal."""
 
     time: float
     q: np.ndarray
@@ -29,11 +29,11 @@ class State(NamedTuple):
     multipliers: np.ndarray
     margin: float
     others: tuple[np.ndarray, ...] = ()
-    """Configurations of the runs that this one is compared with."""
+    """Configurations (nq,) of the compared runs."""
 
 
 class Names(NamedTuple):
-    """Names and units of the outputs "x1" and "x2", and what they live on."""
+    """Names, units and coordinates of the outputs "x1" and "x2"."""
 
     names: Mapping[str, Sequence[str]]
     units: Mapping[str, Sequence[str]]
@@ -42,7 +42,7 @@ class Names(NamedTuple):
 
     @classmethod
     def of(cls, outputs: OutputNames) -> Names:
-        """Those of a run, or of a model by ``output_names(reduced)``."""
+        """Names from the outputs of a run, or from ``output_names(reduced)`` of a model."""
         kinds = {kind: outputs.of(kind) for kind in ("x1", "x2")}
         return cls(
             {kind: columns.names for kind, columns in kinds.items()},
@@ -52,22 +52,22 @@ class Names(NamedTuple):
         )
 
     def is_integral(self, kind: str, column: int) -> bool:
-        """Whether an output is the integral of a quasi-velocity."""
+        """True if an output is the integral of a quasi-velocity."""
         return bool(self.quasi[kind]) and self.quasi[kind][column]
 
     def error(self, state: State, kind: str) -> np.ndarray:
-        """Desired less actual values of the outputs "x1" or "x2" at a state."""
+        """Desired minus actual values of the outputs "x1" or "x2" at a state."""
         return self.coordinates[kind].difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
 
     def column(self, name: str) -> tuple[str, int] | None:
-        """Where an output stands: "x1" or "x2", and its position; None where there is none of this name."""
+        """Kind ("x1" or "x2") and index of an output; None if no output has this name."""
         for kind in ("x2", "x1"):
             if name in self.names[kind]:
                 return kind, list(self.names[kind]).index(name)
         return None
 
     def tracked(self, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
-        """Frames with goals for their position: for each coordinate, where its goal stands among the outputs."""
+        """Frames with position goals: for each axis (0, 1, 2), kind and index of the output."""
         frames: dict[str, dict[int, tuple[str, int]]] = {}
         for name in goals:
             frame, _, axis = name.rpartition("_")
@@ -78,14 +78,14 @@ class Names(NamedTuple):
 
 
 def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:
-    """Configurations (frames, nq) at an even rate, interpolated on the manifold."""
+    """Configurations (frames, nq) at a constant rate, interpolated on the manifold."""
     return _configurations(robot, trajectory, _even_times(trajectory, rate))
 
 
 def recorded_states(
     robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
 ) -> Iterator[State]:
-    """States at an even rate; what other runs have is held where they are over."""
+    """States at a constant rate. Other runs that end earlier keep their last configuration."""
     times = _even_times(trajectory, rate)
     configurations = _configurations(robot, trajectory, times)
     beside = [_configurations(robot, other, times) for other in others]
@@ -102,7 +102,7 @@ def recorded_states(
 
 
 def live_state(reduced: ReducedModel, sample: Sample) -> State:
-    """The state at a sample of a run under way."""
+    """State at a sample of a live run."""
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
 

@@ -1,4 +1,4 @@
-"""What is in the picture: a robot, with its reduced model where there is one."""
+"""Subject of a view: a robot, and its reduced model if there is one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rnc_pin.simulation import OutputNames, output_names
 
 @dataclass(frozen=True)
 class Subject:
-    """A robot to be drawn.
+    """Robot to draw.
 
     Attributes:
-        robot: whose bodies are drawn.
-        reduced: knows its constraints, outputs and null motion; None where the robot is all there is.
+        robot: robot whose bodies are drawn.
+        reduced: reduced model with the constraints, outputs and null motion; None if only the robot is known.
     """
 
     robot: Robot
@@ -24,14 +24,14 @@ class Subject:
 
     @classmethod
     def of(cls, model: ReducedModel | Robot) -> Subject:
-        """What callers give: either."""
+        """Subject from a reduced model or from a robot."""
         return cls(model.robot, model) if isinstance(model, ReducedModel) else cls(model)
 
     @property
     def outputs(self) -> OutputNames:
-        """Names of the outputs; none without a model."""
+        """Names of the outputs; empty without a reduced model."""
         return OutputNames() if self.reduced is None else output_names(self.reduced)
 
     def for_another_thread(self) -> Subject:
-        """The same with a model of its own: a model serves one thread at a time."""
+        """Copy with its own reduced model: a model serves one thread at a time."""
         return self if self.reduced is None else Subject.of(copy.deepcopy(self.reduced))

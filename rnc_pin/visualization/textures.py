@@ -1,4 +1,4 @@
-"""Images that a Collada mesh names: pages take them along, so they have to be images, and the robot's own."""
+"""Textures of Collada meshes: a page includes them, so each must be an image in a folder of the robot."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from rnc_pin.regular_files import read_bytes
 from rnc_pin.robots.sources.containment import is_below
 
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")
-_TARGA = (1, 2, 3, 9, 10, 11)  # kinds of image, in the third byte of a file without a beginning of its own
+_TARGA = (1, 2, 3, 9, 10, 11)  # image types in the third byte of a Targa file, which has no magic number
 
 
 def has_own_textures(mesh: Path, folders: Sequence[Path]) -> bool:
-    """Whether all images that a Collada file names may be shown with it; a ``ModelWarning`` says which may not.
+    """True if all images that a Collada file names are allowed; a ``ModelWarning`` names the first that is not.
 
     Args:
-        mesh: the file.
-        folders: whose files the robot's description may name.
+        mesh: path of the Collada file.
+        folders: folders whose files the robot's description may name.
 
     Raises:
         OSError: the file cannot be read.
-        xml.etree.ElementTree.ParseError: it is no XML.
+        xml.etree.ElementTree.ParseError: the file is not valid XML.
     """
     roots = [mesh.resolve().parent, *folders]
     for name in _names(ElementTree.fromstring(read_bytes(mesh))):
         places = [mesh.parent / each for each in {name, unquote(name)}]
         if not any(_is_image(place) for place in places if is_below(place, roots)):
-            text = f"{mesh.name}: texture '{name[:120]}' is no image below the robot's own folders and is left out"
+            text = f"{mesh.name}: texture '{name[:120]}' is not an image below the robot's own folders and is left out"
             warnings.warn(text, ModelWarning, stacklevel=2)
             return False
     return True

@@ -1,4 +1,4 @@
-"""A run as seen from above: where bodies went on the ground, where they looked, and where they should have gone."""
+"""Top view of a run: paths of bodies on the ground, their headings, and desired paths."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.panels import MOST, Others, words
 
-_MARKS = 12  # headings along a path: eleven equal parts, so that marks of two laps do not coincide
-_TURN = 0.15  # how far turning once by a radian counts between marks, of the extent of the path
-_SAME = 1e-3  # of the extent, below which two paths are one
-_SMALLEST = 0.05  # a picture shows at least so much to each side [m]
+_MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
+_TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
+_SAME = 1e-3  # largest distance between two paths that count as one, over the extent
+_SMALLEST = 0.05  # smallest half width and half height of the picture [m]
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 
 @dataclass(frozen=True)
 class GroundPath:
-    """The path of a point in the plane.
+    """Path of a point in the plane.
 
     Attributes:
-        name: of the body or frame, as people read it.
-        points: (N, 2) [m].
-        headings: (N,) [rad]; None of what has none.
-        desired: where it should have been, (N, 2) [m].
+        name: readable name of the body or frame.
+        points: positions (N, 2) [m].
+        headings: headings (N,) [rad]; None if the point has no heading.
+        desired: desired positions (N, 2) [m]; None if there is no goal.
     """
 
     name: str
@@ -40,19 +40,19 @@ class GroundPath:
 
     @property
     def extent(self) -> float:
-        """Longer side of the box about it [m]."""
+        """Longer side of the bounding box [m]."""
         return float(np.ptp(self.points, axis=0).max(initial=0.0))
 
     @property
     def goal(self) -> np.ndarray | None:
-        """Where it should be all the time, (2,) [m]; None where it is told a path."""
+        """Constant desired position (2,) [m]; None without a goal, or if the desired position varies."""
         if self.desired is None or not np.allclose(self.desired, self.desired[-1], rtol=0.0, atol=1e-9):
             return None
         last: np.ndarray = self.desired[-1]
         return last
 
     def marks(self) -> np.ndarray:
-        """Samples at which its heading is shown: evenly along the way, turning on the spot included."""
+        """Indices of the samples with heading marks, evenly along the path; rotation in place counts as distance."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         if self.headings is not None:
             steps = steps + _TURN * max(self.extent, _SMALLEST) * np.abs(np.diff(np.unwrap(self.headings)))
@@ -63,9 +63,9 @@ class GroundPath:
 
 
 def ground_paths(run: Trajectory) -> list[GroundPath]:
-    """Paths to be seen from above: bodies on the ground, and frames whose x and y are outputs.
+    """Paths of a top view: bodies on the ground, and frames whose x and y are outputs.
 
-    Frames of a robot that has nothing on the ground count where they move in the plane, without a z among the outputs.
+    If no body is on the ground, a frame counts only if its z is not an output.
     """
     bodies = [
         GroundPath(words(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
@@ -75,7 +75,7 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
     scale = max([_SMALLEST, *(each.extent for each in (*bodies, *frames))])
     found = list(bodies)
     for frame in frames:
-        # A body that leans is drawn at another point than its frame, and is the same body.
+        # A leaning body is drawn at another point than its frame but is the same body.
         same = [
             k
             for k, body in enumerate(found)
@@ -116,7 +116,7 @@ def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
 
 
 def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Entry]:
-    """Draw a run from above; the entries of a legend."""
+    """Draw the top view of a run. Return the legend entries."""
     paths = ground_paths(run)
     entries: list[ps.Entry] = []
     plan = run.info.provenance.path
@@ -170,7 +170,7 @@ def _draw_headings(axes: Axes, path: GroundPath, color: str) -> None:
 
 
 def _frame_equally(axes: Axes) -> None:
-    """Show both axes to one scale, and standstill as a dot."""
+    """Use equal scales on both axes, and a minimum size so that a robot at rest is a dot."""
     middle = np.array([(axes.dataLim.x0 + axes.dataLim.x1) / 2, (axes.dataLim.y0 + axes.dataLim.y1) / 2])
     axes.update_datalim([middle - _SMALLEST, middle + _SMALLEST])
     axes.margins(0.08)

@@ -1,4 +1,4 @@
-"""How a run is looked at: declared here alone, for pages, live views and scenario files."""
+"""View options: one declaration for pages, live views and scenario files."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Point = Annotated[Sequence[float], Len(3, 3)]
 
 @dataclass(frozen=True)
 class View:
-    """How a run is looked at, for any robot.
+    """View options of a run, for any robot.
 
     Attributes:
-        trail: frames whose paths are drawn; by default those that have goals.
-        camera: position of the camera in the world [m]; by default where the whole motion is in the picture.
+        trail: frames whose paths are drawn; by default the frames that have goals.
+        camera: position of the camera in the world [m]; by default the whole motion is in the picture.
         target: point that the camera looks at [m].
-        ground: height of the grid and of wheel tracks [m]; None for neither; "auto" for 0, or neither where a robot
+        ground: height of the grid and of the wheel tracks [m]; None draws neither. "auto" is 0, or None if the robot
             floats in space.
-        hide: layers that are off at first; the legend and the controls of the viewer switch them on.
+        hide: layers that are hidden at first; the legend and the controls of the viewer show them.
     """
 
     trail: Sequence[str] = ()

@@ -1,4 +1,4 @@
-"""Viser answers whoever asks; here it answers those that ``Visitors`` admits."""
+"""Access check for viser, which has none: it answers only requests that ``Visitors`` admits."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.visitors import Visitors
 
-_LONGEST_MESSAGE = 1_000_000  # [bytes]; of cameras and clicks
+_LONGEST_MESSAGE = 1_000_000  # [bytes]; messages contain camera poses and clicks
 
 
 @contextmanager
 def guarded(visitors: Visitors) -> Iterator[None]:
-    """Let a server of viser that is started inside ask who comes, before it answers.
+    """Add the access check to a viser server that is started inside the ``with`` block.
 
-    Viser has no setting for it. It serves through ``websockets``, where a request can be refused before it is one; that
-    is asked for in viser's place while its server starts.
+    Viser has no setting for it, but it serves through ``websockets``, which can refuse a request before the handshake.
+    So this function replaces ``websockets``' ``serve`` while the viser server starts.
 
     Raises:
-        ConfigurationError: the server started by another way.
+        ConfigurationError: the server did not start through ``websockets``.
     """
     from websockets.asyncio import server
 
@@ -42,13 +42,13 @@ def guarded(visitors: Visitors) -> Iterator[None]:
         server.serve = usual  # type: ignore[misc]
     if not guards:
         raise ConfigurationError(
-            "PINOCCHIO_VIEWER=viser: this version serves whoever asks; another version, or PINOCCHIO_VIEWER=meshcat, "
-            "does not"
+            "PINOCCHIO_VIEWER=viser: this version of viser would answer any web site; install another version, or use "
+            "PINOCCHIO_VIEWER=meshcat"
         )
 
 
 def _log() -> logging.Logger:
-    """Where it is said what strangers do wrong: nowhere, unless somebody listens."""
+    """Logger of refused and invalid requests; silent unless the application adds a handler."""
     log = logging.getLogger("rnc_pin.viser")
     if not log.handlers:
         log.addHandler(logging.NullHandler())

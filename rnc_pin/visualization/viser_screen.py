@@ -1,4 +1,4 @@
-"""The robot, its paths and its figures in viser, for those who set ``PINOCCHIO_VIEWER=viser``."""
+"""Live view in viser with the robot, its paths and the board; selected by ``PINOCCHIO_VIEWER=viser``."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viser_guard import guarded
 from rnc_pin.visualization.visitors import Visitors
 
-_PIECE = 15  # pictures to a piece of a path
+_PIECE = 15  # frames per piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
 
 
 class _Visualizer(ViserVisualizer):  # type: ignore[misc]
-    """Pinocchio's visualizer for viser, which opens no file but a Collada mesh whose textures are the robot's own.
+    """Pinocchio's viser visualizer, which opens only Collada meshes whose textures are in the robot's folders.
 
-    Of other meshes it draws the triangles that Pinocchio has read: what reads them for viser would open whatever
-    textures and materials they name.
+    It draws other meshes from the triangles that Pinocchio has read: viser's reader would open all textures and
+    materials that a mesh names.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -52,7 +52,7 @@ class _Visualizer(ViserVisualizer):  # type: ignore[misc]
             if path.suffix.lower() != ".dae" or not has_own_textures(path, self._folders):
                 raise ValueError
             super().loadViewerGeometryObject(geometry_object, prefix, color)
-        except Exception:  # no reader of its format is installed, or a texture is not there
+        except Exception:  # no reader of the format is installed, or a texture is missing
             corners = (drawn_triangles(geometry_object) * drawn_scale(geometry_object)).reshape(-1, 3)
             faces, shade = np.arange(len(corners)).reshape(-1, 3), color or geometry_object.meshColor
             name = f"{prefix}/{geometry_object.name}" if prefix else geometry_object.name
@@ -62,10 +62,10 @@ class _Visualizer(ViserVisualizer):  # type: ignore[misc]
 
 
 class ViserScreen:
-    """A page of viser, served by this process; see ``MeshcatScreen``.
+    """Viser page served by this process; see ``MeshcatScreen``.
 
     Raises:
-        ConfigurationError: viser is not installed, or serves in a way that cannot be guarded.
+        ConfigurationError: viser is not installed, or its server does not support the access check.
     """
 
     def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
@@ -94,7 +94,7 @@ class ViserScreen:
 
     @property
     def browsers(self) -> int:
-        """How many look on."""
+        """Number of connected browsers."""
         return len(self._server.get_clients())
 
     def open(self) -> None:
@@ -102,7 +102,7 @@ class ViserScreen:
         webbrowser.open(self.url, new=2)
 
     def draw(self, state: State) -> None:
-        """Show a state."""
+        """Draw a state; the first state places the camera."""
         if not self._placed:
             self._place(state)
         self._visualizer.display(state.q)
@@ -133,7 +133,7 @@ class ViserScreen:
         self._placed = True
 
     def _follow(self, state: State) -> None:
-        """Move cameras along with the robot, each from where its user has brought it."""
+        """Move the cameras with the robot; movements by the users remain."""
         if self._follower is None:
             return
         before = self._follower.offset
@@ -143,7 +143,7 @@ class ViserScreen:
         first = self._server.initial_camera
         first.position, first.look_at = np.array(first.position) + step, np.array(first.look_at) + step
         for client in self._server.get_clients().values():
-            client.camera.position = client.camera.position + step  # takes its target along
+            client.camera.position = client.camera.position + step  # viser moves the target too
 
     def close(self) -> None:
         """Stop serving."""

@@ -1,7 +1,7 @@
-"""Who is served: pages and programs that ask for this computer by a name of its own.
+"""Access check of a local server: a request must name this computer by one of its own names.
 
-A page of any web site can let its own name stand for 127.0.0.1 (DNS rebinding), and then read what is served there as
-if it were its own. What gives it away is the name, which a browser sends as Host, and the page's, sent as Origin.
+A web site can resolve its own name to 127.0.0.1 (DNS rebinding). Its pages can then read everything that is served
+there. The names reveal the attack: a browser sends the requested name as Host and the name of the page as Origin.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 
 def addresses_of(host: str) -> set[str]:
-    """Addresses that a name stands for here; none where it stands for nothing."""
+    """Addresses to which this computer resolves a name; empty if there are none."""
     try:
         return {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
@@ -20,26 +20,26 @@ def addresses_of(host: str) -> set[str]:
 
 
 class Visitors:
-    """Decides by the headers of a request.
+    """Check of the request headers Host and Origin.
 
     Args:
-        host: name or address that is listened on.
+        host: name or address that the server listens on.
     """
 
     def __init__(self, host: str) -> None:
         addresses = addresses_of(host)
-        # On all addresses no list of them is complete; one that is no name cannot be made to stand for another.
+        # A server on all addresses accepts any numeric address: no list is complete, and DNS cannot redirect a number.
         self._any_address = any(_is_unspecified(address) for address in addresses)
         self._names = {"localhost", host.lower(), *addresses}
         if self._any_address:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
 
     def admit(self, host: str | None, origin: str | None) -> bool:
-        """Whether to answer.
+        """Return True if the server may answer a request.
 
         Args:
-            host: the header of this name, with or without a port.
-            origin: likewise; browsers always send it with a web socket, other programs need not.
+            host: header Host, with or without a port.
+            origin: header Origin. Browsers always send it with a web socket; other programs may omit it.
         """
         if not host or not self._is_ours(_name_in(f"//{host}")):
             return False
@@ -58,7 +58,7 @@ class Visitors:
 def _name_in(url: str) -> str | None:
     try:
         parts = urlsplit(url)
-        _ = parts.port  # raises where there is no number
+        _ = parts.port  # raises ValueError if the port is not a number
     except ValueError:
         return None
     return None if parts.path or parts.query or parts.username is not None else parts.hostname
