@@ -358,7 +358,7 @@ def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
     opened, usual = [], trimesh.load_scene
     monkeypatch.setattr(trimesh, "load_scene", lambda path, *more: opened.append(path) or usual(path, *more))
     monkeypatch.setattr(trimesh, "load_mesh", lambda path, *more: opened.append(path))
-    with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is no image"):
+    with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is not an image"):
         live = LiveView(robot, open_browser=False, screen=ViserScreen)
     live.close()
     assert opened == [str(tmp_path / "robot/own.dae")]

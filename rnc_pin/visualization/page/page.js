@@ -1,4 +1,4 @@
-// What Meshcat's viewer does not have: a gaze, copies of parts, a board with figures and a legend, a player.
+// Extensions of Meshcat's viewer: camera commands, copies of nodes, a board with a legend, a player.
 "use strict";
 var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 viewer.gui.domElement.style.zIndex = 1;
@@ -12,10 +12,10 @@ viewer.gui.domElement.style.zIndex = 1;
   const split = (path) => path.split("/").filter((part) => part.length > 0);
   const node = (path) => viewer.scene_tree.find(split(path));
 
-  // ---- commands of ours, beside Meshcat's own
+  // ---- commands in addition to Meshcat's
 
   function look(command) {
-    // The camera's own axes have y up.
+    // The y axis of the camera's coordinates points up.
     const turned = ([x, y, z]) => [x, z, -y];
     viewer.camera.position.set(...turned(command.position));
     viewer.camera.fov = command.fov;
@@ -27,7 +27,7 @@ viewer.gui.domElement.style.zIndex = 1;
     followed = [0, 0, 0];
   }
 
-  // What the user has done with the camera stays: it is moved along, not put somewhere.
+  // The camera moves by the change of the offset, so movements by the user remain.
   let followed = [0, 0, 0], way = null;
 
   function follow(offset) {
@@ -131,7 +131,7 @@ viewer.gui.domElement.style.zIndex = 1;
     }
   };
 
-  // Commands come in bundles, each after its size.
+  // A message contains several commands; the size of each precedes it.
   function handle_bundle(bytes) {
     const view = new DataView(bytes.buffer, bytes.byteOffset);
     for (let at = 0; at < bytes.length;) {
@@ -142,7 +142,7 @@ viewer.gui.domElement.style.zIndex = 1;
   }
   viewer.handle_command_message = (message) => handle_bundle(new Uint8Array(message.data));
 
-  // ---- a recording: all commands at once, then a player
+  // ---- recording: all commands, then the player
 
   async function unpack(text) {
     const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
