@@ -73,7 +73,7 @@ def panels(run: Trajectory, others: Others | None = None) -> list[Panel]:
 
 
 def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None) -> list[Panel]:
-    """Panels of the outputs with their references, one per quantity; for quasi-velocities also their rates.
+    """Panels of the outputs with their references, grouped by quantity; for quasi-velocities also their rates.
 
     Args:
         run: run to show.

@@ -33,7 +33,7 @@ def plot_outputs(
     title: str | None = None,
     comparisons: Mapping[str, Trajectory] | None = None,
 ) -> Figure:
-    """Plot outputs over time, one panel per quantity: actual solid, desired dotted, other runs dashed.
+    """Plot outputs over time, grouped by quantity: actual solid, desired dotted, other runs dashed.
 
     Args:
         trajectory: run to plot.
