@@ -1,0 +1,58 @@
+"""Rules of prose that a machine can check: docstrings are phrases or imperatives, sentences of the pages are short."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+MODULES = sorted((ROOT / "rnc_pin").rglob("*.py"))
+QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
+LONGEST_SENTENCE = 30  # words
+PAGES = [
+    ROOT / "README.md",
+    *(
+        ROOT / "docs" / f"{name}.md"
+        for name in ("commands", "glossary", "index", "limits", "own_robot", "performance", "python")
+    ),
+]
+
+
+def docstrings(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
+            text = ast.get_docstring(node)
+            if text:
+                yield getattr(node, "name", "module"), text
+
+
+def sentences(text):
+    """Sentences outside code; items of lists and cells of tables are sentences of their own."""
+    text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    text = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    text = re.sub(r"\n(?=[*#|-]|\d+\.|\n)|\|", "\n\n", text)
+    for paragraph in text.split("\n\n"):
+        yield from re.split(r"(?<=[.:;!?])\s+", " ".join(paragraph.split()))
+
+
+def test_no_docstring_starts_with_a_question_word():
+    asked = [
+        f"{path.relative_to(ROOT)}: {name}: {text.splitlines()[0]}"
+        for path in MODULES
+        for name, text in docstrings(path)
+        if QUESTION.match(text)
+    ]
+    assert not asked, "\n".join(asked)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_sentences_are_short(page):
+    long = [each for each in sentences(page.read_text()) if len(each.split()) > LONGEST_SENTENCE]
+    assert not long, "\n".join(long)
+
+
+def test_long_sentences_are_found():
+    text = f"| a cell |\n\n* {'word ' * 31}end.\n\n    {'code ' * 40}\n"
+    assert [len(each.split()) for each in sentences(text) if len(each.split()) > LONGEST_SENTENCE] == [33]
