@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.scenario.draft import Wishes, draft
+from rnc_pin.scenario.draft import DraftOptions, draft
 from rnc_pin.visualization.meshes import MeshVisualizer, drawn_triangles
 from rnc_pin.visualization.recording import Recording
 
@@ -177,7 +177,7 @@ def draft_all(folder: Path) -> None:
     files = sorted(folder.iterdir())
     path = folder / "r.urdf"
     path.write_text(urdf([file.name for file in files]))
-    draft(str(path), folder, Wishes(None, {}, (), {}))
+    draft(str(path), folder, DraftOptions(None, {}, (), {}))
     robot = rnc.Robot.from_urdf(path)
     reduced = rnc.NonholonomicSystem(robot).reduce()
     run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1)

@@ -18,7 +18,7 @@ from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.screens import chosen_screen
+from rnc_pin.visualization.screens import selected_screen
 from rnc_pin.visualization.state import RATE, sample_configurations
 from rnc_pin.visualization.view import View
 
@@ -256,7 +256,7 @@ def test_viser_shows_the_robot_where_it_is_asked_for(browser, robot, monkeypatch
     pytest.importorskip("viser", reason="viser is an optional extra and not installed")
     monkeypatch.setenv("PINOCCHIO_VIEWER", "viser")
     before = listening()
-    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, screen=chosen_screen())
+    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, screen=selected_screen())
     try:
         assert {address for address, _ in listening() - before} == {"0100007F"}
         page, problems = visit(browser, live.url + "/")

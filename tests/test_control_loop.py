@@ -524,7 +524,7 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators(monkeypatch):
     run = swing(limits)
     assert (np.abs(run.T) >= limits - 1e-9).mean(axis=0).min() > 0.05  # clipped, each of them, and not for an instant
     assert late_error(run) < 2e-3
-    monkeypatch.setattr("rnc_pin.control.velocity_tracker.asks_for_more", lambda excess, added: np.zeros(3, bool))
+    monkeypatch.setattr("rnc_pin.control.velocity_tracker.saturation_mask", lambda excess, added: np.zeros(3, bool))
     assert late_error(swing(limits)) > 0.05
 
 
@@ -549,7 +549,7 @@ def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt
     assert (np.abs(clipped.T) >= limits - 1e-9).mean(axis=0).max() > 0.2
     assert max(rnc.summarize(clipped)["final_error"].values()) < well
     monkeypatch.setattr(
-        "rnc_pin.control.velocity_tracker.asks_for_more", lambda excess, added: np.zeros(np.shape(added), bool)
+        "rnc_pin.control.velocity_tracker.saturation_mask", lambda excess, added: np.zeros(np.shape(added), bool)
     )
     assert max(rnc.summarize(run(limits))["final_error"].values()) > badly
 
@@ -570,7 +570,7 @@ def test_the_position_tracker_recovers_from_a_clipped_actuator(monkeypatch):
     assert np.abs(free.x2[-1] - 1.0) < 0.02
     limit = 0.3 * np.abs(free.T).max(axis=0)
     run = pushed(limit)
-    monkeypatch.setattr("rnc_pin.control.position_tracker.asks_for_more", lambda excess, added: np.zeros(1, bool))
+    monkeypatch.setattr("rnc_pin.control.position_tracker.saturation_mask", lambda excess, added: np.zeros(1, bool))
     other = pushed(limit)
     assert np.abs(run.x2[-1] - 1.0) < 0.002
     assert run.x2.max() - 1.0 < 0.5 * (other.x2.max() - 1.0)  # overshoots

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.errors import ModelError
-from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -24,7 +24,7 @@ def drafted(name, folder, **wishes):
     """(the scenario's content, its text, its path)."""
     path = folder / "draft.yaml"
     source = DIRT / f"{name}.urdf" if isinstance(name, str) else name
-    path.write_text(draft(str(source), folder, Wishes(**wishes)))
+    path.write_text(draft(str(source), folder, DraftOptions(**wishes)))
     return read_yaml(path), path.read_text(), path
 
 

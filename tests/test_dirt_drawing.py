@@ -29,7 +29,7 @@ from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import State
+from rnc_pin.visualization.state import DrawnState
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viser_screen import ViserScreen
@@ -466,7 +466,7 @@ def cart(tmp_path_factory):
 def at(robot, time, x):
     none = np.empty(0)
     q = robot.configuration({"root_joint": [x, 0.0, 0.0]})
-    return State(time, q, none, none, none, none, none, none, float("nan"))
+    return DrawnState(time, q, none, none, none, none, none, none, float("nan"))
 
 
 EYES = "[viewer.camera.position.toArray(), viewer.controls.target.toArray()]"

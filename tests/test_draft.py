@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from rnc_pin.errors import ModelError
-from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -25,7 +25,7 @@ def brief(monkeypatch):
 def drafted(source, folder, **options):
     """(the scenario's content, its path)."""
     path = folder / "draft.yaml"
-    path.write_text(draft(str(source), folder, Wishes(**options)))
+    path.write_text(draft(str(source), folder, DraftOptions(**options)))
     return read_yaml(path), path
 
 
@@ -337,4 +337,4 @@ def test_a_base_that_a_file_cannot_have_is_refused_in_the_files_words(tmp_path):
     (tmp_path / "two.xml").write_text(f"<mujoco><worldbody>{body.format('a')}{body.format('b')}</worldbody></mujoco>")
     words = r"^\S*two.xml: base='free' moves one body, and in <worldbody> there are 2: a, b"
     with pytest.raises(ModelError, match=words):
-        draft(str(tmp_path / "two.xml"), tmp_path, Wishes(base="free"))
+        draft(str(tmp_path / "two.xml"), tmp_path, DraftOptions(base="free"))

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.draft.driven import driven_joints
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
@@ -61,7 +61,7 @@ def snake(bodies=8, forward=-1, yaw="yaw_{}", effort=5.0, extra="", drawn=False)
 def drafted(text, folder, **wishes):
     (folder / "robot.urdf").write_text(text)
     path = folder / "robot.yaml"
-    path.write_text(draft(str(folder / "robot.urdf"), folder, Wishes(**wishes)))
+    path.write_text(draft(str(folder / "robot.urdf"), folder, DraftOptions(**wishes)))
     words = path.read_text()
     return read_yaml(path), next(line for line in words.splitlines() if line.startswith("# base")), path
 

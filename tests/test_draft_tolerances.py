@@ -11,7 +11,7 @@ from noisy import with_noise
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.builder import build_experiment
-from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.draft.tolerances import first_smallest
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.scenario.loading import validate
@@ -38,7 +38,7 @@ def drafted(path, original, folder, base=None):
     """(what the base was taken for, the scenario), or of a file that is refused the kind of error."""
     folders = (original.parent, *original.parents[1:4])
     try:
-        text = draft(str(path), folder, Wishes(base=base, package_dirs=folders))
+        text = draft(str(path), folder, DraftOptions(base=base, package_dirs=folders))
     except ModelError as error:
         return type(error).__name__, {}
     kind = next(line for line in text.splitlines() if line.startswith("# base"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.errors import ModelWarning
-from rnc_pin.scenario.draft import Wishes, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -25,7 +25,7 @@ def upright_arm():
 
 def drafted(folder):
     (folder / "arm.urdf").write_text(upright_arm())
-    text = draft(str(folder / "arm.urdf"), folder, Wishes())
+    text = draft(str(folder / "arm.urdf"), folder, DraftOptions())
     (folder / "arm.yaml").write_text(text)
     return text, folder / "arm.yaml"
 

@@ -13,7 +13,7 @@ from rnc_pin.model.rows import OutputRows, Rows
 from rnc_pin.outputs.spin_form import SpinFormRow
 
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
-PLACES = {"jacobian", "joint_placement", "moving", "placement", "rotation"}
+PLACES = {"jacobian", "joint_placement", "with_velocity", "placement", "rotation"}
 MOTIONS = PLACES | {"acceleration", "joint_velocity", "rates", "velocity"}
 
 
@@ -40,8 +40,8 @@ def test_descriptions_cannot_be_changed():
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        (Rows, {"drift", "jacobian", "jacobian_dot"}),
-        (OutputRows, {"drift", "jacobian", "jacobian_dot"}),
+        (Rows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
+        (OutputRows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
         (SpinFormRow, {"_check_defined", "_form", "_form_rate", "_second"}),
         (PositionKinematics, PLACES),
         (VelocityKinematics, MOTIONS),

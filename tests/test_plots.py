@@ -20,7 +20,7 @@ from browsing import PATIENCE, changed, opened, visit
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.visualization import capture, plot_style
 from rnc_pin.visualization.interactive import write_plots
-from rnc_pin.visualization.panels import learnt, panels, split
+from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.top_view import GroundPath, ground_paths
@@ -287,9 +287,9 @@ def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
 def test_joints_of_a_limb_stay_together():
     arms = [f"arm_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 6)]
     legs = [f"leg_{side}_{k}_joint" for side in ("left", "right") for k in range(1, 4)]
-    assert split([*arms, *legs]) == [arms[:5], arms[5:], legs]
-    assert split(["a", "b"]) == [["a", "b"]]
-    assert split([]) == []
+    assert split_names([*arms, *legs]) == [arms[:5], arms[5:], legs]
+    assert split_names(["a", "b"]) == [["a", "b"]]
+    assert split_names([]) == []
 
 
 def test_inputs_have_a_unit_each(drive):
@@ -303,7 +303,7 @@ def test_estimates_are_in_si_units():
     """The paper counts masses in units of 10 kg."""
     options = {"simulation.duration": 0.1, "simulation.dt": 0.01, "comparisons": {}}
     learning = execute(plan("space-robot-uncertain", options)).trajectory
-    (panel,) = learnt(learning, {}, "estimates")
+    (panel,) = learning_panels(learning, {}, "estimates")
     assert panel.label == "estimate [kg]"
     np.testing.assert_array_equal(panel.series[1].values, 10.0 * learning.estimates[:, 1])
 

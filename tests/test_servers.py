@@ -13,7 +13,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.visitors import Visitors
+from rnc_pin.visualization.visitors import RequestFilter
 
 PATIENCE = 20.0  # [s]
 
@@ -95,16 +95,16 @@ def test_a_web_socket_is_opened_for_our_own_page_alone(port):
 
 
 def test_who_is_admitted_elsewhere():
-    everywhere, one = Visitors("0.0.0.0"), Visitors("192.0.2.7")
+    everywhere, one = RequestFilter("0.0.0.0"), RequestFilter("192.0.2.7")
     here = socket.gethostname()
     for visitors, hosts in ((everywhere, ["192.0.2.9:80", "[2001:db8::1]:80", here]), (one, ["192.0.2.7:80"])):
-        assert all(visitors.admit(host, f"http://{host}") for host in hosts)
-        assert not visitors.admit("evil.com", "http://evil.com")
-        assert not visitors.admit("evil.com", None)
-        assert not visitors.admit(None, None)
-        assert not visitors.admit("", None)
-        assert not visitors.admit(hosts[0], "http://evil.com")
-    assert not one.admit("192.0.2.9", None)
+        assert all(visitors.allows(host, f"http://{host}") for host in hosts)
+        assert not visitors.allows("evil.com", "http://evil.com")
+        assert not visitors.allows("evil.com", None)
+        assert not visitors.allows(None, None)
+        assert not visitors.allows("", None)
+        assert not visitors.allows(hosts[0], "http://evil.com")
+    assert not one.allows("192.0.2.9", None)
 
 
 def frame(size, sent, opcode=2, final=True):

@@ -13,13 +13,13 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.board import Board, margin_color
-from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, GAZE, fitting_camera
-from rnc_pin.visualization.elements import _pillar
+from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
+from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.keyframes import Keyframes
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.state import RATE, Names, State, recorded_states, sample_configurations
+from rnc_pin.visualization.state import RATE, DrawnState, OutputColumns, recorded_states, sample_configurations
 from rnc_pin.visualization.view import View
 
 
@@ -164,7 +164,7 @@ def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
 
 def test_an_arrow_goes_from_a_point_along_a_vector():
     along = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
-    matrix = _pillar(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
+    matrix = _cylinder_transform(np.array([1.0, 2.0, 3.0]), along, 4.0, 0.1)
     top, bottom, side = (matrix @ np.array([*point, 1.0]) for point in ([0, 0.5, 0], [0, -0.5, 0], [1, 0, 0]))
     np.testing.assert_allclose(top[:3], [1, 2, 3] + 2 * along)
     np.testing.assert_allclose(bottom[:3], [1, 2, 3] - 2 * along)
@@ -196,7 +196,7 @@ def test_null_motion_moves_one_output_and_no_other(name, output):
 def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     reduced = systems.fire_truck()
     vertical = list(reduced.vertical.names)
-    names = Names.of(output_names(reduced))
+    names = OutputColumns.of(output_names(reduced))
     goals = ["tractor_x", "tractor_y", "trailer_yaw"]
     board = Board(names, goals, Poses(reduced.robot), {}, margin=True)
     assert [each["label"] for each in board.labels()] == [
@@ -205,7 +205,7 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     actual |= {"tractor_x": 1.0, "tractor_y": 2.0, "trailer_yaw": 3.1}
     desired |= {"tractor_x": 1.3, "tractor_y": 1.6, "trailer_yaw": -3.1}
     x1, x1_desired = (np.array([values[name] for name in vertical]) for values in (actual, desired))
-    state = State(1.5, reduced.robot.configuration(), *np.zeros((6, 3)), 0.25)
+    state = DrawnState(1.5, reduced.robot.configuration(), *np.zeros((6, 3)), 0.25)
     state = state._replace(x1=x1, x1_desired=x1_desired)
     np.testing.assert_allclose(board.figures(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
 
@@ -213,7 +213,7 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
 def test_the_board_tells_an_integral_from_a_speed():
     """The error of what a speed adds up to is in metres, and is no error of a speed."""
     reduced = systems.fire_truck()
-    names = Names.of(output_names(reduced))
+    names = OutputColumns.of(output_names(reduced))
     (speed,) = (name for name in reduced.reducing.names if "speed" in name)
     labels = Board(names, [speed], Poses(reduced.robot), None, margin=False).labels()
     assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
@@ -222,8 +222,8 @@ def test_the_board_tells_an_integral_from_a_speed():
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
-    board = Board(Names.of(OutputNames(x2=attitude)), attitude.names, Poses(robot), None, margin=False)
-    state = State(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
+    board = Board(OutputColumns.of(OutputNames(x2=attitude)), attitude.names, Poses(robot), None, margin=False)
+    state = DrawnState(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
     assert [each["label"] for each in board.labels()] == ["time", "error of panda hand orientation"]
     np.testing.assert_allclose(board.figures(state)[0][1], 2 * np.pi - 6.0)
@@ -238,9 +238,9 @@ def test_colours_warn_of_a_singularity():
 
 def test_the_whole_motion_is_in_the_picture():
     points = np.random.default_rng(0).uniform([-8.0, -0.3, 0.0], [1.3, 3.5, 0.7], (50, 3))
-    camera, target = fitting_camera(points, np.array(GAZE))
+    camera, target = fitting_camera(points, np.array(VIEW_DIRECTION))
     forward = (target - camera) / np.linalg.norm(target - camera)
-    np.testing.assert_allclose(forward, np.array(GAZE) / np.linalg.norm(GAZE))
+    np.testing.assert_allclose(forward, np.array(VIEW_DIRECTION) / np.linalg.norm(VIEW_DIRECTION))
     right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
     half = np.tan(np.deg2rad(FIELD_OF_VIEW / 2))
     depth = (points - camera) @ forward

@@ -313,7 +313,7 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
         rates = kinematics.position(q).with_velocity(v).rates()
         for pair in pairs:
             ours, theirs = (each.bind(robot) for each in pair)
-            for method in ("jacobian", "jacobian_dot", "drift", "residual"):
+            for method in ("jacobian", "jacobian_dot", "bias_acceleration", "residual"):
                 expected = getattr(theirs, method)(rates)
                 np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 
@@ -462,7 +462,7 @@ def test_the_row_of_a_car_is_that_of_its_oracle():
     for _ in range(4):
         q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
         rates = kinematics.position(q).with_velocity(v).rates()
-        for method in ("jacobian", "jacobian_dot", "drift", "residual"):
+        for method in ("jacobian", "jacobian_dot", "bias_acceleration", "residual"):
             expected = getattr(theirs, method)(rates) / -wheelbase
             np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 

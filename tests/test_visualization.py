@@ -27,7 +27,7 @@ from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.scene_server import SceneWindow, is_loopback
 from rnc_pin.visualization.scene_store import SceneStore
-from rnc_pin.visualization.screens import chosen_screen
+from rnc_pin.visualization.screens import selected_screen
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
@@ -319,7 +319,7 @@ def test_a_robot_without_geometry_cannot_be_drawn(robot):
 def test_a_visualizer_that_is_not_known_is_refused(monkeypatch):
     monkeypatch.setenv("PINOCCHIO_VIEWER", "vizer")
     with pytest.raises(rnc.ConfigurationError, match=r"PINOCCHIO_VIEWER=vizer: .*did you mean 'viser'"):
-        chosen_screen()
+        selected_screen()
 
 
 def test_the_store_keeps_the_last_word_and_an_order_that_works():

@@ -10,7 +10,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation import Provenance, RunInfo
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.scene_server import is_loopback
-from rnc_pin.visualization.screens import chosen_screen
+from rnc_pin.visualization.screens import selected_screen
 from rnc_pin.visualization.view import View
 
 
@@ -20,7 +20,7 @@ def live_view(
     """Serve a view, say where, and wait for the browser."""
     if not is_loopback(host):
         warn(f"--host {host}: whoever reaches this computer there can watch")
-    live = LiveView(reduced, view, info, speed, browser, host, title, chosen_screen())
+    live = LiveView(reduced, view, info, speed, browser, host, title, selected_screen())
     click.echo(f"showing on {live.url}", err=True)
     try:
         with interruptible():

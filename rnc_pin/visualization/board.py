@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.simulation import PlannedPath
 from rnc_pin.visualization.poses import Poses
-from rnc_pin.visualization.state import Names, State
+from rnc_pin.visualization.state import DrawnState, OutputColumns
 
 _MOST_ERRORS = 5
 _BEHIND = 20.0  # [m]
@@ -21,8 +21,8 @@ class Row(NamedTuple):
 
     label: str
     unit: str
-    value: Callable[[State], float]
-    color: Callable[[State], np.ndarray] | None = None
+    value: Callable[[DrawnState], float]
+    color: Callable[[DrawnState], np.ndarray] | None = None
 
 
 class Label(TypedDict):
@@ -45,7 +45,7 @@ class Board:
     """
 
     def __init__(
-        self, names: Names, goals: Sequence[str], poses: Poses, plan: PlannedPath | None, margin: bool
+        self, names: OutputColumns, goals: Sequence[str], poses: Poses, plan: PlannedPath | None, margin: bool
     ) -> None:
         errors: list[Row] = []
         told: set[tuple[str, int]] = set()
@@ -75,7 +75,7 @@ class Board:
         """Labels of the rows."""
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
-    def figures(self, state: State) -> tuple[list[float], list[str | None]]:
+    def figures(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
         """Values and colours of the rows at a state."""
         values = [float(row.value(state)) for row in self.rows]
         chips = [None if row.color is None else _hex(row.color(state)) for row in self.rows]
@@ -112,8 +112,8 @@ def _hex(color: np.ndarray) -> str:
     return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in color)
 
 
-def _size_of_error(names: Names, columns: Sequence[tuple[str, int]]) -> Callable[[State], float]:
-    def value(state: State) -> float:
+def _size_of_error(names: OutputColumns, columns: Sequence[tuple[str, int]]) -> Callable[[DrawnState], float]:
+    def value(state: DrawnState) -> float:
         return float(np.linalg.norm([names.error(state, kind)[k] for kind, k in columns]))
 
     return value

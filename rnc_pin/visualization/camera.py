@@ -7,9 +7,11 @@ import numpy as np
 from rnc_pin.simulation import PlannedPath
 
 FIELD_OF_VIEW = 50.0  # vertical [deg]
-GAZE = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
+VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is placed automatically
 ASPECT = 1.6  # width over height of the picture
-_FILLED = np.array([0.8, 0.58])  # used part of the picture's width and height; board, legend and player need the rest
+_USED_PART = np.array(
+    [0.8, 0.58]
+)  # used part of the picture's width and height; board, legend and player need the rest
 _CENTERINGS = 4
 _ROOM = 1.5  # box around a robot that the camera follows, over the size of the robot
 # Largest distance of the robot from the target, over the distance between camera and target.
@@ -25,7 +27,7 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
     return np.concatenate([points, np.column_stack([path, np.full(len(path), height)])])
 
 
-def spread_out(corners: np.ndarray) -> np.ndarray:
+def enlarged_box(corners: np.ndarray) -> np.ndarray:
     """Scale the corners of a robot (N, 3) about their centre, so that parts of its tracks are in the picture."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     return middle + _ROOM * (corners - middle)
@@ -50,7 +52,7 @@ def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray,
     for centerings_left in reversed(range(_CENTERINGS)):
         away = points - target
         beside, depth = away @ axes.T, away @ forward
-        distance = max(float((np.abs(beside) / (_FILLED * half) - depth[:, None]).max()), 0.2)
+        distance = max(float((np.abs(beside) / (_USED_PART * half) - depth[:, None]).max()), 0.2)
         if centerings_left:
             # Perspective enlarges near points, so the middle of the picture is not the middle of the points.
             seen = beside / (distance + depth)[:, None]
@@ -71,13 +73,13 @@ class Follower:
     def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
         self._target = target
         leash = (_CLOSE if close else _WIDE) * float(np.linalg.norm(camera - target))
-        self._leash = max(leash, float(np.linalg.norm(point - target)))
+        self._max_distance = max(leash, float(np.linalg.norm(point - target)))
         self.offset = np.zeros(3)
 
     def follow(self, point: np.ndarray) -> np.ndarray:
         """Return the offset (3,) [m] of camera and target for a robot at a point (3,) [m]."""
         away = point - self._target - self.offset
         distance = float(np.linalg.norm(away))
-        if distance > self._leash:  # False if the distance is NaN
-            self.offset = self.offset + away * (1.0 - self._leash / distance)
+        if distance > self._max_distance:  # False if the distance is NaN
+            self.offset = self.offset + away * (1.0 - self._max_distance / distance)
         return self.offset

@@ -16,7 +16,7 @@ import pinocchio as pin
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.meshes import drawn_scale
 from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import State
+from rnc_pin.visualization.state import DrawnState
 
 # Okabe and Ito
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
@@ -26,7 +26,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
 GREY = 0x7A8794
 
 
-class Entry(NamedTuple):
+class LayerEntry(NamedTuple):
     """Entry of the legend."""
 
     label: str
@@ -44,28 +44,28 @@ class Element(ABC):
         costly: True if a live view may update it less often.
     """
 
-    entry: Entry
-    costly = False
+    entry: LayerEntry
+    expensive = False
 
     def build(self, stage: Stage) -> None:  # noqa: B027, some have nothing to build
         """Draw the initial content."""
 
     @abstractmethod
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         """Show a state."""
 
 
-class Still(Element):
+class FixedPath(Element):
     """Path that is known in advance."""
 
-    def __init__(self, entry: Entry, name: str, points: np.ndarray, width: float) -> None:
+    def __init__(self, entry: LayerEntry, name: str, points: np.ndarray, width: float) -> None:
         self.entry, self._name, self._points, self._width = entry, name, points, width
 
     def build(self, stage: Stage) -> None:
         dashed = self.entry.sign == "dashed"
         stage.path(f"{self.entry.layer}/{self._name}", self._points, self.entry.color, self._width, dashed)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         pass
 
 
@@ -80,12 +80,14 @@ class Trail(Element):
         piece: frames per piece.
     """
 
-    def __init__(self, entry: Entry, name: str, point: Callable[[State], np.ndarray], width: float, piece: int) -> None:
+    def __init__(
+        self, entry: LayerEntry, name: str, point: Callable[[DrawnState], np.ndarray], width: float, piece: int
+    ) -> None:
         self.entry, self._name, self._point, self._width, self._piece = entry, name, point, width, max(piece, 1)
         self._points: list[np.ndarray] = []
         self._count = 0
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         self._points.append(np.array(self._point(state)))
         if len(self._points) <= self._piece:
             return
@@ -98,7 +100,7 @@ class Trail(Element):
 class Triad(Element):
     """Coordinate axes at a pose (4, 4), with a sphere in the colour of the entry at the origin."""
 
-    def __init__(self, entry: Entry, name: str, pose: Callable[[State], np.ndarray], size: float) -> None:
+    def __init__(self, entry: LayerEntry, name: str, pose: Callable[[DrawnState], np.ndarray], size: float) -> None:
         self.entry, self._node, self._pose, self._size = entry, f"{entry.layer}/{name}", pose, size
 
     def build(self, stage: Stage) -> None:
@@ -112,7 +114,7 @@ class Triad(Element):
             stage.root[f"{self._node}/{'xyz'[axis]}"].set_transform(offset)
         stage.mesh(f"{self._node}/point", mg.Sphere(0.14 * size), self.entry.color)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         stage.place(self._node, self._pose(state))
 
 
@@ -120,7 +122,7 @@ class Arrow(Element):
     """Arrow from a point along a vector, both (3,) [m]; almost invisible if the vector is zero."""
 
     def __init__(
-        self, entry: Entry, name: str, vector: Callable[[State], tuple[np.ndarray, np.ndarray]], width: float
+        self, entry: LayerEntry, name: str, vector: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]], width: float
     ) -> None:
         self.entry, self._node, self._vector, self._width = entry, f"{entry.layer}/{name}", vector, width
 
@@ -128,29 +130,31 @@ class Arrow(Element):
         stage.mesh(f"{self._node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
         stage.mesh(f"{self._node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         point, vector = self._vector(state)
         length = float(np.linalg.norm(vector))
         width = self._width
         if not length > 0.2 * width:  # True if NaN
             for part in ("shaft", "head"):
-                stage.place(f"{self._node}/{part}", _pillar(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
+                stage.place(f"{self._node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
             return
         along = vector / length
         head = min(3.5 * width, length)
         shaft = max(length - head, 1e-4)
-        stage.place(f"{self._node}/shaft", _pillar(point + along * shaft / 2, along, shaft, width / 2))
-        stage.place(f"{self._node}/head", _pillar(point + along * (shaft + head / 2), along, head, 0.4 * head))
+        stage.place(f"{self._node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
+        stage.place(
+            f"{self._node}/head", _cylinder_transform(point + along * (shaft + head / 2), along, head, 0.4 * head)
+        )
 
 
-class Bar(Element):
+class Rod(Element):
     """Thin rod centred at a point along a unit vector: a direction in which the constraint prevents motion."""
 
     def __init__(
         self,
-        entry: Entry,
+        entry: LayerEntry,
         name: str,
-        line: Callable[[State], tuple[np.ndarray, np.ndarray]],
+        line: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]],
         length: float,
         width: float,
     ) -> None:
@@ -160,20 +164,20 @@ class Bar(Element):
     def build(self, stage: Stage) -> None:
         stage.mesh(self._node, mg.Cylinder(1.0, 1.0), self.entry.color)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         point, along = self._line(state)
-        stage.place(self._node, _pillar(point, along, self._length, self._width / 2))
+        stage.place(self._node, _cylinder_transform(point, along, self._length, self._width / 2))
 
 
-class Lamp(Element):
+class ColoredSphere(Element):
     """Sphere whose position and colour depend on the state."""
 
     def __init__(
         self,
-        entry: Entry,
+        entry: LayerEntry,
         name: str,
-        point: Callable[[State], np.ndarray],
-        color: Callable[[State], np.ndarray],
+        point: Callable[[DrawnState], np.ndarray],
+        color: Callable[[DrawnState], np.ndarray],
         size: float,
     ) -> None:
         self.entry, self._node = entry, f"{entry.layer}/{name}"
@@ -182,7 +186,7 @@ class Lamp(Element):
     def build(self, stage: Stage) -> None:
         stage.mesh(self._node, mg.Sphere(self._size), self.entry.color)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         placement = np.eye(4)
         placement[:3, 3] = self._point(state)
         stage.place(self._node, placement)
@@ -204,10 +208,10 @@ class Ghost(Element):
 
     def __init__(
         self,
-        entry: Entry,
+        entry: LayerEntry,
         name: str,
         robot: Robot,
-        configuration: Callable[[State], np.ndarray],
+        configuration: Callable[[DrawnState], np.ndarray],
         source: str,
         opacity: float = 0.35,
         offset: np.ndarray | None = None,
@@ -224,7 +228,7 @@ class Ghost(Element):
         for shape in self._visual.geometryObjects:
             stage.copy(f"{self._node}/{shape.name}", f"{self._source}/{shape.name}", color, self._opacity)
 
-    def update(self, stage: Stage, state: State) -> None:
+    def update(self, stage: Stage, state: DrawnState) -> None:
         q = self._configuration(state)
         pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
         for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
@@ -234,7 +238,7 @@ class Ghost(Element):
             stage.place(f"{self._node}/{shape.name}", matrix)
 
 
-def _pillar(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
+def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
     """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side /= np.linalg.norm(side)

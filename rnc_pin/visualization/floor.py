@@ -6,14 +6,14 @@ from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 
 
-def floor_of(view: View, subject: Subject) -> float | None:
+def ground_height(view: View, subject: Subject) -> float | None:
     """Height of the grid [m]; None for no grid."""
     if view.ground == "auto":
-        return None if floats(subject) else 0.0
+        return None if is_floating(subject) else 0.0
     return view.ground
 
 
-def floats(subject: Subject) -> bool:
+def is_floating(subject: Subject) -> bool:
     """True if a robot floats in space: free-flyer base, no gravity, and (in a reduced model) conserved momentum."""
     model, reduced = subject.robot.model, subject.reduced
     if model.joints[1].shortname() != "JointModelFreeFlyer" or model.gravity.linear.any():

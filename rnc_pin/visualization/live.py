@@ -18,9 +18,9 @@ from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of
 from rnc_pin.visualization.robot_view import check_drawable
 from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
-from rnc_pin.visualization.show import Show, Shown
+from rnc_pin.visualization.show import RunScene, RunToShow
 from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import State, live_state
+from rnc_pin.visualization.state import DrawnState, live_state
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 
@@ -36,7 +36,7 @@ class Screen(Protocol):
     @property
     def browsers(self) -> int: ...
     def open(self) -> None: ...
-    def draw(self, state: State) -> None: ...
+    def draw(self, state: DrawnState) -> None: ...
     def close(self) -> None: ...
 
 
@@ -70,13 +70,13 @@ class LiveView:
     ) -> None:
         subject = Subject.of(model)
         check_drawable(subject.robot)
-        self._subject, self._speed = subject.for_another_thread(), speed  # the loop uses the original
+        self._subject, self._speed = subject.with_own_model(), speed  # the loop uses the original
         self._screen = (screen or MeshcatScreen)(self._subject, view or View(), _info(subject, meta), host, title)
         self.url = self._screen.url
         self._started: float | None = None
         self._next = 0.0
-        self._last: Sample | State | None = None
-        self._due: deque[Sample | State] = deque(maxlen=1)
+        self._last: Sample | DrawnState | None = None
+        self._due: deque[Sample | DrawnState] = deque(maxlen=1)
         self._wake, self._over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._draw, name="live view", daemon=True)
         self.problem: Exception | None = None
@@ -84,14 +84,14 @@ class LiveView:
         if open_browser:
             self._screen.open()
 
-    def wait_for_browser(self, patience: float) -> bool:
-        """Wait up to ``patience`` [s] for a browser to connect. Return True if one is connected."""
-        end = time.monotonic() + patience
+    def wait_for_browser(self, timeout: float) -> bool:
+        """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected."""
+        end = time.monotonic() + timeout
         while not self._screen.browsers and time.monotonic() < end:
             time.sleep(0.05)
         return bool(self._screen.browsers)
 
-    def __call__(self, sample: Sample | State) -> None:
+    def __call__(self, sample: Sample | DrawnState) -> None:
         """Show a sample or a state, if the next frame is due at its time."""
         t = sample.time
         self._last = sample
@@ -128,13 +128,13 @@ class LiveView:
                 return False
         return True
 
-    def _state(self, sample: Sample | State) -> State:
-        if isinstance(sample, State):
+    def _state(self, sample: Sample | DrawnState) -> DrawnState:
+        if isinstance(sample, DrawnState):
             return sample
         if self._subject.reduced is not None:
             return live_state(self._subject.reduced, sample)
         none = np.empty(0)
-        return State(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
+        return DrawnState(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
 
     def close(self) -> None:
         """Draw the last sample, and stop serving."""
@@ -172,7 +172,7 @@ class MeshcatScreen:
         self._subject, self._view, self._info = subject, view, info
         self._window = SceneWindow(title)
         self._stage = Stage(self._window)
-        self._show: Show | None = None
+        self._show: RunScene | None = None
         self._next_figures = 0.0
         self.url = self._window.serve(host=host)
 
@@ -185,7 +185,7 @@ class MeshcatScreen:
         """Show the page in the user's browser."""
         self._window.open()
 
-    def draw(self, state: State) -> None:
+    def draw(self, state: DrawnState) -> None:
         """Draw a state; the first state creates the scene."""
         if self._show is None:
             # The first command shows which outputs have goals.
@@ -195,11 +195,11 @@ class MeshcatScreen:
                 for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
                 if np.isfinite(value)
             ]
-            self._show = Show(Shown(self._subject, self._info, goals), self._view, self._stage, state)
+            self._show = RunScene(RunToShow(self._subject, self._info, goals), self._view, self._stage, state)
             title = self._window.title if self._window.title != "rnc_pin" else ""
             self._stage.board(title, self._show.board.labels(), self._show.legend())
         now = time.monotonic()
-        with self._window.together():
+        with self._window.batched():
             self._show.update(state)
             if now >= self._next_figures:
                 self._next_figures = now + 1.0 / _FIGURES_RATE

@@ -21,8 +21,8 @@ class NullMotion:
         far: change of the output [its unit].
     """
 
-    def __init__(self, reduced: ReducedModel, output: str, far: float = 0.35) -> None:
-        self._reduced, self._step = reduced, far / _STEPS
+    def __init__(self, reduced: ReducedModel, output: str, distance: float = 0.35) -> None:
+        self._reduced, self._step = reduced, distance / _STEPS
         self._column = list(reduced.reducing.names).index(output)
         self._integrator = LieRungeKutta4(reduced.robot)
 

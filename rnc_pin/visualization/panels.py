@@ -83,12 +83,12 @@ def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None)
     found = list(_outputs_of(run) if names is None else names)
     shown = []
     for label, group in _grouped_by(found, lambda name: _quantity(run, name)):
-        most, note = (group, "") if names is not None else _moving_most(group, lambda name: _of(run, name), others)
+        most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
         shown += _panels_of_outputs(run, others, label, most, note)
     return shown if names is not None else [*_rates(run, others), *shown]
 
 
-def learnt(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
+def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
     """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error")."""
     values: np.ndarray = getattr(run, quantity)
     origin = run.info.provenance
@@ -102,12 +102,12 @@ def learnt(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
 
     found = []
     for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
-        for part in split(group, _room(others)):
+        for part in split_names(group, _lines_per_panel(others)):
             series = []
             for name in part:
                 alike = [label for label, other in others.items() if getattr(other, quantity).shape == values.shape]
                 compared = {label: column(others[label], name) for label in alike}
-                series.append(Series(words(name), column(run, name), None, compared))
+                series.append(Series(readable_name(name), column(run, name), None, compared))
             said = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
             what = "estimate of" if quantity == "estimates" else "prediction error of"
             found.append(Panel(f"{said} [{unit}]" if unit else said, tuple(series), what))
@@ -123,14 +123,14 @@ def _in_si(unit: str) -> tuple[float, str]:
         return 1.0, unit
 
 
-def words(name: str) -> str:
+def readable_name(name: str) -> str:
     """Readable name; the middle of a long name is replaced by dots."""
     if len(name) > _LONGEST_NAME:
         name = f"{name[: _LONGEST_NAME // 2]}...{name[-_LONGEST_NAME // 2 :]}"
     return name.replace("_", " ").strip()
 
 
-def split(names: Sequence[str], most: int = MOST) -> list[list[str]]:
+def split_names(names: Sequence[str], most: int = MOST) -> list[list[str]]:
     """Split names into groups of at most ``most``. Names with the same first word stay together."""
     if len(names) <= most:
         return [list(names)] if names else []
@@ -141,7 +141,7 @@ def split(names: Sequence[str], most: int = MOST) -> list[list[str]]:
         return [list(names[start:end]) for start, end in pairwise(bounds)]
     parts: list[list[str]] = []
     for group in groups:
-        for part in split(group, most):
+        for part in split_names(group, most):
             if parts and len(parts[-1]) + len(part) <= most:
                 parts[-1] += part
             else:
@@ -162,7 +162,7 @@ def _outputs_of(run: Trajectory) -> list[str]:
     return sorted(names, key=lambda name: name not in run.info.goals)
 
 
-def _where(run: Trajectory, name: str) -> tuple[str, Columns, int]:
+def _find_output(run: Trajectory, name: str) -> tuple[str, Columns, int]:
     for kind in ("x2", "x1"):
         columns = run.info.outputs.of(kind)
         if name in columns.names:
@@ -172,14 +172,14 @@ def _where(run: Trajectory, name: str) -> tuple[str, Columns, int]:
 
 def _of(run: Trajectory, name: str) -> np.ndarray:
     """Values of an output, (N,)."""
-    kind, _, column = _where(run, name)
+    kind, _, column = _find_output(run, name)
     values: np.ndarray = getattr(run, kind)[:, column]
     return values
 
 
-def _moving_most(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
+def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
     """Names of the series with the largest range if there are too many, in the given order, and a note about it."""
-    count = max(_FEWEST, _PANELS * _room(others))
+    count = max(_FEWEST, _PANELS * _lines_per_panel(others))
     if len(names) <= count:
         return list(names), ""
     most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
@@ -187,13 +187,13 @@ def _moving_most(names: Sequence[str], values: Callable[[str], np.ndarray], othe
 
 
 def _is_integral(run: Trajectory, name: str) -> bool:
-    _, columns, column = _where(run, name)
+    _, columns, column = _find_output(run, name)
     return bool(columns.quasi) and columns.quasi[column]
 
 
 def _quantity(run: Trajectory, name: str) -> str:
     """Axis label of an output."""
-    _, columns, column = _where(run, name)
+    _, columns, column = _find_output(run, name)
     unit, integral = columns.units[column], _is_integral(run, name)
     if any(start <= column < start + 3 for start in columns.rotations):
         return f"rotation vector [{unit}]"
@@ -208,32 +208,36 @@ def _grouped_by(names: Iterable[str], key: Callable[[str], str]) -> list[tuple[s
     return list(groups.items())
 
 
-def _room(others: Others) -> int:
+def _lines_per_panel(others: Others) -> int:
     """Largest number of lines of the run in a panel, given the lines of the compared runs."""
     return max(1, MOST // (1 + len(others)))
 
 
-def _called(run: Trajectory, name: str) -> str:
-    return f"integral of {words(name)}" if _is_integral(run, name) else words(name)
+def _line_name(run: Trajectory, name: str) -> str:
+    return f"integral of {readable_name(name)}" if _is_integral(run, name) else readable_name(name)
 
 
 def _panels_of_outputs(
     run: Trajectory, others: Others, label: str, names: Sequence[str], note: str = ""
 ) -> list[Panel]:
     def series(name: str) -> Series:
-        kind, _, column = _where(run, name)
+        kind, _, column = _find_output(run, name)
         desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
-        compared = {each: getattr(other, kind)[:, column] for each, other in others.items() if _has(other, run, kind)}
-        return Series(_called(run, name), _of(run, name), desired, compared)
+        compared = {
+            each: getattr(other, kind)[:, column]
+            for each, other in others.items()
+            if _has_same_outputs(other, run, kind)
+        }
+        return Series(_line_name(run, name), _of(run, name), desired, compared)
 
-    room = _room(others)
+    room = _lines_per_panel(others)
     parts = [list(names)]
     if len(names) > room:  # outputs with references come first, in panels of their own
         parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
-    return [Panel(label, tuple(map(series, part)), note=note) for group in parts for part in split(group, room)]
+    return [Panel(label, tuple(map(series, part)), note=note) for group in parts for part in split_names(group, room)]
 
 
-def _has(other: Trajectory, run: Trajectory, kind: str) -> bool:
+def _has_same_outputs(other: Trajectory, run: Trajectory, kind: str) -> bool:
     """True if another run has the same outputs of this kind."""
     return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
 
@@ -244,14 +248,16 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
     names = [name for name in columns.names if _is_integral(run, name)]
     found = []
     for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
-        for part in split(group, _room(others)):
+        for part in split_names(group, _lines_per_panel(others)):
             series = []
             for name in part:
                 column = columns.names.index(name)
                 desired = run.v2_desired[:, column]
-                compared = {each: other.v2[:, column] for each, other in others.items() if _has(other, run, "x2")}
+                compared = {
+                    each: other.v2[:, column] for each, other in others.items() if _has_same_outputs(other, run, "x2")
+                }
                 known = desired if np.isfinite(desired).any() else None
-                series.append(Series(words(name), run.v2[:, column], known, compared))
+                series.append(Series(readable_name(name), run.v2[:, column], known, compared))
             kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
             found.append(Panel(f"{kind} [{unit}/s]" if unit else f"{kind} [1/s]", tuple(series), "rate of"))
     return found
@@ -261,15 +267,15 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
     """Panels of the tracking errors by unit; of many errors only the largest."""
     errors = tracking_errors(run)
     compared = {label: tracking_errors(other) for label, other in others.items()}
-    units = {name: _where(run, name)[1].units[_where(run, name)[2]] for name in errors}
+    units = {name: _find_output(run, name)[1].units[_find_output(run, name)[2]] for name in errors}
     found = []
     for unit, names in _grouped_by(errors, lambda name: units[name]):
-        room = _room(others)
+        room = _lines_per_panel(others)
         largest = sorted(names, key=lambda name: -float(np.nanmax(np.abs(errors[name]), initial=0.0)))[:room]
         series = []
         for name in [name for name in names if name in largest]:
             shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
-            series.append(Series(_called(run, name), _magnitude(errors[name]), None, shown))
+            series.append(Series(_line_name(run, name), _magnitude(errors[name]), None, shown))
         # Values far below the errors are only sign changes, so the axis begins above them.
         bottom = max(_SMALLEST, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
         note = f"largest {room} of {len(names)}" if len(names) > room else ""
@@ -293,9 +299,9 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
     for label, group in _grouped_by(
         names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
     ):
-        most, note = _moving_most(group, lambda name: run.T[:, names.index(name)], {})
-        for part in split(most):
-            series = tuple(Series(words(name), run.T[:, names.index(name)]) for name in part)
+        most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
+        for part in split_names(most):
+            series = tuple(Series(readable_name(name), run.T[:, names.index(name)]) for name in part)
             found.append(Panel(label, series, "input", note))
     return found
 
@@ -304,17 +310,17 @@ def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
     """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
     names, forces = run.info.outputs.normal_forces, run.normal_forces
     found = []
-    for part in split(names):
+    for part in split_names(names):
         columns = [forces[:, names.index(name)] for name in part]
         lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
-        series = tuple(Series(words(name), column) for name, column in zip(part, columns, strict=True))
+        series = tuple(Series(readable_name(name), column) for name, column in zip(part, columns, strict=True))
         note = "below zero: would lift off" if lifts else ""
         found.append(Panel("normal force [N]", series, "contact", note, bottom=None if lifts else 0.0))
     return found
 
 
-def _learnt(run: Trajectory, others: Others) -> list[Panel]:
-    return [panel for each in ("estimates", "prediction_error") for panel in learnt(run, others, each)]
+def _learning_panels(run: Trajectory, others: Others) -> list[Panel]:
+    return [panel for each in ("estimates", "prediction_error") for panel in learning_panels(run, others, each)]
 
 
 def _margin(run: Trajectory, others: Others) -> list[Panel]:
@@ -327,7 +333,7 @@ _MAKERS: tuple[Callable[[Trajectory, Others], list[Panel]], ...] = (
     outputs,
     _errors,
     _inputs,
-    _learnt,
+    _learning_panels,
     _normal_forces,
     _margin,
 )

@@ -81,7 +81,7 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     return Path(path)
 
 
-class Entry(NamedTuple):
+class LegendEntry(NamedTuple):
     """Legend entry: a name and its lines. The legend shows their colours and dashes."""
 
     name: str
@@ -91,7 +91,7 @@ class Entry(NamedTuple):
 def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, width: float = 1.6) -> Line2D:
     """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
     step = max(1, len(time) // _MARKS)
-    color, marker = look(k)
+    color, marker = line_style(k)
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
         time, values, color=color, lw=width, marker=marker, markevery=(start, step), markeredgecolor="white",
@@ -99,7 +99,7 @@ def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, w
     )[0]  # fmt: skip
 
 
-def look(k: int) -> tuple[str, str]:
+def line_style(k: int) -> tuple[str, str]:
     """Colour and marker of the k-th line of a panel."""
     return COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
 
@@ -114,13 +114,14 @@ def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
     return zip(cycle(DASHES), labels, strict=False)
 
 
-def legend_beside(axes: Axes, entries: Sequence[Entry], title: str = "") -> None:
+def legend_beside(axes: Axes, entries: Sequence[LegendEntry], title: str = "") -> None:
     """Add a legend to the right of the axes. Lines of one entry are shown side by side."""
     if not entries:
         return
     handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in entries]
     axes.legend(
-        handles, [_broken(literal(entry.name)) for entry in entries], loc="center left", bbox_to_anchor=(1.01, 0.5),
+        handles, [_broken(escape_dollars(entry.name)) for entry in entries],
+        loc="center left", bbox_to_anchor=(1.01, 0.5),
         title=title or None, title_fontsize=8.0, columnspacing=1.0, labelspacing=0.35, handlelength=2.6,
         handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},
     )  # fmt: skip
@@ -131,6 +132,6 @@ def _broken(name: str) -> str:
     return "\n".join(textwrap.wrap(name, _LONGEST_LINE)) or name
 
 
-def literal(text: str) -> str:
+def escape_dollars(text: str) -> str:
     """Escape dollar signs, so that Matplotlib does not read a formula."""
     return text.replace("$", r"\$")

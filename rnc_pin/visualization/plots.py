@@ -59,7 +59,7 @@ def plot_learning(
         title: title above the plot.
         comparisons: other runs by label, dashed.
     """
-    return _stacked(trajectory, p.learnt(trajectory, comparisons or {}, quantity), title, comparisons or {})
+    return _stacked(trajectory, p.learning_panels(trajectory, comparisons or {}, quantity), title, comparisons or {})
 
 
 @ps.styled
@@ -85,7 +85,7 @@ def plot_top_view(
     axes = figure.subplots()
     ps.legend_beside(axes, draw_top_view(axes, trajectory, comparisons or {}))
     _title(axes, title)
-    _settle(figure)
+    _layout_once(figure)
     return figure
 
 
@@ -124,11 +124,11 @@ def plot_run(
     figure.align_ylabels(timed)
     _title(first or timed[0], title)
     if first is not None:
-        _settle(figure)
+        _layout_once(figure)
     return figure
 
 
-def _settle(figure: Figure) -> None:
+def _layout_once(figure: Figure) -> None:
     """Run the layout once before drawing: equal scales change the ticks. The next layout makes room for the labels."""
     layout = figure.get_layout_engine()
     assert layout is not None
@@ -158,7 +158,7 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
     """Draw a panel: actual solid, desired dotted, other runs dashed, in the colours of the legend."""
     count = len(panel.series)
     entries = [
-        ps.Entry(series.name, [ps.line(axes, k, count, run.time, series.values)])
+        ps.LegendEntry(series.name, [ps.line(axes, k, count, run.time, series.values)])
         for k, series in enumerate(panel.series)
     ]
     for run_index, (style, label) in enumerate(ps.dashes(others)):
@@ -168,7 +168,7 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
                 color = ps.color_of(k, count, run_index)
                 lines += axes.plot(others[label].time, series.compared[label], color=color, ls=style, lw=1.4)
         if lines:
-            entries.append(ps.Entry(label, lines))
+            entries.append(ps.LegendEntry(label, lines))
     # Desired lines are drawn last: a solid line that follows them closely would hide them.
     desired = [
         axes.plot(run.time, series.desired, color="black", ls=ps.DOTS, lw=1.3)[0]
@@ -176,7 +176,7 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
         if series.desired is not None
     ]
     if desired:
-        entries.append(ps.Entry("desired", desired[:1]))
+        entries.append(ps.LegendEntry("desired", desired[:1]))
     axes.set_ylabel(panel.label)
     axes.margins(x=0.01)
     if panel.log:
@@ -186,11 +186,11 @@ def _draw(axes: Axes, panel: p.Panel, run: Trajectory, others: p.Others) -> None
         top = max((float(np.nanmax(values, initial=0.0)) for values in drawn), default=0.0)
         axes.set_ylim(panel.bottom, max(2 * top, 100 * panel.bottom) if panel.log else max(1.1 * top, 1e-3))
     if not (panel.log or panel.bottom is not None):
-        _calm(axes)
+        _limit_zoom(axes)
     ps.legend_beside(axes, entries, panel.note)
 
 
-def _calm(axes: Axes) -> None:
+def _limit_zoom(axes: Axes) -> None:
     """Enlarge the range of an axis that would show only rounding errors."""
     low, high = axes.get_ylim()
     least = 1e-6 * max(1.0, abs(low), abs(high))
@@ -207,4 +207,4 @@ def _label_time(axes: Axes, last: bool) -> None:
 def _title(axes: Axes, title: str | None) -> None:
     if title:
         lines = textwrap.wrap(title, _LONGEST_TITLE, max_lines=_TITLE_LINES, placeholder="...")
-        axes.set_title("\n".join(ps.literal(line) for line in lines), loc="left")
+        axes.set_title("\n".join(ps.escape_dollars(line) for line in lines), loc="left")

@@ -11,9 +11,9 @@ import pinocchio as pin
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
-from rnc_pin.visualization.state import State
+from rnc_pin.visualization.state import DrawnState
 
-Point = Callable[[State], np.ndarray]
+Point = Callable[[DrawnState], np.ndarray]
 
 _ENDLESS = 1e3  # [m]
 
@@ -42,7 +42,7 @@ class Poses:
             self._q = q
         return self._data
 
-    def frame(self, name: str) -> Callable[[State], pin.SE3]:
+    def frame(self, name: str) -> Callable[[DrawnState], pin.SE3]:
         """Placement of a frame in the world, as a function of the state."""
         index = self.robot.frame_id(name)
         return lambda state: self._data_at(state.q).oMf[index]
@@ -57,14 +57,14 @@ class Poses:
         index = self.robot.frame_id(name)
         return np.stack([self._data_at(q).oMf[index].translation.copy() for q in configurations])
 
-    def lines(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def lines_of_action_at(self, state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
         """Lines of action of the constraint rows: points and directions, (m, 3) each."""
         if state.q is not self._lines_q and self._rows is not None:
             self._lines = np.stack(self._rows.lines_of_action(self._kinematics.position(state.q)))
             self._lines_q = state.q
         return self._lines[0], self._lines[1]
 
-    def middle(self, q: np.ndarray) -> np.ndarray:
+    def center_of_mass(self, q: np.ndarray) -> np.ndarray:
         """Centre of mass of the robot (3,) [m]."""
         return np.array(pin.centerOfMass(self.robot.model, self._masses, q))
 
@@ -87,23 +87,23 @@ class Poses:
 
     # ------------------------------------------------------------------ wheels
 
-    def wheels(self, state: State, ground: float) -> dict[str, Point]:
+    def wheels(self, state: DrawnState, ground: float) -> dict[str, Point]:
         """Points that leave tracks: wheels, or the points of action of rows without a wheel.
 
         A wheel is a cylinder whose axis is the line of action of a row and whose lowest point is near the ground.
         """
-        points, directions = self.lines(state)
+        points, directions = self.lines_of_action_at(state)
         tracks: dict[str, Point] = {}
 
         def on_ground(joint: int, local: np.ndarray) -> Point:
-            def point(state: State) -> np.ndarray:
+            def point(state: DrawnState) -> np.ndarray:
                 place = self._data_at(state.q).oMi[joint].act(local)
                 return np.array([place[0], place[1], ground])
 
             return point
 
         def where_row_acts(row: int) -> Point:
-            return lambda state: np.r_[self.lines(state)[0][row][:2], ground]
+            return lambda state: np.r_[self.lines_of_action_at(state)[0][row][:2], ground]
 
         data = self._data_at(state.q)
         for row, (point, along) in enumerate(zip(points, directions, strict=True)):

@@ -12,7 +12,7 @@ from rnc_pin.plain import significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.show import Show, Shown
+from rnc_pin.visualization.show import RunScene, RunToShow
 from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import RATE, recorded_states
 from rnc_pin.visualization.subject import Subject
@@ -54,10 +54,10 @@ class Recording:
             if len(each.time) < 2:
                 raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        shown = Shown(subject, trajectory.info, trajectory.info.goals, trajectory, others, aside)
+        shown = RunToShow(subject, trajectory.info, trajectory.info.goals, trajectory, others, aside)
         self.duration = float(trajectory.time[-1])
         self._stage = Stage(SceneWindow(title), RATE)
-        show = Show(shown, view or View(), self._stage, states[0])
+        show = RunScene(shown, view or View(), self._stage, states[0])
         frames, chips = [], []
         for self._stage.frame, state in enumerate(states):
             show.update(state)

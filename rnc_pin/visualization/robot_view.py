@@ -38,7 +38,7 @@ class RobotView:
         self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
         self.visualizer.initViewer(viewer=stage.root)
         self.visualizer.loadViewerModel(rootNodeName="robot")
-        self.visualizer.viewer = _Placer(stage)
+        self.visualizer.viewer = _TransformSink(stage)
         self.parts = "robot/visuals"
 
     def display(self, q: np.ndarray) -> None:
@@ -46,14 +46,14 @@ class RobotView:
         self.visualizer.display(q)
 
 
-class _Placer:
+class _TransformSink:
     """Replacement of Meshcat's tree in the visualizer, so that the stage receives every transform."""
 
     def __init__(self, stage: Stage, name: str = "") -> None:
         self._stage, self._name = stage, name
 
-    def __getitem__(self, name: str) -> _Placer:
-        return _Placer(self._stage, name)
+    def __getitem__(self, name: str) -> _TransformSink:
+        return _TransformSink(self._stage, name)
 
     def set_transform(self, matrix: np.ndarray) -> None:
         self._stage.place(self._name, np.asarray(matrix))

@@ -26,8 +26,8 @@ import umsgpack
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.page import VIEWER, bundle, live_page, recorded_page
-from rnc_pin.visualization.scene_store import Key, SceneStore, below, key_of
-from rnc_pin.visualization.visitors import Visitors, addresses_of
+from rnc_pin.visualization.scene_store import Key, SceneStore, is_below_path, key_of
+from rnc_pin.visualization.visitors import RequestFilter, addresses_of
 
 LOOPBACK = "127.0.0.1"
 _GOODBYE = 0.5  # [s]
@@ -99,7 +99,7 @@ class SceneWindow:
         self._put((path.strip("/"), "set_transform"), head + numbers.tobytes())
 
     @contextmanager
-    def together(self) -> Iterator[None]:
+    def batched(self) -> Iterator[None]:
         """Send all commands of the ``with`` block to browsers as one message."""
         self._gathered = []
         try:
@@ -151,13 +151,13 @@ class SceneWindow:
         def run() -> None:
             self._loop = asyncio.new_event_loop()
             asyncio.set_event_loop(self._loop)
-            server = tornado.httpserver.HTTPServer(self._application(Visitors(host)), **_LIMITS)
+            server = tornado.httpserver.HTTPServer(self._application(RequestFilter(host)), **_LIMITS)
             server.add_sockets(sockets)
             around = tornado.ioloop.IOLoop.current()
             self._loop.call_soon(ready.set)
             self._loop.run_forever()
             server.stop()
-            self._loop.run_until_complete(self._say_goodbye())
+            self._loop.run_until_complete(self._send_last_and_close())
             self._loop.run_until_complete(server.close_all_connections())
             self._loop.run_until_complete(_end_tasks())
             asyncio.set_event_loop(None)
@@ -170,7 +170,7 @@ class SceneWindow:
         self.web_url = f"http://{name}:{sockets[0].getsockname()[1]}/static/"
         return self.web_url
 
-    async def _say_goodbye(self) -> None:
+    async def _send_last_and_close(self) -> None:
         """Send the last frame to browsers that still read, and close all connections."""
         sending = [browser.sending for browser in self._watching if browser.sending is not None]
         if sending:
@@ -179,19 +179,19 @@ class SceneWindow:
                 task.cancel()
             await asyncio.gather(*stuck, return_exceptions=True)
         for browser in list(self._watching):
-            browser.hang_up()
+            browser.disconnect()
         self._watching.clear()
 
-    def _application(self, visitors: Visitors) -> tornado.web.Application:
+    def _application(self, visitors: RequestFilter) -> tornado.web.Application:
         page = live_page(self.title).encode()
         return tornado.web.Application(
             [
-                (r"/static/", _Text, {"kind": "text/html", "text": page}),
-                (r"/static/main.min.js", _Text, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
-                (r"/favicon.ico", _NoIcon),
+                (r"/static/", _StaticFile, {"kind": "text/html", "text": page}),
+                (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
+                (r"/favicon.ico", _EmptyIcon),
                 (r"/", _Browser, {"store": self._store, "watching": self._watching}),
             ],
-            default_handler_class=_Nothing,
+            default_handler_class=_NotFound,
             websocket_max_message_size=_LONGEST_MESSAGE,
             visitors=visitors,
             log_function=lambda handler: None,  # requests are not logged to the terminal
@@ -223,20 +223,20 @@ async def _end_tasks() -> None:
     await asyncio.gather(*waiting, return_exceptions=True)
 
 
-class _Checked(tornado.web.RequestHandler):
-    """Request handler that refuses requests which ``Visitors`` does not admit."""
+class _FilteredHandler(tornado.web.RequestHandler):
+    """Request handler that refuses requests which ``RequestFilter`` does not admit."""
 
     def prepare(self) -> None:
-        visitors: Visitors = self.settings["visitors"]
+        visitors: RequestFilter = self.settings["visitors"]
         headers = self.request.headers
-        if not visitors.admit(headers.get("Host"), headers.get("Origin")):
+        if not visitors.allows(headers.get("Host"), headers.get("Origin")):
             raise tornado.web.HTTPError(403)
 
     def write_error(self, status_code: int, **more: object) -> None:
         self.finish()
 
 
-class _Browser(_Checked, tornado.websocket.WebSocketHandler):
+class _Browser(_FilteredHandler, tornado.websocket.WebSocketHandler):
     """Connection to a browser. Messages from the browser are ignored.
 
     One batch is sent at a time. Meanwhile only the latest command for every node waits. So a browser that is slow, or
@@ -256,7 +256,7 @@ class _Browser(_Checked, tornado.websocket.WebSocketHandler):
     def offer(self, commands: Iterable[tuple[Key, bytes]]) -> None:
         for key, data in commands:
             if key[1] == "delete":
-                for each in [each for each in self._waiting if below(each[0], key[0])]:
+                for each in [each for each in self._waiting if is_below_path(each[0], key[0])]:
                     del self._waiting[each]
             self._waiting[key] = data
         if self.sending is None:
@@ -272,7 +272,7 @@ class _Browser(_Checked, tornado.websocket.WebSocketHandler):
         finally:
             self.sending = None
 
-    def hang_up(self) -> None:
+    def disconnect(self) -> None:
         """Close the connection, even if the browser does not respond."""
         self.close()
         if self._stream is not None:
@@ -285,7 +285,7 @@ class _Browser(_Checked, tornado.websocket.WebSocketHandler):
         self._watching.discard(self)
 
 
-class _Text(_Checked):
+class _StaticFile(_FilteredHandler):
     """Static file of the page."""
 
     def initialize(self, kind: str, text: bytes) -> None:
@@ -297,14 +297,14 @@ class _Text(_Checked):
         self.write(self._text)
 
 
-class _NoIcon(_Checked):
+class _EmptyIcon(_FilteredHandler):
     """Empty answer to a browser's request for an icon."""
 
     def get(self) -> None:
         self.set_status(204)
 
 
-class _Nothing(_Checked):
+class _NotFound(_FilteredHandler):
     """Answer 404 for any other path."""
 
     def prepare(self) -> None:

@@ -27,7 +27,7 @@ class SceneStore:
         """Store a command. "delete" removes the commands at this path and below."""
         path, kind = key
         if kind == "delete":
-            for each in [each for each in self._parts if below(each, path)]:
+            for each in [each for each in self._parts if is_below_path(each, path)]:
                 del self._parts[each]
         else:
             self._parts.setdefault(path, {})[kind] = data
@@ -41,6 +41,6 @@ class SceneStore:
                         yield (path, kind), commands[kind]
 
 
-def below(path: str, other: str) -> bool:
+def is_below_path(path: str, other: str) -> bool:
     """True if a path is equal to or below another path."""
     return path == other or other == "" or path.startswith(other + "/")

@@ -11,7 +11,7 @@ from rnc_pin.visualization.live import MeshcatScreen, Screen
 _NAMES = ("meshcat", "viser")
 
 
-def chosen_screen() -> Callable[..., Screen]:
+def selected_screen() -> Callable[..., Screen]:
     """Visualizer that the environment variable ``PINOCCHIO_VIEWER`` names; Meshcat by default.
 
     Raises:

@@ -12,13 +12,13 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.board import Board, margin_color
-from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, spread_out, with_plan
-from rnc_pin.visualization.floor import floor_of
+from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
+from rnc_pin.visualization.floor import ground_height
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import RobotView
 from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import Names, State
+from rnc_pin.visualization.state import DrawnState, OutputColumns
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
 
@@ -29,7 +29,7 @@ _LAG = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
-class Shown:
+class RunToShow:
     """Run to show, live or finished.
 
     Attributes:
@@ -59,7 +59,7 @@ class LegendLine(TypedDict):
     visible: bool
 
 
-class Show:
+class RunScene:
     """Scene of a robot with all drawn elements.
 
     Args:
@@ -72,10 +72,10 @@ class Show:
         ModelError: the robot has no visual geometry, or a frame of the view does not exist.
     """
 
-    def __init__(self, shown: Shown, view: View, stage: Stage, first: State) -> None:
+    def __init__(self, shown: RunToShow, view: View, stage: Stage, first: DrawnState) -> None:
         self.shown, self.view, self.stage = shown, view, stage
         self.robot, self.reduced = shown.subject.robot, shown.subject.reduced
-        self.names = Names.of(shown.info.outputs)
+        self.names = OutputColumns.of(shown.info.outputs)
         self.robot_view = RobotView(self.robot, stage)
         self.poses = Poses(self.robot, self.reduced.constraints if self.reduced else None)
         run = shown.trajectory
@@ -83,7 +83,7 @@ class Show:
         self.size = float(np.clip(np.linalg.norm(np.ptp(self.poses.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._offset = np.zeros(3)
         self._pictures = 0
-        self.ground = floor_of(view, shown.subject)
+        self.ground = ground_height(view, shown.subject)
         self._follower: Follower | None = None
         self._look(first, np.concatenate([self.poses.corners(q) for q in moments]))
         self.tracked = self.names.tracked(shown.goals, self.robot)
@@ -95,14 +95,14 @@ class Show:
             if not entry["visible"]:
                 stage.hide(entry["path"])
 
-    def update(self, state: State) -> None:
+    def update(self, state: DrawnState) -> None:
         """Draw a state."""
         self.robot_view.display(state.q)
         if self._follower is not None:
-            self.stage.follow(self._follower.follow(self.poses.middle(state.q)))
+            self.stage.follow(self._follower.follow(self.poses.center_of_mass(state.q)))
         self._pictures += 1
         for element in self.elements:
-            if element.costly and self.stage.keyframes is None and self._pictures % _LAG != 1:
+            if element.expensive and self.stage.keyframes is None and self._pictures % _LAG != 1:
                 continue
             element.update(self.stage, state)
 
@@ -126,11 +126,11 @@ class Show:
 
     # ------------------------------------------------------------------ camera
 
-    def _look(self, first: State, points: np.ndarray) -> None:
+    def _look(self, first: DrawnState, points: np.ndarray) -> None:
         """Place the camera for points (N, 3) [m] of the robot along its known motion."""
         view, whole = self.view, with_plan(points, self._path, self.ground or 0.0)
         given = None if view.camera is None else np.array(view.camera, dtype=float)
-        forward = np.array(GAZE) if given is None else np.array(view.target, dtype=float) - given
+        forward = np.array(VIEW_DIRECTION) if given is None else np.array(view.target, dtype=float) - given
         if self.shown.aside:
             away = np.array([forward[0], forward[1], 0.0]) / max(float(np.hypot(*forward[:2])), 1e-9)
             self._offset = away * 1.2 * float(np.ptp(whole @ away))
@@ -141,20 +141,20 @@ class Show:
         far = self._path is None and radius > _FAR * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
-            shown = spread_out(self.poses.corners(first.q)) if far and not self.shown.aside else whole
+            shown = enlarged_box(self.poses.corners(first.q)) if far and not self.shown.aside else whole
             camera, target = fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
-        self.stage.look(camera, target)
+        self.stage.set_camera(camera, target)
         if self.ground is not None:
             self.stage.grid(self.ground, target, max(10.0, 2.5 * radius))
         if not self.shown.aside and (far or given is not None or not over):
             close = given is None and self._path is None
-            self._follower = Follower(camera, target, self.poses.middle(first.q), close)
+            self._follower = Follower(camera, target, self.poses.center_of_mass(first.q), close)
 
     # ------------------------------------------------------------------ elements
 
-    def _elements(self, first: State) -> list[e.Element]:
+    def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         for part in (self._plan, self._references, self._paths, self._tracks, self._constraints, self._null_motion,
                      self._margin, self._compared):  # fmt: skip
@@ -170,23 +170,23 @@ class Show:
         run = self.shown.trajectory
         return 30 if run is None else max(1, round(run.time[-1] * 25.0 / 60))
 
-    def _plan(self, first: State) -> list[e.Element]:
+    def _plan(self, first: DrawnState) -> list[e.Element]:
         plan = self._path
         if plan is None or self.ground is None:
             return []
         points = np.column_stack([np.array(plan.poses)[:, :2], np.full(len(plan.poses), self._floor)])
-        return [e.Still(e.Entry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
+        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
 
     @property
     def _floor(self) -> float:
         """Height of tracks [m]: slightly above the grid, otherwise both would flicker."""
         return (self.ground or 0.0) + 0.004 * self.size
 
-    def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[State], np.ndarray]:
+    def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
         actual = self.poses.frame(frame)
         turned = self._desired_attitude(frame)
 
-        def pose(state: State) -> np.ndarray:
+        def pose(state: DrawnState) -> np.ndarray:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = turned(state), actual(state).translation
             for axis, (kind, column) in columns.items():
@@ -197,19 +197,19 @@ class Show:
 
         return pose
 
-    def _desired_attitude(self, frame: str) -> Callable[[State], np.ndarray]:
+    def _desired_attitude(self, frame: str) -> Callable[[DrawnState], np.ndarray]:
         """Axes (3, 3) of the goal: from the desired attitude, otherwise the desired heading, otherwise the identity."""
         for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
             column = self.names.column(name)
             if name in self.shown.goals and column is not None:
                 return _attitude(*column, size)
-        return _resting(np.eye(3))
+        return _constant(np.eye(3))
 
-    def _references(self, first: State) -> list[e.Element]:
+    def _references(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         run = self.shown.trajectory
-        line = e.Entry("reference", "reference", e.BLACK, "dashed")
-        goal = e.Entry("goal", "goal", e.BLACK, "dot")
+        line = e.LayerEntry("reference", "reference", e.BLACK, "dashed")
+        goal = e.LayerEntry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
             pose = self._desired(frame, columns)
             planned = self._path is not None and self._path.frame == frame and self.ground is not None
@@ -224,96 +224,96 @@ class Show:
             for axis, values in wanted.items():
                 points[:, axis] = values[every]
             if not planned and np.ptp(points, axis=0).max() > 2 * self._width:
-                found.append(e.Still(line, frame, points, 0.8 * self._width))
+                found.append(e.FixedPath(line, frame, points, 0.8 * self._width))
             late = slice(-max(2, len(run.time) // 50), None)
             if all(np.ptp(values[late]) < 1e-6 for values in wanted.values()):
                 last = first._replace(q=run.q[-1], x1_desired=run.x1_desired[-1], x2_desired=run.x2_desired[-1])
-                pose = _resting(pose(last))
+                pose = _constant(pose(last))
             found.append(e.Triad(goal, frame, pose, 0.16 * self.size))
         return found
 
-    def _paths(self, first: State) -> list[e.Element]:
+    def _paths(self, first: DrawnState) -> list[e.Element]:
         frames = self.view.trail or list(self.tracked)
         found: list[e.Element] = []
         for frame, color in zip(frames, _repeated(_TRAILS, len(frames)), strict=True):
-            entry = e.Entry(f"path of {frame.replace('_', ' ')}", f"path/{frame}", color)
+            entry = e.LayerEntry(f"path of {frame.replace('_', ' ')}", f"path/{frame}", color)
             found.append(e.Trail(entry, frame, self.poses.point(frame), self._width, self._piece))
         return found
 
-    def _tracks(self, first: State) -> list[e.Element]:
+    def _tracks(self, first: DrawnState) -> list[e.Element]:
         if self.ground is None or self.reduced is None or not self.reduced.m:
             return []
-        entry = e.Entry("wheel tracks", "tracks", e.GREY)
+        entry = e.LayerEntry("wheel tracks", "tracks", e.GREY)
         wheels = self.poses.wheels(first, self._floor)
         return [e.Trail(entry, str(k), wheel, self._width, self._piece) for k, wheel in enumerate(wheels.values())]
 
-    def _constraints(self, first: State) -> list[e.Element]:
+    def _constraints(self, first: DrawnState) -> list[e.Element]:
         if self.reduced is None or not self.reduced.m:
             return []
-        points, _ = self.poses.lines(first)
+        points, _ = self.poses.lines_of_action_at(first)
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
         run = self.shown.trajectory
-        largest = _Largest(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
-        direction = e.Entry("constraint direction", "constraint directions", e.SKY)
-        force = e.Entry("constraint force", "constraint forces", e.ORANGE, "arrow")
+        largest = _RunningMaximum(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
+        direction = e.LayerEntry("constraint direction", "constraint directions", e.SKY)
+        force = e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
         found: list[e.Element] = []
         for row in drawn:
 
-            def line(state: State, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.poses.lines(state)
+            def line(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
+                points, directions = self.poses.lines_of_action_at(state)
                 return points[row], directions[row]
 
-            def vector(state: State, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.poses.lines(state)
+            def vector(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
+                points, directions = self.poses.lines_of_action_at(state)
                 # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
                 value = -state.multipliers[row]
                 return points[row], directions[row] * value / largest(abs(value)) * 0.7 * self.size
 
-            found.append(e.Bar(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
+            found.append(e.Rod(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
             found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
         return found
 
-    def _null_motion(self, first: State) -> list[e.Element]:
+    def _null_motion(self, first: DrawnState) -> list[e.Element]:
         task = self.shown.info.provenance.task or TaskNames()
         free = task.redundant or [name for name in self.names.names["x2"] if name not in self.shown.goals]
         if self.reduced is None or not free:
             return []
-        entry = e.Entry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
+        entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
         motion = NullMotion(self.reduced, free[0])
         ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.robot_view.parts, 0.3)
-        ghost.costly = True
+        ghost.expensive = True
         return [ghost]
 
-    def _margin(self, first: State) -> list[e.Element]:
+    def _margin(self, first: DrawnState) -> list[e.Element]:
         frames = [*(self.view.trail or self.tracked)]
         if self.reduced is None or not frames:
             return []
-        entry = e.Entry("singularity margin", "margin", e.BLUE, "dot")
+        entry = e.LayerEntry("singularity margin", "margin", e.BLUE, "dot")
         origin, above = self.poses.point(frames[0]), np.array([0.0, 0.0, 0.14 * self.size])
 
-        def point(state: State) -> np.ndarray:
+        def point(state: DrawnState) -> np.ndarray:
             return origin(state) + above
 
-        return [e.Lamp(entry, "lamp", point, lambda state: margin_color(state.margin), 0.035 * self.size)]
+        return [e.ColoredSphere(entry, "lamp", point, lambda state: margin_color(state.margin), 0.035 * self.size)]
 
-    def _compared(self, first: State) -> list[e.Element]:
+    def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         others = self.shown.comparisons
         for k, (label, color) in enumerate(zip(others, _repeated(_GHOSTS, len(others)), strict=True)):
             offset = self._offset * (k + 1)
-            entry = e.Entry(label, f"compared/{k}", color)
+            entry = e.LayerEntry(label, f"compared/{k}", color)
             opacity = 1.0 if self.shown.aside else 0.4
             found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.robot_view.parts, opacity, offset))
             for frame in self.view.trail or self.tracked:
                 path = self.poses.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
-                found.append(e.Still(entry, f"path of {frame}", path, 0.7 * self._width))
+                found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
         return found
 
 
-def _attitude(kind: str, first: int, size: int) -> Callable[[State], np.ndarray]:
+def _attitude(kind: str, first: int, size: int) -> Callable[[DrawnState], np.ndarray]:
     """Axes (3, 3) from a desired rotation vector (size 3) or a desired heading (size 1)."""
 
-    def axes(state: State) -> np.ndarray:
+    def axes(state: DrawnState) -> np.ndarray:
         value = getattr(state, f"{kind}_desired")[first : first + size]
         if not np.isfinite(value).all():
             return np.eye(3)
@@ -322,19 +322,19 @@ def _attitude(kind: str, first: int, size: int) -> Callable[[State], np.ndarray]
     return axes
 
 
-def _resting(pose: np.ndarray) -> Callable[[State], np.ndarray]:
+def _constant(pose: np.ndarray) -> Callable[[DrawnState], np.ndarray]:
     return lambda state: pose
 
 
-def _origin(pose: Callable[[State], np.ndarray]) -> Callable[[State], np.ndarray]:
+def _origin(pose: Callable[[DrawnState], np.ndarray]) -> Callable[[DrawnState], np.ndarray]:
     return lambda state: pose(state)[:3, 3]
 
 
-def _other(k: int) -> Callable[[State], np.ndarray]:
+def _other(k: int) -> Callable[[DrawnState], np.ndarray]:
     return lambda state: state.others[k]
 
 
-class _Largest:
+class _RunningMaximum:
     """Largest value so far, used to scale the arrows."""
 
     def __init__(self, value: float) -> None:

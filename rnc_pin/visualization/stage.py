@@ -68,7 +68,7 @@ class Stage:
 
     # ------------------------------------------------------------------ content
 
-    def look(self, camera: np.ndarray, target: np.ndarray) -> None:
+    def set_camera(self, camera: np.ndarray, target: np.ndarray) -> None:
         """Set position and target of the camera in the world, (3,) each [m]."""
         far = max(100.0, 10.0 * float(np.linalg.norm(camera - target)))
         gaze = {"position": camera.tolist(), "target": target.tolist(), "fov": FIELD_OF_VIEW, "far": far}

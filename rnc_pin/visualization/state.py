@@ -16,7 +16,7 @@ from rnc_pin.simulation import OutputNames, Sample, Trajectory
 RATE = 25.0  # frames per second of a recording
 
 
-class State(NamedTuple):
+class DrawnState(NamedTuple):
     """State of a run at one time. Desired values are NaN for outputs without a goal."""
 
     time: float
@@ -32,7 +32,7 @@ class State(NamedTuple):
     """Configurations (nq,) of the compared runs."""
 
 
-class Names(NamedTuple):
+class OutputColumns(NamedTuple):
     """Names, units and coordinates of the outputs "x1" and "x2"."""
 
     names: Mapping[str, Sequence[str]]
@@ -41,7 +41,7 @@ class Names(NamedTuple):
     quasi: Mapping[str, Sequence[bool]]
 
     @classmethod
-    def of(cls, outputs: OutputNames) -> Names:
+    def of(cls, outputs: OutputNames) -> OutputColumns:
         """Names from the outputs of a run, or from ``output_names(reduced)`` of a model."""
         kinds = {kind: outputs.of(kind) for kind in ("x1", "x2")}
         return cls(
@@ -55,7 +55,7 @@ class Names(NamedTuple):
         """True if an output is the integral of a quasi-velocity."""
         return bool(self.quasi[kind]) and self.quasi[kind][column]
 
-    def error(self, state: State, kind: str) -> np.ndarray:
+    def error(self, state: DrawnState, kind: str) -> np.ndarray:
         """Desired minus actual values of the outputs "x1" or "x2" at a state."""
         return self.coordinates[kind].difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
 
@@ -84,7 +84,7 @@ def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RA
 
 def recorded_states(
     robot: Robot, trajectory: Trajectory, rate: float = RATE, others: Sequence[Trajectory] = ()
-) -> Iterator[State]:
+) -> Iterator[DrawnState]:
     """States at a constant rate. Other runs that end earlier keep their last configuration."""
     times = _even_times(trajectory, rate)
     configurations = _configurations(robot, trajectory, times)
@@ -92,7 +92,7 @@ def recorded_states(
     nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
     t = trajectory
     for frame, i in enumerate(nearest):
-        yield State(
+        yield DrawnState(
             float(times[frame]),
             configurations[frame],
             *(t.v2[i], t.x1[i], t.x2[i], t.x1_desired[i], t.x2_desired[i], t.multipliers[i]),
@@ -101,7 +101,7 @@ def recorded_states(
         )
 
 
-def live_state(reduced: ReducedModel, sample: Sample) -> State:
+def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
     """State at a sample of a live run."""
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
@@ -110,7 +110,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> State:
         value = getattr(command, name)
         return np.full(size, np.nan) if value is None else np.asarray(value, dtype=float)
 
-    return State(
+    return DrawnState(
         sample.time,
         q,
         v2,

@@ -32,6 +32,6 @@ class Subject:
         """Names of the outputs; empty without a reduced model."""
         return OutputNames() if self.reduced is None else output_names(self.reduced)
 
-    def for_another_thread(self) -> Subject:
+    def with_own_model(self) -> Subject:
         """Copy with its own reduced model: a model serves one thread at a time."""
         return self if self.reduced is None else Subject.of(copy.deepcopy(self.reduced))

@@ -13,7 +13,7 @@ from matplotlib.transforms import Affine2D
 
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.panels import MOST, Others, words
+from rnc_pin.visualization.panels import MOST, Others, readable_name
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
@@ -68,7 +68,7 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
     If no body is on the ground, a frame counts only if its z is not an output.
     """
     bodies = [
-        GroundPath(words(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
+        GroundPath(readable_name(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
         for name, pose in zip(run.info.outputs.ground_poses, _triples(run.ground_poses), strict=True)
     ]
     frames = _frames(run, bodies)
@@ -111,21 +111,23 @@ def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
             for ending in ("", "_desired")
         )
         has_goal = f"{frame}_x" in run.info.goals and f"{frame}_y" in run.info.goals
-        found.append(GroundPath(words(frame), points, None, desired if has_goal else None))
+        found.append(GroundPath(readable_name(frame), points, None, desired if has_goal else None))
     return found
 
 
-def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Entry]:
+def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.LegendEntry]:
     """Draw the top view of a run. Return the legend entries."""
     paths = ground_paths(run)
-    entries: list[ps.Entry] = []
+    entries: list[ps.LegendEntry] = []
     plan = run.info.provenance.path
     if plan is not None and not any(path.desired is not None for path in paths):
         way = np.array(plan.poses)[:, :2]
-        entries.append(ps.Entry("planned path", axes.plot(*way.T, color="0.55", ls=ps.DASHES[2], lw=1.6, zorder=1)))
+        entries.append(
+            ps.LegendEntry("planned path", axes.plot(*way.T, color="0.55", ls=ps.DASHES[2], lw=1.6, zorder=1))
+        )
     for k, path in enumerate(paths):
         color = ps.COLORS[k]
-        entries.append(ps.Entry(path.name, axes.plot(*path.points.T, color=color, lw=1.8)))
+        entries.append(ps.LegendEntry(path.name, axes.plot(*path.points.T, color=color, lw=1.8)))
         if path.headings is not None:
             _draw_headings(axes, path, color)
         else:
@@ -135,17 +137,19 @@ def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Entry]
     desired = [path.desired for path in paths if path.desired is not None and path.goal is None]
     lines = [axes.plot(*points.T, color="black", ls=ps.DOTS, lw=1.3)[0] for points in desired]
     if lines:
-        entries.append(ps.Entry("desired", lines[:1]))
+        entries.append(ps.LegendEntry("desired", lines[:1]))
     goals = [path.goal for path in paths if path.goal is not None]
     if goals:
-        entries.append(ps.Entry("goal", axes.plot(*np.transpose(goals), "x", color="black", markersize=7, mew=1.8)))
+        entries.append(
+            ps.LegendEntry("goal", axes.plot(*np.transpose(goals), "x", color="black", markersize=7, mew=1.8))
+        )
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     _frame_equally(axes)
     return entries
 
 
-def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[ps.Entry]:
+def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[ps.LegendEntry]:
     entries = []
     for j, (style, label) in enumerate(ps.dashes(others)):
         lines = []
@@ -155,7 +159,7 @@ def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[p
                 color = ps.color_of(names.index(path.name), len(names), j)
                 lines += axes.plot(*path.points.T, color=color, ls=style, lw=1.4)
         if lines:
-            entries.append(ps.Entry(label, lines))
+            entries.append(ps.LegendEntry(label, lines))
     return entries
 
 

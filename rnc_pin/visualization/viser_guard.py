@@ -1,4 +1,4 @@
-"""Access check for viser, which has none: it answers only requests that ``Visitors`` admits."""
+"""Access check for viser, which has none: it answers only requests that ``RequestFilter`` admits."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from http import HTTPStatus
 from typing import Any
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.visualization.visitors import Visitors
+from rnc_pin.visualization.visitors import RequestFilter
 
 _LONGEST_MESSAGE = 1_000_000  # [bytes]; messages contain camera poses and clicks
 
 
 @contextmanager
-def guarded(visitors: Visitors) -> Iterator[None]:
+def with_request_filter(visitors: RequestFilter) -> Iterator[None]:
     """Add the access check to a viser server that is started inside the ``with`` block.
 
     Viser has no setting for it, but it serves through ``websockets``, which can refuse a request before the handshake.
@@ -55,11 +55,11 @@ def _log() -> logging.Logger:
     return log
 
 
-def _checked(visitors: Visitors, inner: Callable[..., Any] | None) -> Callable[..., Any]:
+def _checked(visitors: RequestFilter, inner: Callable[..., Any] | None) -> Callable[..., Any]:
     def check(connection: Any, request: Any) -> Any:
         headers = request.headers
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-        if len(hosts) != 1 or len(origins) > 1 or not visitors.admit(hosts[0], origins[0] if origins else None):
+        if len(hosts) != 1 or len(origins) > 1 or not visitors.allows(hosts[0], origins[0] if origins else None):
             return connection.respond(HTTPStatus.FORBIDDEN, "")
         return None if inner is None else inner(connection, request)
 

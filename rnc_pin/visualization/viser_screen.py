@@ -13,17 +13,17 @@ from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
-from rnc_pin.visualization.camera import GAZE, Follower, fitting_camera, with_plan
-from rnc_pin.visualization.floor import floor_of
+from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
+from rnc_pin.visualization.floor import ground_height
 from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.poses import Poses
 from rnc_pin.visualization.robot_view import check_drawable
-from rnc_pin.visualization.state import State
+from rnc_pin.visualization.state import DrawnState
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.textures import has_own_textures
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viser_guard import guarded
-from rnc_pin.visualization.visitors import Visitors
+from rnc_pin.visualization.viser_guard import with_request_filter
+from rnc_pin.visualization.visitors import RequestFilter
 
 _PIECE = 15  # frames per piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
@@ -77,13 +77,13 @@ class ViserScreen:
             ) from None
         robot = subject.robot
         check_drawable(robot)
-        with guarded(Visitors(host)):
+        with with_request_filter(RequestFilter(host)):
             self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
         self._visualizer: BaseVisualizer = _Visualizer(robot)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
-        self._ground = floor_of(view, subject)
+        self._ground = ground_height(view, subject)
         self._follower: Follower | None = None
         self._poses, self._view, self._plan = Poses(robot), view, info.provenance.path
         self._trails = {frame: self._poses.point(frame) for frame in view.trail}
@@ -101,7 +101,7 @@ class ViserScreen:
         """Show the page in the user's browser."""
         webbrowser.open(self.url, new=2)
 
-    def draw(self, state: State) -> None:
+    def draw(self, state: DrawnState) -> None:
         """Draw a state; the first state places the camera."""
         if not self._placed:
             self._place(state)
@@ -117,10 +117,10 @@ class ViserScreen:
                 self._points[frame] = points[-1:]
                 self._pieces += 1
 
-    def _place(self, state: State) -> None:
+    def _place(self, state: DrawnState) -> None:
         view = self._view
         points = with_plan(self._poses.corners(state.q), self._plan, self._ground or 0.0)
-        camera, target = fitting_camera(points, np.array(GAZE))
+        camera, target = fitting_camera(points, np.array(VIEW_DIRECTION))
         if view.camera is not None:
             camera, target = np.array(view.camera, dtype=float), np.array(view.target, dtype=float)
         self._server.initial_camera.position = camera
@@ -129,15 +129,15 @@ class ViserScreen:
             height = (float(target[0]), float(target[1]), self._ground)
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
         close = view.camera is None and self._plan is None
-        self._follower = Follower(camera, target, self._poses.middle(state.q), close)
+        self._follower = Follower(camera, target, self._poses.center_of_mass(state.q), close)
         self._placed = True
 
-    def _follow(self, state: State) -> None:
+    def _follow(self, state: DrawnState) -> None:
         """Move the cameras with the robot; movements by the users remain."""
         if self._follower is None:
             return
         before = self._follower.offset
-        step = self._follower.follow(self._poses.middle(state.q)) - before
+        step = self._follower.follow(self._poses.center_of_mass(state.q)) - before
         if not step.any():
             return
         first = self._server.initial_camera

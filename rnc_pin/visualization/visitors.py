@@ -19,7 +19,7 @@ def addresses_of(host: str) -> set[str]:
         return set()
 
 
-class Visitors:
+class RequestFilter:
     """Check of the request headers Host and Origin.
 
     Args:
@@ -34,7 +34,7 @@ class Visitors:
         if self._any_address:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
 
-    def admit(self, host: str | None, origin: str | None) -> bool:
+    def allows(self, host: str | None, origin: str | None) -> bool:
         """Return True if the server may answer a request.
 
         Args:

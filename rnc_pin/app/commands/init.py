@@ -10,7 +10,7 @@ import click
 
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.scenario.draft import Wishes, draft
+from rnc_pin.scenario.draft import DraftOptions, draft
 from rnc_pin.scenario.files import parse_options
 from rnc_pin.whole_files import written_whole
 
@@ -28,7 +28,7 @@ def draft_scenario(
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
-    wishes = Wishes(base, parse_options(arguments), package_dirs, _held(lock))
+    wishes = DraftOptions(base, parse_options(arguments), package_dirs, _held(lock))
     text = draft(robot, path.parent, wishes)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.mobility import Entry, Mobility
+from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
 from rnc_pin.scenario.draft.tolerances import DRIVEN
 
 _UNPOWERED = "driven, although the file gives no effort or it is usually passive: CHECK"
@@ -48,7 +48,9 @@ class Actuators:
         return [self.all[column] for column in columns]
 
 
-def candidates(mobility: Mobility, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()) -> Actuators:
+def candidates(
+    mobility: BaseAssumptions, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()
+) -> Actuators:
     """Return the candidate actuators of a robot with one kind of base.
 
     Args:
@@ -74,7 +76,7 @@ def candidates(mobility: Mobility, robot: Robot, start: Iterable[str], undriven:
     )
 
 
-def _forces(mobility: Mobility) -> list[Entry]:
+def _forces(mobility: BaseAssumptions) -> list[Entry]:
     """Forces and torques on the base; none if its momentum is conserved."""
     if mobility.weightless or mobility.base == "fixed":
         return []

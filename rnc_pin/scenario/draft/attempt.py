@@ -19,11 +19,11 @@ from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft import actuators, outputs
 from rnc_pin.scenario.draft.couplings import loop_closures, uncoupled_joints
 from rnc_pin.scenario.draft.joints import effort_limit
-from rnc_pin.scenario.draft.mobility import Entry, Mobility
+from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
 from rnc_pin.scenario.draft.source import Source
-from rnc_pin.scenario.draft.start import turned_aside
+from rnc_pin.scenario.draft.start import with_regular_inertia
 from rnc_pin.scenario.draft.text import Drafted, write_draft
-from rnc_pin.scenario.draft.trial import FAR, Trial, judged
+from rnc_pin.scenario.draft.trial import FAR, Trial, worst_output
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import Plan, execute
 from rnc_pin.simulation import Outcome, Trajectory
@@ -31,7 +31,7 @@ from rnc_pin.simulation import Outcome, Trajectory
 _LEAN = 0.05  # [rad]
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
-_TELLS = 1.0  # shortest run with meaningful errors [s]
+_MEANINGFUL = 1.0  # shortest run with meaningful errors [s]
 _POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
 _LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
 _LOADED = "gravity loads the robot, and it learns this load slowly"
@@ -46,7 +46,7 @@ _TRACKERS = (
 
 
 @dataclass
-class Attempt:
+class DraftAttempt:
     """Scenario for one assumed base.
 
     Args:
@@ -56,7 +56,7 @@ class Attempt:
         folder: folder of the scenario.
     """
 
-    mobility: Mobility
+    mobility: BaseAssumptions
     source: Source
     start: dict[str, float]
     folder: Path
@@ -75,7 +75,7 @@ class Attempt:
         self.trial = Trial(0.0)
         """Trial run of the returned text."""
         self._motions: dict[str, float] = {}
-        self.start, moved = turned_aside(self.robot, self.start)
+        self.start, moved = with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
         self.candidates = actuators.candidates(mobility, self.robot, self.start, self._undriven)
 
@@ -118,12 +118,12 @@ class Attempt:
             except RncError as error:
                 failures.append(str(error))
                 continue
-            if best is None or trial.share < best[0].share:
+            if best is None or trial.relative_error < best[0].relative_error:
                 said = remark.format(*failures[:1])
                 best = trial, write_draft(self.robot.name, scenario, said, trial.words, mobility)
-            if trial.share < FAR:
+            if trial.relative_error < FAR:
                 break
-            failures.append(f"its run {trial.complaint}")
+            failures.append(f"its run {trial.failure_text}")
         if best is None:
             raise ConfigurationError(failures[-1])
         self.trial, text = best
@@ -148,9 +148,9 @@ class Attempt:
         begun = time.perf_counter()
         trajectory = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / (time.perf_counter() - begun), 1)
-        if possible >= _TELLS:
+        if possible >= _MEANINGFUL:
             trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
-        return judged(trajectory, self._motions, settles=self.mobility.lean is not None)
+        return worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
         settings = experiment.simulation.model_copy(update={"duration": duration})
@@ -219,7 +219,7 @@ class Attempt:
         """Robot entry of the scenario."""
         mobility = self.mobility
         return {
-            **self.source.described(mobility.base),
+            **self.source.robot_entry(mobility.base),
             **({"lock": mobility.lock} if mobility.lock else {}),
             **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
         }

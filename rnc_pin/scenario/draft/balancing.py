@@ -7,9 +7,9 @@ import re
 import numpy as np
 
 from rnc_pin.plain import Json, significant
-from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel
-from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility, measured, place_and_heading, rolls
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.chassis import WheelGroup, WheelLayout, are_parallel
+from rnc_pin.scenario.draft.mobility import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.wheels import Wheel
 
 _SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot|leg_rest")
@@ -21,7 +21,7 @@ _PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could a
 _FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
 
-def balances(chassis: Chassis, site: Site) -> bool:
+def balances(chassis: WheelLayout, site: RobotAtStart) -> bool:
     """True if a base stands only on two wheels of one axle."""
     lonely = not (chassis.casters or chassis.balls or chassis.steered or chassis.trailers)
     if not lonely or len(chassis.fixed) != 2 or len(chassis.axles) != 1:
@@ -35,13 +35,13 @@ def balances(chassis: Chassis, site: Site) -> bool:
     return tall and (named or not _is_supported(chassis, site))
 
 
-def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
+def balancing_base(chassis: WheelLayout, site: RobotAtStart) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
     wheels = chassis.fixed
-    result = Mobility("free", "2 wheels under a body that balances", site.frame)
+    result = BaseAssumptions("free", "2 wheels under a body that balances", site.frame)
     _lie_down(result, wheels, site)
     ahead = site.along(wheels[0].heading)
     tilt = f"{site.frame}_tilt_{ahead}"
@@ -72,7 +72,7 @@ def on_two_wheels(chassis: Chassis, site: Site) -> Mobility:
     return result
 
 
-def is_bicycle(chassis: Chassis) -> bool:
+def is_bicycle(chassis: WheelLayout) -> bool:
     """True if a steered wheel is in front of a fixed wheel, in one plane."""
     if len(chassis.fixed) != 1 or len(chassis.steered) != 1 or chassis.balls or chassis.casters:
         return False
@@ -84,11 +84,11 @@ def is_bicycle(chassis: Chassis) -> bool:
     return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
 
 
-def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
+def bicycle_base(chassis: WheelLayout, site: RobotAtStart) -> BaseAssumptions:
     """Free base that rolls forward, tilts, and is balanced by its steering."""
     rear, fork = chassis.fixed[0], chassis.steered[0]
     front = fork.wheels[0]
-    result = Mobility("free", "2 wheels in line: a bicycle, which leans", site.frame)
+    result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", site.frame)
     _lie_down(result, [rear, front], site)
     result.constraints.append((rolls(rear), measured(rear)))
     result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
@@ -122,24 +122,24 @@ def on_a_bicycle(chassis: Chassis, site: Site) -> Mobility:
     return result
 
 
-def _ahead(fork: Carriage, rear: Wheel) -> np.ndarray:
+def _ahead(fork: WheelGroup, rear: Wheel) -> np.ndarray:
     along = fork.wheels[0].center - rear.center
     return np.asarray(along / np.linalg.norm(along))
 
 
-def _lie_down(result: Mobility, wheels: list[Wheel], site: Site) -> None:
+def _lie_down(result: BaseAssumptions, wheels: list[Wheel], site: RobotAtStart) -> None:
     """Put the base at the height where the wheels touch the ground, and lock all other joints."""
     height = float(np.median([wheel.radius - wheel.center[2] for wheel in wheels]))
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
     pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}
     moving = {wheel.joint for wheel in wheels} | pivots
-    result.hold_carriers(wheels, site.start)
+    result.lock_carriers(wheels, site.start)
     others = [name for name in site.start if name not in moving and name not in result.lock]
     result.hold(others, site.start, "locked, while the base is balanced")
 
 
-def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:
+def _center_of_mass(chassis: WheelLayout, site: RobotAtStart) -> tuple[float, float]:
     """Center of mass of all bodies except the wheels: height above the axle, horizontal offset from it [m]."""
     own = {site.robot.joint_id(wheel.joint) for wheel in chassis.fixed}
     model = site.robot.model
@@ -154,7 +154,7 @@ def _center_of_mass(chassis: Chassis, site: Site) -> tuple[float, float]:
     return float(offset[2]), abs(float(offset @ chassis.fixed[0].heading))
 
 
-def _is_supported(chassis: Chassis, site: Site) -> bool:
+def _is_supported(chassis: WheelLayout, site: RobotAtStart) -> bool:
     """True if another shape than the wheels reaches the ground, or if a name in the file means a support."""
     if _SUPPORT.search(site.words):
         return True
@@ -165,7 +165,7 @@ def _is_supported(chassis: Chassis, site: Site) -> bool:
     return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
 
 
-def _input_cost(chassis: Chassis, site: Site) -> float:
+def _input_cost(chassis: WheelLayout, site: RobotAtStart) -> float:
     """Inverse square of the torque that holds the body at a tilt of 0.1 rad [1/(N m)^2]."""
     above, _ = _center_of_mass(chassis, site)
     weight = 9.81 * sum(inertia.mass for inertia in site.robot.model.inertias)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis, turns
-from rnc_pin.scenario.draft.mobility import Mobility
+from rnc_pin.scenario.draft.joints import effort_limit, is_revolute, joint_limits, turning_axis
+from rnc_pin.scenario.draft.mobility import BaseAssumptions
 from rnc_pin.scenario.draft.shapes import LEVEL, Shape
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME
 
 _INSIDE = 1.05  # largest distance of an inner shape from the center, in radii
@@ -38,7 +38,7 @@ class Shell:
     height: float
 
 
-def find_shell(site: Site, driven: frozenset[str]) -> Shell | None:
+def find_shell(site: RobotAtStart, driven: frozenset[str]) -> Shell | None:
     """Return the shell of a spherical robot, or None.
 
     Args:
@@ -60,10 +60,10 @@ def find_shell(site: Site, driven: frozenset[str]) -> Shell | None:
     return None
 
 
-def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
+def spherical_base(shell: Shell, site: RobotAtStart, driven: frozenset[str]) -> BaseAssumptions:
     """Ball that rolls on the ground while the inner joints follow their references."""
     own = bool(site.root) and not site.is_rigid
-    result = Mobility(None if own else "free", "a ball that joints inside it roll", site.frame)
+    result = BaseAssumptions(None if own else "free", "a ball that joints inside it roll", site.frame)
     joint = site.robot.joint_names[site.root - 1] if own else "root_joint"
     result.initial[joint] = [0.0, 0.0, round(shell.height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
@@ -85,16 +85,16 @@ def in_a_shell(shell: Shell, site: Site, driven: frozenset[str]) -> Mobility:
     return result
 
 
-def _drives(site: Site, driven: frozenset[str]) -> list[str]:
+def _drives(site: RobotAtStart, driven: frozenset[str]) -> list[str]:
     """Driven inner joints."""
     return [name for name in site.start if (name in driven if driven else effort_limit(site.robot, name) > 0)]
 
 
-def _step(name: str, site: Site) -> float:
+def _step(name: str, site: RobotAtStart) -> float:
     """Displacement of a joint's reference [rad or m]; largest for a continuous joint with a horizontal axis."""
     low, high = joint_limits(site.robot, name)
     level = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(name))[2]) < LEVEL
-    length = (_TURNED if level else 0.4) if turns(site.robot, name) else 0.05
+    length = (_TURNED if level else 0.4) if is_revolute(site.robot, name) else 0.05
     room = 0.3 * max(high - site.start[name], site.start[name] - low)
     return round(float(min(length, room)), 4)
 
@@ -114,7 +114,7 @@ def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
     return (center, radius) if whole and distances.min() > (1 - _ROUND) * radius else None
 
 
-def _encloses(sphere: tuple[np.ndarray, float], site: Site) -> bool:
+def _encloses(sphere: tuple[np.ndarray, float], site: RobotAtStart) -> bool:
     center, radius = sphere
     everything = [each for kind in site.shapes.values() for each in kind]
     return all(
@@ -123,7 +123,7 @@ def _encloses(sphere: tuple[np.ndarray, float], site: Site) -> bool:
     )
 
 
-def _frame_at(center: np.ndarray, radius: float, site: Site) -> str | None:
+def _frame_at(center: np.ndarray, radius: float, site: RobotAtStart) -> str | None:
     """Name of a frame of the base with its origin at the center, the base's own frame first, or None."""
     names = [site.frame]
     names += [str(frame.name) for frame in site.robot.model.frames if frame.parentJoint == site.root]

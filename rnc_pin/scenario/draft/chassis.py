@@ -19,7 +19,7 @@ _TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
 
 
 @dataclass(frozen=True)
-class Carriage:
+class WheelGroup:
     """Wheels on one pivot."""
 
     pivot: Pivot
@@ -44,7 +44,7 @@ class Carriage:
 
 
 @dataclass
-class Chassis:
+class WheelLayout:
     """Wheels of a robot by their function.
 
     Attributes:
@@ -57,9 +57,9 @@ class Chassis:
 
     fixed: list[Wheel] = field(default_factory=list)
     balls: list[Wheel] = field(default_factory=list)
-    casters: list[Carriage] = field(default_factory=list)
-    steered: list[Carriage] = field(default_factory=list)
-    trailers: list[Carriage] = field(default_factory=list)
+    casters: list[WheelGroup] = field(default_factory=list)
+    steered: list[WheelGroup] = field(default_factory=list)
+    trailers: list[WheelGroup] = field(default_factory=list)
 
     @property
     def wheels(self) -> list[Wheel]:
@@ -104,9 +104,9 @@ def are_parallel(one: Wheel, other: Wheel) -> bool:
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
-def chassis(wheels: list[Wheel]) -> Chassis:
+def chassis(wheels: list[Wheel]) -> WheelLayout:
     """Classify wheels by their function."""
-    result = Chassis()
+    result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
     others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
@@ -117,14 +117,14 @@ def chassis(wheels: list[Wheel]) -> Chassis:
         if wheel.pivots:
             groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
     for group in groups.values():
-        carriage = Carriage(group[0].pivots[0], tuple(group))
+        carriage = WheelGroup(group[0].pivots[0], tuple(group))
         _others_like(carriage, result).append(carriage)
     if not result.fixed and result.casters and all(_CASTER.search(_words(each)) is None for each in result.casters):
         result.steered, result.casters = result.steered + result.casters, []  # without fixed wheels
     return result
 
 
-def _others_like(carriage: Carriage, chassis: Chassis) -> list[Carriage]:
+def _others_like(carriage: WheelGroup, chassis: WheelLayout) -> list[WheelGroup]:
     """The list of the chassis to which a carriage belongs."""
     words, trail, radius = _words(carriage), carriage.trail, carriage.wheels[0].radius
     if _TOWED.search(words):
@@ -135,9 +135,9 @@ def _others_like(carriage: Carriage, chassis: Chassis) -> list[Carriage]:
         return chassis.casters
     if not carriage.is_lone:
         return chassis.trailers if trail > _AXLE * radius else chassis.steered
-    follows = trail > _TRAILS * radius and carriage.pivot.turns_round
+    follows = trail > _TRAILS * radius and carriage.pivot.is_continuous
     return chassis.casters if follows else chassis.steered
 
 
-def _words(carriage: Carriage) -> str:
+def _words(carriage: WheelGroup) -> str:
     return " ".join([carriage.pivot.joint, *(each.words for each in carriage.wheels)]).lower()

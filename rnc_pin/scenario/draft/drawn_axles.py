@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import PLACED, SAME
 
 
@@ -33,7 +33,7 @@ class DrawnAxle:
     center: np.ndarray
 
 
-def find_drawn_axles(site: Site) -> list[DrawnAxle]:
+def find_drawn_axles(site: RobotAtStart) -> list[DrawnAxle]:
     """Return pairs of coaxial horizontal disks at the ground on one body: wheels without joints in the model."""
     drawn = site.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
@@ -69,7 +69,7 @@ def _radius(cylinder: Shape) -> float:
     return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
 
 
-def _frame_on(site: Site, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
+def _frame_on(site: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
     """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
     best = None
     for index, frame in enumerate(site.robot.model.frames):

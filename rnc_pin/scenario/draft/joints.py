@@ -47,7 +47,7 @@ def effort_limit(robot: Robot, name: str) -> float:
     return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
 
 
-def turns(robot: Robot, name: str) -> bool:
+def is_revolute(robot: Robot, name: str) -> bool:
     """True if a joint with one degree of freedom is revolute, False if it is prismatic."""
     return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"
 

@@ -16,7 +16,7 @@ DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, he
 
 
 @dataclass
-class Mobility:
+class BaseAssumptions:
     """Assumptions of a draft about the base.
 
     Attributes:
@@ -72,12 +72,12 @@ class Mobility:
             self.lock.update({joint: start.get(joint, 0.0) for joint in named})
             self.notes.append(f"{why}: {', '.join(named)}")
 
-    def hold_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
+    def lock_carriers(self, wheels: Iterable[Wheel], start: Mapping[str, float]) -> None:
         """Lock the joints that would lift wheels."""
         carriers = (joint for wheel in wheels for joint in wheel.carriers)
         self.hold(carriers, start, "locked, because they would lift wheels off the ground")
 
-    def go_anywhere(self) -> None:
+    def add_planar_pose_outputs(self) -> None:
         """Add position on the ground and heading to the candidate outputs."""
         self.outputs += zip(place_and_heading(self.frame), (DRIVEN, TURNED), strict=True)
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.chassis import Chassis
+from rnc_pin.scenario.draft.chassis import WheelLayout
 from rnc_pin.scenario.draft.joints import turning_axis
-from rnc_pin.scenario.draft.mobility import Mobility, measured, rolls
+from rnc_pin.scenario.draft.mobility import BaseAssumptions, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME
 from rnc_pin.scenario.draft.wheels import Wheel
 
@@ -19,7 +19,7 @@ _APART = 0.05  # smallest singular value of three independent rows on the base v
 _MECANUM = np.pi / 4
 
 
-def has_rollers(chassis: Chassis, site: Site) -> bool:
+def has_rollers(chassis: WheelLayout, site: RobotAtStart) -> bool:
     """True if wheels have rollers: as joints of the file, by name, or because their headings differ."""
     wheels = chassis.fixed
     if len(wheels) < 3 or chassis.steered:
@@ -29,12 +29,12 @@ def has_rollers(chassis: Chassis, site: Site) -> bool:
     return not chassis.is_straight or any(word in site.words for word in _OMNIDIRECTIONAL)
 
 
-def on_rollers(chassis: Chassis, site: Site) -> Mobility:
+def omnidirectional_base(chassis: WheelLayout, site: RobotAtStart) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = chassis.fixed, chassis.is_straight
     angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
-        return in_any_direction(chassis, site, "these rollers do not constrain the base in three directions")
+        return force_driven_base(chassis, site, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = planar(site, kind, wheels)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
@@ -49,11 +49,11 @@ def on_rollers(chassis: Chassis, site: Site) -> Mobility:
     if not parallel:
         result.notes.append("wheels with different headings can move the base only if they are omni wheels")
     _release(result, chassis, site)
-    result.go_anywhere()
+    result.add_planar_pose_outputs()
     return result
 
 
-def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
+def force_driven_base(chassis: WheelLayout, site: RobotAtStart, why: str) -> BaseAssumptions:
     """Base that moves in any direction, driven by forces in place of the wheels."""
     result = planar(site, f"{len(chassis.wheels)} wheels, in any direction", chassis.wheels)
     pivots = [pivot.joint for wheel in chassis.wheels for pivot in wheel.pivots]
@@ -68,18 +68,18 @@ def in_any_direction(chassis: Chassis, site: Site, why: str) -> Mobility:
     return result
 
 
-def push(result: Mobility) -> None:
+def push(result: BaseAssumptions) -> None:
     """Add forces along x and y, a torque about z, and the outputs of the base's planar pose."""
     for axis in "xy":
         force: dict[str, Json] = {"force": {"frame": result.frame, "axis": axis}}
         result.actuators.append((force, "in place of the wheels"))
     result.actuators.append(({"torque": {"frame": result.frame, "axis": "z"}}, ""))
-    result.go_anywhere()
+    result.add_planar_pose_outputs()
 
 
-def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
+def _release(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
     """Lock joints that would lift wheels, and wheels that only support."""
-    result.hold_carriers(chassis.wheels, site.start)
+    result.lock_carriers(chassis.wheels, site.start)
     supports = [
         joint
         for carriage in (*chassis.casters, *chassis.trailers)
@@ -90,7 +90,7 @@ def _release(result: Mobility, chassis: Chassis, site: Site) -> None:
     result.hold(supports, site.start, "wheels that only support are locked and only drawn")
 
 
-def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> float:
+def _angle(wheel: Wheel, wheels: list[Wheel], site: RobotAtStart, parallel: bool) -> float:
     """Angle from the wheel's heading to the axis of the roller at the ground [rad]."""
     if wheel.rollers:
         return _modelled_angle(wheel, site)
@@ -105,7 +105,7 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: Site, parallel: bool) -> flo
     return float(-_MECANUM * (side or 1.0))
 
 
-def _modelled_angle(wheel: Wheel, site: Site) -> float:
+def _modelled_angle(wheel: Wheel, site: RobotAtStart) -> float:
     """Roller angle from the file [rad]; all rollers of a wheel have the same angle to the axle, with the same sign."""
     joint = site.robot.joint_id(wheel.rollers[0])
     axis = turning_axis(site.robot.model, site.data, joint)

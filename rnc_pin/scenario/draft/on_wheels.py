@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.chassis import Carriage, Chassis, are_parallel, in_line
+from rnc_pin.scenario.draft.chassis import WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
-from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, Mobility, measured, rolls
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME, first_smallest
 from rnc_pin.scenario.draft.wheels import UPRIGHT, Wheel
 
 
-def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()) -> Mobility:
+def wheeled_base(chassis: WheelLayout, site: RobotAtStart, driven: frozenset[str] = frozenset()) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters and trailers.
 
     Args:
@@ -22,7 +22,7 @@ def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()
         driven: driven joints of the file; empty if the file does not name any.
     """
     result = planar(site, _kind(chassis), chassis.wheels)
-    result.hold_carriers(chassis.wheels, site.start)
+    result.lock_carriers(chassis.wheels, site.start)
     gliding = [wheel.joint for wheel in chassis.balls]
     result.hold(gliding, site.start, "ball casters slide, so that they are locked and only drawn")
     for dolly in chassis.dollies:
@@ -55,16 +55,17 @@ def on_wheels(chassis: Chassis, site: Site, driven: frozenset[str] = frozenset()
     return result
 
 
-def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
+def planar(site: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
     """Planar base; it uses the file's own planar joints if there are any."""
-    result = Mobility("planar", kind, site.frame)
-    if site.own_base:
+    result = BaseAssumptions("planar", kind, site.frame)
+    if site.own_planar_joints:
         result.base = "fixed"
-        result.passive |= set(site.own_base)
+        result.passive |= set(site.own_planar_joints)
         result.notes.append(
-            f"the file's own joints let the base move over the ground, its wheels drive it: {', '.join(site.own_base)}"
+            "the file's own joints let the base move over the ground, its wheels drive it: "
+            f"{', '.join(site.own_planar_joints)}"
         )
-    elif site.holds_own_joint:
+    elif site.has_replaceable_free_joint:
         result.lock.update(site.own_joint)
         result.notes.append(f"a planar base replaces the file's own {', '.join(site.own_joint)}")
     elif site.root:
@@ -73,7 +74,7 @@ def planar(site: Site, kind: str, wheels: list[Wheel]) -> Mobility:
     return result
 
 
-def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
+def knife_edge_base(axles: list[DrawnAxle], site: RobotAtStart) -> BaseAssumptions:
     """Base whose wheels are only drawn: one knife edge for the axles of each body."""
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
     result = planar(site, f"wheels are drawn on {count}, and no joint turns them", [])
@@ -98,7 +99,7 @@ def on_drawn_axles(axles: list[DrawnAxle], site: Site) -> Mobility:
     return result
 
 
-def _midway(site: Site, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
+def _midway(site: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
     edge: dict[str, Json] = {"frame": site.frame, "axis": site.along(axle)}
     height = float(site.placement.translation[2])
@@ -108,7 +109,7 @@ def _midway(site: Site, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]
     return edge
 
 
-def _kind(chassis: Chassis) -> str:
+def _kind(chassis: WheelLayout) -> str:
     count = f"{len(chassis.wheels)} wheel{'s' * (len(chassis.wheels) > 1)}"
     if chassis.steered:
         what = "steered like a car"
@@ -120,7 +121,7 @@ def _kind(chassis: Chassis) -> str:
     return f"{count}, {what}{towing}"
 
 
-def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
+def _roll(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
     """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
     axles = chassis.axles
     middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
@@ -147,7 +148,7 @@ def _roll(result: Mobility, chassis: Chassis, site: Site) -> None:
             result.actuators.append((wheel.joint, ""))
 
 
-def _steer(result: Mobility, chassis: Chassis, site: Site) -> None:
+def _steer(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
     """Add steered wheels: a pair with Ackermann steering, or all wheels of one turntable; lock further pivots."""
     first, *others = chassis.steered
     axle = chassis.fixed[0]
@@ -185,7 +186,7 @@ def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
     return rolls(wheel, **more, **({"vertical": False} if leans else {}))
 
 
-def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
+def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     across = other.pivot.point - one.pivot.point
     single = len(one.wheels) == len(other.wheels) == 1
     return bool(single and abs(across @ axle.heading) < 0.1 * np.linalg.norm(across)) and are_parallel(
@@ -193,7 +194,7 @@ def _side_by_side(one: Carriage, other: Carriage, axle: Wheel) -> bool:
     )
 
 
-def _tow(result: Mobility, carriage: Carriage) -> None:
+def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
     guides = {wheel.joint for wheel in in_line(carriage.wheels)[0]}
     for wheel in carriage.wheels:
         entry = _turned(wheel) if wheel.joint in guides else _turned(wheel, lateral=False)

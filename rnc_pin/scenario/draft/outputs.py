@@ -15,8 +15,8 @@ from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.joints import joint_limits, turns
-from rnc_pin.scenario.draft.mobility import BENT, Mobility
+from rnc_pin.scenario.draft.joints import is_revolute, joint_limits
+from rnc_pin.scenario.draft.mobility import BENT, BaseAssumptions
 from rnc_pin.scenario.draft.tolerances import DRIVEN, SAME
 from rnc_pin.scenario.schema.outputs import OutputItem
 
@@ -40,7 +40,9 @@ class Outputs:
     steps: list[float] = field(default_factory=list)
 
 
-def candidates(mobility: Mobility, robot: Robot, start: Mapping[str, float]) -> list[tuple[Mapping[str, Json], float]]:
+def candidates(
+    mobility: BaseAssumptions, robot: Robot, start: Mapping[str, float]
+) -> list[tuple[Mapping[str, Json], float]]:
     """Return output entries by preference with reference displacements: base, driven joints, passive joints."""
     used = [entry["joint"] for entry, _ in mobility.outputs if "joint" in entry]
     joints = sorted((name for name in start if name not in used), key=lambda name: name in mobility.passive)
@@ -87,5 +89,5 @@ def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
     low, high = joint_limits(robot, name)
     above, below = high - value, value - low  # both infinite without limits
-    length = min(BENT if turns(robot, name) else _SLID, 0.3 * max(above, below))
+    length = min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below))
     return round(length if above >= (1 - SAME) * below else -length, 4)

@@ -105,7 +105,7 @@ class Disk:
     width: float
 
 
-def round_about(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Disk | None:
+def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Disk | None:
     """Return the disk that shapes form about an axle through ``center``, or None if they are not round."""
     if not parts:
         return None

@@ -16,7 +16,7 @@ from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 
 
 @dataclass(frozen=True)
-class Site:
+class RobotAtStart:
     """Robot at its start values, with the base pose of the file.
 
     Attributes:
@@ -52,7 +52,7 @@ class Site:
         return {kind: shapes(self.robot, kind, self.q) for kind in ("collision", "visual")}
 
     @cached_property
-    def own_base(self) -> tuple[str, ...]:
+    def own_planar_joints(self) -> tuple[str, ...]:
         """Joints of the file's own planar base: two horizontal slides and a vertical revolute joint, or none."""
         model = self.robot.model
         joints: list[str] = []
@@ -70,13 +70,13 @@ class Site:
     @cached_property
     def root(self) -> int:
         """Index of the joint that carries the base; 0 if the base is fixed to the world."""
-        if self.own_base:
-            return self.robot.joint_id(self.own_base[-1])
+        if self.own_planar_joints:
+            return self.robot.joint_id(self.own_planar_joints[-1])
         model = self.robot.model
         return 1 if model.joints[1].nv > 1 and len(model.children[0]) == 1 else 0
 
     @property
-    def holds_own_joint(self) -> bool:
+    def has_replaceable_free_joint(self) -> bool:
         """True if a free joint of a URDF carries the base: a planar base can replace it if it is locked."""
         return bool(self.is_urdf and self.root and self.robot.model.joints[self.root].nv == 6) and not self.is_rigid
 

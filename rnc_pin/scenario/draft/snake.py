@@ -13,9 +13,9 @@ import numpy as np
 from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis
-from rnc_pin.scenario.draft.mobility import Entry, Mobility, measured, rolls
+from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry, measured, rolls
 from rnc_pin.scenario.draft.on_wheels import planar
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.wheels import Wheel
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
@@ -47,7 +47,7 @@ class Segment:
 
 
 def find_snake(
-    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], site: Site, driven: frozenset[str]
+    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], site: RobotAtStart, driven: frozenset[str]
 ) -> list[Segment]:
     """Return the segments of a snake from its root on; empty if the robot is no snake.
 
@@ -71,7 +71,7 @@ def find_snake(
     return segments if all(_crosses(one, other) for one, other in pairwise(segments)) else []
 
 
-def on_a_snake(segments: list[Segment], site: Site) -> Mobility:
+def snake_base(segments: list[Segment], site: RobotAtStart) -> BaseAssumptions:
     """Snake whose first body follows a serpenoid path and whose other bodies follow it; the start lies on this path."""
     result = planar(site, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
     for segment in segments:
@@ -121,7 +121,7 @@ class _Gait:
     bend: float
 
     @classmethod
-    def of(cls, segments: list[Segment], site: Site) -> _Gait:
+    def of(cls, segments: list[Segment], site: RobotAtStart) -> _Gait:
         """Return the gait within the joint limits."""
         head, joints = segments[0], segments[-1].chain
         indices = [site.robot.joint_id(name) for name in joints]
@@ -145,7 +145,7 @@ class _Gait:
         s, half = way - self.places[joint], self.spacing / 2
         return np.asarray(self.signs[joint] * (self.heading(s - half) - self.heading(s + half)))
 
-    def speed(self, site: Site) -> tuple[str, str, float]:
+    def speed(self, site: RobotAtStart) -> tuple[str, str, float]:
         """Return the output name of the first body's speed, its axis, and its sign: 1 along the axis, -1 against it."""
         axis = site.along(self.along)
         sense = float(np.sign(site.placement.rotation[:, "xyz".index(axis)] @ self.along))
@@ -179,7 +179,7 @@ def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
     ]
 
 
-def _on_axles(axles: Iterable[DrawnAxle], site: Site) -> list[Segment]:
+def _on_axles(axles: Iterable[DrawnAxle], site: RobotAtStart) -> list[Segment]:
     model, found = site.robot.model, []
     for each in axles:
         chain: list[str] = []
@@ -196,7 +196,7 @@ def _on_axles(axles: Iterable[DrawnAxle], site: Site) -> list[Segment]:
     return found
 
 
-def _drives(joint: str, site: Site, driven: frozenset[str]) -> bool:
+def _drives(joint: str, site: RobotAtStart, driven: frozenset[str]) -> bool:
     upright = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(joint))[2]) > 0.99
     return upright and (joint in driven if driven else effort_limit(site.robot, joint) > 0)
 

@@ -30,7 +30,7 @@ _BASE = "root_joint"  # a massless base gets a mass; it is not locked
 
 
 @dataclass(frozen=True)
-class Wishes:
+class DraftOptions:
     """User's choices that replace guesses of a draft.
 
     Attributes:
@@ -64,8 +64,8 @@ class Source:
         ModelError: the robot does not exist.
     """
 
-    def __init__(self, name: str, folder: Path, wishes: Wishes) -> None:
-        self.name, self._folder, self._wishes = Path(name).name, folder, wishes
+    def __init__(self, name: str, folder: Path, wishes: DraftOptions) -> None:
+        self.name, self._folder, self._options = Path(name).name, folder, wishes
         self.entry = _entry(name, folder)
         if wishes.xacro_arguments:
             self.entry["xacro_arguments"] = dict(wishes.xacro_arguments)
@@ -79,9 +79,9 @@ class Source:
         """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
         while True:
             try:
-                robot = self.as_it_is(base, lock)
+                robot = self.load_unchanged(base, lock)
             except UselessInertia as error:
-                if not self._mend(error.joints):
+                if not self._repair_inertias(error.joints):
                     raise
                 continue
             link = None if base in (None, "fixed") else _weightless_base(robot)
@@ -89,17 +89,17 @@ class Source:
                 return robot
             self.masses[link] = mass_of_box(_volume(robot))
 
-    def as_it_is(self, base: str | None, lock: Lock | None = None) -> Robot:
+    def load_unchanged(self, base: str | None, lock: Lock | None = None) -> Robot:
         """Return the robot without such changes; a joint that moves no mass is an error."""
-        raw = {**self.described(base), "lock": {**self.held, **(lock or {})}}
+        raw = {**self.robot_entry(base), "lock": {**self.held, **(lock or {})}}
         return admitted(RobotSource, raw, "robot").build(self._folder)
 
-    def described(self, base: str | None) -> dict[str, Json]:
+    def robot_entry(self, base: str | None) -> dict[str, Json]:
         """Return the robot entry with a base."""
         masses: dict[str, Json] = {"masses": dict(self.masses)} if self.masses else {}
         return {**self.entry, **masses, **({} if base is None else {"base": base})}
 
-    def lying(self) -> tuple[Robot, bool]:
+    def load_for_detection(self) -> tuple[Robot, bool]:
         """Return the robot without an added base and False, or with a free base and True if it is one rigid body."""
         if self.is_mjcf:
             return self.load(None), False
@@ -107,7 +107,7 @@ class Source:
             return self.load("fixed"), False
         except ModelError as error:
             try:
-                robot = self.as_it_is("free")
+                robot = self.load_unchanged("free")
             except ModelError:
                 raise error from None
             if robot.nv > 6:
@@ -142,8 +142,8 @@ class Source:
         path = self._path()
         if path is None:
             return frozenset()
-        arguments = self._wishes.xacro_arguments
-        return driven_joints(parse_urdf(path, arguments, Packages(path.parent, self._wishes.package_dirs)))
+        arguments = self._options.xacro_arguments
+        return driven_joints(parse_urdf(path, arguments, Packages(path.parent, self._options.package_dirs)))
 
     def _path(self) -> Path | None:
         if "example" in self.entry:
@@ -152,7 +152,7 @@ class Source:
 
     def remember_packages(self, robot: Robot) -> None:
         """Add package folders that another shell would not find to the entry."""
-        given = [each.resolve() for each in self._wishes.package_dirs]
+        given = [each.resolve() for each in self._options.package_dirs]
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
             folder = self._folder.resolve()
@@ -161,11 +161,11 @@ class Source:
     def mass_of_base(self) -> float:
         """Return the mass of the first link [kg]; 0 for a ground or world link."""
         try:
-            return float(self.as_it_is("free").model.inertias[1].mass)
+            return float(self.load_unchanged("free").model.inertias[1].mass)
         except ModelError:
             return 0.0
 
-    def _mend(self, joints: Sequence[Massless]) -> bool:
+    def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
         """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
         idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
         given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}

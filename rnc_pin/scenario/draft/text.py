@@ -9,7 +9,7 @@ from typing import NotRequired, TypedDict
 import yaml
 
 from rnc_pin.plain import Json
-from rnc_pin.scenario.draft.mobility import Entry, Mobility
+from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
 from rnc_pin.scenario.json_schema import schema_path
 
 _WIDTH = 118
@@ -44,7 +44,7 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility: Mobility) -> str:
+def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility: BaseAssumptions) -> str:
     """Return the text of a scenario file.
 
     Args:

@@ -35,7 +35,7 @@ class Trial:
     motion: float = 1.0
 
     @property
-    def share(self) -> float:
+    def relative_error(self) -> float:
         """Ratio of error to motion."""
         return self.error / self.motion
 
@@ -46,16 +46,16 @@ class Trial:
             return f"tried for {self.duration:.3g} s"
         return (
             f"tried for {self.duration:.3g} s: the largest error is {self.error:.2g} where {self.motion:.2g} "
-            f"{'is' if self.share < FAR else 'is all that is'} asked for ({self.output})"
+            f"{'is' if self.relative_error < FAR else 'is all that is'} asked for ({self.output})"
         )
 
     @property
-    def complaint(self) -> str:
+    def failure_text(self) -> str:
         """Description of the tracking error; it continues a sentence that begins with "its run"."""
         return f"misses its reference: {self.output} is off by {self.error:.2g}, and should move by {self.motion:.2g}"
 
 
-def judged(trajectory: Trajectory, motions: Mapping[str, float], *, settles: bool) -> Trial:
+def worst_output(trajectory: Trajectory, motions: Mapping[str, float], *, settles: bool) -> Trial:
     """Return the worst output with a reference.
 
     Args:
@@ -73,4 +73,4 @@ def judged(trajectory: Trajectory, motions: Mapping[str, float], *, settles: boo
         first = int((1 - _SETTLED) * len(error)) if settles else 0
         worst = float(np.nan_to_num(np.abs(error[first:])).max(initial=0.0))
         trials.append(Trial(duration, name, worst, abs(motions[name]) or _LITTLE * largest))
-    return max(trials, key=lambda each: each.share)
+    return max(trials, key=lambda each: each.relative_error)

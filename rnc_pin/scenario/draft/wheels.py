@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.scenario.draft.joints import body_frame, joint_limits, turning_axis
-from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, round_about
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, fitted_disk
+from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
@@ -41,7 +41,7 @@ class Pivot:
     index: int
     point: np.ndarray
     axis: np.ndarray
-    turns_round: bool
+    is_continuous: bool
 
     def offset(self, point: np.ndarray) -> np.ndarray:
         """Return the horizontal vector (3,) from the axis to a point (3,)."""
@@ -101,7 +101,7 @@ class _Candidate:
     rollers: tuple[int, ...]
 
 
-def find_wheels(site: Site) -> list[Wheel]:
+def find_wheels(site: RobotAtStart) -> list[Wheel]:
     """Return the wheels that touch the ground."""
     floor = _floor(site)
     found: list[_Found] = []
@@ -111,7 +111,7 @@ def find_wheels(site: Site) -> list[Wheel]:
     for candidate in candidates:
         if candidate.index in rollers:
             continue
-        size = _measured(site, candidate, floor)
+        size = _measured_size(site, candidate, floor)
         if size is not None:
             wheel = _wheel(site, candidate, size)
             found.append(_Found(wheel, size.bottom, candidate.named))
@@ -121,7 +121,7 @@ def find_wheels(site: Site) -> list[Wheel]:
     for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
         ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
         height = float(candidate.center[2] - ground)
-        if _believed(height) and height < 2 * max(wheel.radius for wheel in wheels):
+        if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
             wheels.append(_wheel(site, candidate, _Size(height, ground, "height")))
     carriers = {joint for wheel in wheels for joint in wheel.carriers}
     return [wheel for wheel in wheels if wheel.joint not in carriers]
@@ -146,7 +146,7 @@ class _Found:
         return self.bottom - ground < slack * self.wheel.radius
 
 
-def _candidates(site: Site) -> Iterator[_Candidate]:
+def _candidates(site: RobotAtStart) -> Iterator[_Candidate]:
     """Yield continuous joints with a horizontal axis and no child joints except rollers."""
     model = site.robot.model
     for index in range(site.root + 1, model.njoints):
@@ -154,7 +154,7 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
             continue
         axle = turning_axis(model, site.data, index)
         frame, center = _on_axle(site, index, axle)
-        named, other = _called(model.names[index], frame)
+        named, other = _name_flags(model.names[index], frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(model, rollers):
             if not named:
@@ -168,13 +168,13 @@ def _candidates(site: Site) -> Iterator[_Candidate]:
         yield _Candidate(index, frame, axle, center, named, parts, tuple(rollers))
 
 
-def _travel(site: Site, index: int) -> float:
+def _travel(site: RobotAtStart, index: int) -> float:
     """Range of a joint [rad or m]: upper limit minus lower limit."""
     low, high = joint_limits(site.robot, str(site.robot.model.names[index]))
     return high - low
 
 
-def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+def _on_axle(site: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
     """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
     origin = site.data.oMi[joint].translation
     for index, frame in enumerate(site.robot.model.frames):
@@ -184,7 +184,7 @@ def _on_axle(site: Site, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]
     return body_frame(site.robot, joint), origin.copy()
 
 
-def _called(joint: str, link: str) -> tuple[bool, bool]:
+def _name_flags(joint: str, link: str) -> tuple[bool, bool]:
     """Two flags: names mean a wheel; names mean another part."""
     words = f"{joint} {link}".lower()
     named = _WHEEL.search(words) is not None
@@ -196,32 +196,32 @@ def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
     return not joints or (len(joints) >= _ROLLERS and leaves)
 
 
-def _measured(site: Site, candidate: _Candidate, floor: float | None) -> _Size | None:
+def _measured_size(site: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
     """Size of a wheel, or None if the candidate is no wheel.
 
     Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
     base's origin.
     """
     for kind, parts in candidate.parts.items():
-        disk = round_about(parts, candidate.center, candidate.axle)
+        disk = fitted_disk(parts, candidate.center, candidate.axle)
         if disk is not None and disk.width < _WIDEST * disk.radius:
             return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
-    spun = _spun_radius(site, candidate)
+    spun = _radius_from_inertia(site, candidate)
     if not candidate.named and (spun is None or any(candidate.parts.values())):
         return None
     height = float(candidate.center[2]) - (0.0 if floor is None else floor)
-    if floor is not None and _believed(height):
+    if floor is not None and _is_plausible(height):
         return _Size(height, floor, "height")
-    if spun is not None and not (_believed(height) and 0.7 < height / spun < 1.4):
+    if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
         return _Size(spun, float(candidate.center[2]) - spun, "inertia")
-    return _Size(height, 0.0, "height") if _believed(height) else None
+    return _Size(height, 0.0, "height") if _is_plausible(height) else None
 
 
-def _believed(radius: float) -> bool:
+def _is_plausible(radius: float) -> bool:
     return _SIZES[0] < radius < _SIZES[1]
 
 
-def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
+def _radius_from_inertia(site: RobotAtStart, candidate: _Candidate) -> float | None:
     """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
     inertia = site.robot.model.inertias[candidate.index]
     if inertia.mass <= 0:
@@ -234,7 +234,7 @@ def _spun_radius(site: Site, candidate: _Candidate) -> float | None:
     radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
     beside = np.linalg.norm(across(lever, axle))
     is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
-    return radius if is_round and _believed(radius) else None
+    return radius if is_round and _is_plausible(radius) else None
 
 
 def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> list[Wheel]:
@@ -252,7 +252,7 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
     return [each.wheel for each in found if each.touches(ground)]
 
 
-def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
+def _wheel(site: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
     model, data = site.robot.model, site.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
@@ -286,7 +286,7 @@ def _wheel(site: Site, candidate: _Candidate, size: _Size) -> Wheel:
     )
 
 
-def _floor(site: Site) -> float | None:
+def _floor(site: RobotAtStart) -> float | None:
     """Height of the base's footprint frame [m], or None."""
     heights = [
         float(site.data.oMf[index].translation[2])

@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from rnc_pin.errors import few
 from rnc_pin.scenario.draft.joints import effort_limit
-from rnc_pin.scenario.draft.mobility import DRIVEN, Mobility
+from rnc_pin.scenario.draft.mobility import DRIVEN, BaseAssumptions
 from rnc_pin.scenario.draft.on_rollers import push
-from rnc_pin.scenario.draft.site import Site
+from rnc_pin.scenario.draft.site import RobotAtStart
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
 _HEAVY = 0.5  # share of the mass in the first link above which the base probably floats
@@ -23,8 +23,8 @@ _BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
 
 
 def without_wheels(
-    site: Site, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
-) -> Mobility:
+    site: RobotAtStart, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
+) -> BaseAssumptions:
     """Return the assumptions for a robot without wheels.
 
     Args:
@@ -39,9 +39,9 @@ def without_wheels(
     why = because if asked else "a free joint in the file" if own else _floats(site, mass_of_base)
     if asked == "fixed" or not why:
         kind = why or "no wheels were found, and the first link is taken to be bolted down"
-        result = Mobility("fixed", kind, site.frame)
-        if site.own_base:
-            joints = ", ".join(site.own_base)
+        result = BaseAssumptions("fixed", kind, site.frame)
+        if site.own_planar_joints:
+            joints = ", ".join(site.own_planar_joints)
             result.kind = f"joints of the file let it move over the ground: {joints}"
             result.notes.append(f"{joints} are driven, and the base moves in any direction")
         elif asked is None:
@@ -50,16 +50,16 @@ def without_wheels(
     return _doubting_wheels(_afloat(site, None if own and asked is None else "free", why), site)
 
 
-def held_fast(site: Site) -> Mobility:
+def fixed_base_with_locked_joints(site: RobotAtStart) -> BaseAssumptions:
     """Robot on a fixed base with its joints without effort locked, because they would fall."""
-    result = Mobility("fixed", "bolted down, with the joints held that nothing drives", site.frame)
+    result = BaseAssumptions("fixed", "bolted down, with the joints held that nothing drives", site.frame)
     weak = [name for name in site.start if effort_limit(site.robot, name) == 0]
     why = "effort 0 in the file" if site.is_urdf else "no actuator in the file"
     result.hold(weak, site.start, f"{why}, and the rest falls or diverges without them: held")
     return _doubting_wheels(result, site)
 
 
-def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
+def _doubting_wheels(result: BaseAssumptions, site: RobotAtStart) -> BaseAssumptions:
     """Add a note on links with a wheel's name that do not roll."""
     frames = site.robot.model.frames
     named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
@@ -70,7 +70,7 @@ def _doubting_wheels(result: Mobility, site: Site) -> Mobility:
     return result
 
 
-def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
+def _floats(site: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
     """Reason why the robot probably floats, or an empty string."""
     if site.is_rigid:
         return "one rigid body"
@@ -88,14 +88,14 @@ def _floats(site: Site, mass_of_base: Callable[[], float]) -> str:
     return ""
 
 
-def _on_ice(site: Site) -> Mobility:
-    result = Mobility("planar", "asked for; no wheels were found, so that it moves in any direction", site.frame)
+def _on_ice(site: RobotAtStart) -> BaseAssumptions:
+    result = BaseAssumptions("planar", "asked for; no wheels were found, so that it moves in any direction", site.frame)
     push(result)
     return result
 
 
-def _afloat(site: Site, base: str | None, why: str) -> Mobility:
-    result = Mobility(base, why, site.frame, weightless=True)
+def _afloat(site: RobotAtStart, base: str | None, why: str) -> BaseAssumptions:
+    result = BaseAssumptions(base, why, site.frame, weightless=True)
     joint = site.robot.joint_names[0] if base is None else "root_joint"
     result.notes.append(
         "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
