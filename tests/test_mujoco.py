@@ -91,8 +91,8 @@ def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
         (BODY.format('<include file="/etc/passwd"/>', ""), "outside the folders of the description"),
         (BODY.format('<include file="link.xml"/>', ""), "outside the folders of the description"),
         (BODY.format('<include file="pipe.xml"/>', ""), "no file '/"),
-        (BODY.format('<include file="robot.xml"/>', ""), "is there twice"),
-        (BODY.format(2 * '<include file="parts/defaults.xml"/>', ""), "is there twice"),
+        (BODY.format('<include file="robot.xml"/>', ""), "duplicate <include"),
+        (BODY.format(2 * '<include file="parts/defaults.xml"/>', ""), "duplicate <include"),
         (
             BODY.format('<asset><mesh file="../elsewhere.obj"/></asset>', "<frame><geom size='1'/></frame>"),
             "outside the folders of the description",

@@ -1,1 +1,1 @@
-"""Robots: descriptions, models and their names."""
+"""Robot descriptions, models and names."""

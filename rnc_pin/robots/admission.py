@@ -1,4 +1,4 @@
-"""Models that are no robots: refused before anything is computed with them."""
+"""Validation of a model before anything is computed with it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rnc_pin.robots.inertias import check_inertias, check_size
 
 
 def check_model(model: pin.Model) -> None:
-    """Refuse what cannot be simulated; warn about what no body is.
+    """Raise an error if a model cannot be simulated; warn about inertias that no body can have.
 
     Raises:
-        ModelError: no joints or too many, two of one name, branches that are mixed, or bad inertias.
+        ModelError: no joints or too many, duplicate joint names, interleaved branches, or invalid inertias.
     """
     if model.nv == 0:
         raise ModelError(f"robot '{model.name}' has no moving joint: load it with base='planar' or 'free'")
@@ -26,7 +26,7 @@ def check_model(model: pin.Model) -> None:
 
 
 def _check_order(model: pin.Model) -> None:
-    """Pinocchio takes the joints behind a joint for those numbered next; else its inertia matrix is wrong."""
+    """Check that each subtree has consecutive joint indices; Pinocchio's inertia matrix is wrong otherwise."""
     names = list(model.names)
     for joint, behind in enumerate(list(model.subtrees)[1:], start=1):
         for number, other in enumerate(behind, start=joint):

@@ -1,4 +1,4 @@
-"""What a model weighs: joints that move no mass, inertias that no body has, and what would mend them."""
+"""Checks of a model's inertias: joints that move no mass, impossible inertias, and masses that repair them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.plain import significant
 from rnc_pin.robots.sources.description import Body
 
-_TRIANGLE = 1e-3  # of the largest principal moment: files are rounded
-_SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix with ones on its diagonal
-_SUGGESTED = 0.1  # [kg] for a link that has no mass and no size
-_LIGHTEST = 0.01  # [kg] for one that has a size
-_DENSITY = 300.0  # [kg/m^3] of the boxes around links that have a size: robots are hollow
-_SPREAD = 1e-3  # [m^2] stands for the size of a link that is given a mass
+_TRIANGLE = 1e-3  # relative to the largest principal moment: values in files are rounded
+_SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix scaled to a unit diagonal
+_SUGGESTED = 0.1  # [kg] suggested for a link without mass and geometry
+_LIGHTEST = 0.01  # [kg] least suggestion for a link with geometry
+_DENSITY = 300.0  # [kg/m^3] of the box around a link's geometry: robots are hollow
+_SPREAD = 1e-3  # [m^2] rotational inertia per mass of a link that is given a mass
 
 LARGEST = 256
-"""Most degrees of freedom: one evaluation in Pinocchio takes 32 bytes times their cube, 0.5 GB here."""
+"""Largest number of degrees of freedom. One evaluation in Pinocchio takes 32 bytes times its cube, 0.5 GB here."""
 
 HEAVIEST = 1e15
-"""Largest mass [kg], moment of inertia [kg m^2] and distance [m]: those of no machine, and products stay finite."""
+"""Largest mass [kg], moment of inertia [kg m^2] and distance [m]. No robot exceeds it, and products stay finite."""
 
 MOVES_NONE = "moves no mass"
 NOT_POSITIVE = "rotational inertia is not positive"
@@ -35,15 +35,15 @@ SINGULAR = "moves without moving mass"
 
 
 class Massless(NamedTuple):
-    """A joint whose body cannot be simulated as it is in the file.
+    """Joint whose body cannot be simulated with the inertia in the file.
 
     Attributes:
-        joint: its name; ``root_joint`` for the base.
-        why: in words.
-        links: those behind it, without those behind further joints; the joint's own first.
-        shaped: of these, those with geometry.
-        masses: link to mass [kg]; given to ``Robot.from_urdf`` (those of all joints together) it loads.
-        message: what is wrong, in a line.
+        joint: name of the joint; ``root_joint`` for the base.
+        why: reason in words, one of the constants of this module.
+        links: links that the joint moves, without links behind further joints; the joint's own link first.
+        shaped: those of ``links`` with geometry.
+        masses: link to mass [kg]. ``Robot.from_urdf`` accepts the file with the masses of all such joints together.
+        message: description of the fault in one line.
     """
 
     joint: str
@@ -55,10 +55,10 @@ class Massless(NamedTuple):
 
 
 class UselessInertia(ModelError):
-    """A model that cannot be simulated for its masses.
+    """Error for a model whose masses do not allow a simulation.
 
     Attributes:
-        what: is wrong, in a line without a remedy.
+        what: description of the fault in one line, without a remedy.
         joints: all joints with such bodies.
     """
 
@@ -68,10 +68,10 @@ class UselessInertia(ModelError):
 
 
 def check_size(model: pin.Model) -> None:
-    """Refuse a model for which memory would not do.
+    """Raise an error if a model is too large for the memory.
 
     Raises:
-        ModelError: it has more than ``LARGEST`` degrees of freedom.
+        ModelError: the model has more than ``LARGEST`` degrees of freedom.
     """
     if model.nv > LARGEST:
         raise ModelError(
@@ -81,11 +81,11 @@ def check_size(model: pin.Model) -> None:
 
 
 def check_inertias(model: pin.Model) -> None:
-    """Refuse what cannot be simulated; warn about what no body is.
+    """Raise an error for inertias that cannot be simulated; warn about inertias that no body can have.
 
     Raises:
-        ModelError: an inertia or mass that is not finite.
-        UselessInertia: as ``massless``.
+        ModelError: an inertia or mass is not finite.
+        UselessInertia: ``massless`` finds a joint.
     """
     found = massless(model, {})
     if found:
@@ -105,14 +105,14 @@ def check_inertias(model: pin.Model) -> None:
 
 
 def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ...]:
-    """The joints of a model whose bodies cannot be simulated, and the masses that would mend them.
+    """Return the joints of a model whose bodies cannot be simulated, and the masses that repair them.
 
     Args:
-        model: as it is.
-        bodies: of its links, as far as they are known.
+        model: not changed.
+        bodies: bodies of its links, as far as known.
 
     Raises:
-        ModelError: an inertia or mass that is not finite, or a place that is too far away.
+        ModelError: an inertia or mass is not finite, or a placement is too far away.
     """
     _check_places(model)
     model = model.copy()
@@ -140,7 +140,7 @@ def _summary(found: Sequence[Massless]) -> str:
 
 
 def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
-    """Words that mend a model when followed literally: joints to lock where that does it, and masses to give."""
+    """Text of the remedy for a model: masses to give, and joints to lock if that is sufficient."""
     masses: dict[str, float] = {}
     for each in joints:
         masses |= each.masses
@@ -163,7 +163,7 @@ def _check_places(model: pin.Model) -> None:
 
 
 def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Massless]:
-    """What is wrong with the body that a joint carries, by itself."""
+    """Fault of the single body that a joint carries; empty if there is none."""
     name, inertia = model.names[joint], model.inertias[joint]
     tensor = inertia.inertia
     if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
@@ -200,7 +200,7 @@ def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapp
 
 
 def _is_wrong(body: Body, why: str) -> bool:
-    """Whether a link by itself has what is wrong with the body it is part of."""
+    """True if the link itself has the fault of the body to which it belongs."""
     if why == NEGATIVE:
         return body.mass < 0
     if why == NOT_POSITIVE:
@@ -215,12 +215,12 @@ def _mass(body: Body) -> float:
 
 
 def mass_of_box(volume: float) -> float:
-    """Suggested mass [kg] of a body that fills a box [m^3]."""
+    """Suggested mass [kg] of a body that fills a box of this volume [m^3]."""
     return significant(_DENSITY * volume)
 
 
 def _mend(model: pin.Model, each: Massless) -> None:
-    """Let a body have an inertia, as following the remedy would."""
+    """Give a body the inertia that the remedy gives it."""
     index = model.getJointId(each.joint)
     mass = sum(each.masses.values()) or _SUGGESTED
     model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _SPREAD * np.eye(3))
@@ -231,7 +231,7 @@ def _some_configuration(model: pin.Model, generator: np.random.Generator) -> np.
 
 
 def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:
-    """A velocity (nv,) of no kinetic energy: of one entry alone, which is given, or of several."""
+    """Return a velocity (nv,) of zero kinetic energy, with its index if only one entry moves; None if there is none."""
     diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
     if not diagonal.all():
         entry = int(np.argmin(diagonal))
@@ -248,11 +248,11 @@ def _behind(
     velocity: np.ndarray,
     bodies: Mapping[str, Body],
 ) -> Massless:
-    """The first body that moves in a motion without energy: with an inertia it would have some."""
+    """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
     pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
     speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
     moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
-    joint = next(moving, 1)  # none where placements are so far away that speeds are not finite
+    joint = next(moving, 1)  # no joint if placements are so large that speeds are not finite
     if entry is not None:
         message = f"joint '{_entry_name(model, entry)}' moves no mass"
         return _massless(model, joint, MOVES_NONE, message, bodies)
@@ -279,7 +279,7 @@ def _neutral(model: pin.Model, name: str) -> float | list[float]:
 
 
 def _holds(model: pin.Model, names: Sequence[str]) -> bool:
-    """Whether a model has inertia in every motion that is left once these joints are locked."""
+    """True if every remaining motion has inertia once these joints are locked."""
     if "root_joint" in names:
         return False
     indices = [model.getJointId(name) for name in names]

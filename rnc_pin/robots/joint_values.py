@@ -1,4 +1,4 @@
-"""Joints by name, and their values in a configuration: angles and displacements in, entries of q out."""
+"""Conversion between joint values by name (angles, displacements) and the entries of q."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ JointValue = float | Sequence[float] | np.ndarray
 
 
 def joint_index(model: pin.Model, name: str) -> int:
-    """Index of a joint; raises ModelError with the nearest name."""
+    """Index of a joint. An unknown name raises ModelError with the nearest name."""
     valid = list(model.names)[1:]
     if name not in valid:
         raise ModelError(f"no joint '{name}' in robot '{model.name}'{nearest(str(name), valid)}")
@@ -21,10 +21,10 @@ def joint_index(model: pin.Model, name: str) -> int:
 
 
 def configuration(model: pin.Model, values: Mapping[str, JointValue]) -> np.ndarray:
-    """The neutral configuration (nq,) with some joints set.
+    """Neutral configuration (nq,) with the given joint values.
 
     Raises:
-        ModelError: unknown joint, or values that are not what it takes.
+        ModelError: unknown joint, or values of a wrong number or type.
     """
     q = pin.neutral(model)
     if not isinstance(values, Mapping):
@@ -42,7 +42,7 @@ def configuration(model: pin.Model, values: Mapping[str, JointValue]) -> np.ndar
 
 
 def values_of(model: pin.Model, q: np.ndarray) -> dict[str, float | list[float]]:
-    """The inverse of ``configuration`` at q (nq,)."""
+    """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
     values: dict[str, float | list[float]] = {}
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         entry = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -56,7 +56,7 @@ def values_of(model: pin.Model, q: np.ndarray) -> dict[str, float | list[float]]
 
 
 def _goes_round(joint: pin.JointModel) -> bool:
-    """Whether a joint is continuous, its configuration (cos, sin); about a skew axis its class is another."""
+    """True if a joint is continuous with configuration (cos, sin). Its class depends on the axis."""
     return bool(joint.nq == 2 and joint.nv == 1)
 
 

@@ -1,8 +1,8 @@
-"""Other masses for single links of a model, whose joints carry several links as one body.
+"""Change of the mass of a single link, where a joint carries several links as one body.
 
-Pinocchio adds the inertias of links that are fixed to each other, and keeps that of each fixed one with its frame; what
-is left of the sum is the link that the joint itself moves. The ten dynamic parameters of a body, about one point, add
-up, so a link is exchanged by adding the difference.
+Pinocchio adds the inertias of links that are fixed to each other. It stores the inertia of each fixed link in its
+frame. The rest of the sum is the inertia of the link that the joint itself moves. The ten dynamic parameters of bodies
+about one point are additive, so a link is replaced by adding the difference.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, nearest
 
 LinkMass: TypeAlias = "float | pin.Inertia"
-_NOTHING = 1e-12  # of a body's mass: what is left of it by rounding
+_NOTHING = 1e-12  # rounding error, relative to a body's mass
 
 
 @dataclass(frozen=True)
 class _Link:
-    """Where a link's inertia is kept.
+    """Indices of the frames that store a link's inertia.
 
     Attributes:
         frame: index of the link's frame.
-        keeper: index of the frame that keeps the inertia of this link alone; None for the link that a joint moves.
-        group: index of the frame of the joint that moves it, or held it before the joint was locked.
+        keeper: index of the frame that stores the inertia of this link alone; None for the link that a joint moves.
+        group: index of the frame of the joint that moves the link, or moved it before the joint was locked.
     """
 
     frame: int
@@ -38,16 +38,16 @@ class _Link:
 def with_link_masses(
     model: pin.Model, masses: Mapping[str, LinkMass], locked: Collection[str], robot: str
 ) -> pin.Model:
-    """A copy of a model in which links have other masses.
+    """Return a copy of a model with other link masses.
 
     Args:
-        model: stays as it is.
-        masses: link to mass [kg], or to its inertia in the link's frame.
-        locked: joints that were frozen: their frames keep the inertia of all that they moved.
+        model: not changed.
+        masses: link to mass [kg], or to its inertia in the link frame.
+        locked: names of locked joints; their frames store the inertia of all links that they moved.
         robot: name, for messages.
 
     Raises:
-        ModelError: no such link, one without a mass that could be scaled, or a mass that is not positive.
+        ModelError: unknown link, a link without a mass to scale, or a mass that is not positive.
     """
     changed = model.copy()
     links = _links(model, locked)
@@ -70,7 +70,7 @@ def _links(model: pin.Model, locked: Collection[str]) -> dict[str, _Link]:
             found[frame.name] = _Link(index, index, group)
         elif _keeps_one(frames[parent], locked) and parent != group:
             found[frame.name] = _Link(index, parent, group)
-        elif group not in moved:  # of several without inertias of their own, the first
+        elif group not in moved:  # the first link of the group without a stored inertia
             moved.add(group)
             found[frame.name] = _Link(index, None, group)
         else:
@@ -79,7 +79,7 @@ def _links(model: pin.Model, locked: Collection[str]) -> dict[str, _Link]:
 
 
 def _group(model: pin.Model, index: int, locked: Collection[str]) -> int:
-    """The frame of the joint, locked or not, that moves a frame; 0 for what nothing moves."""
+    """Index of the frame of the joint, locked or not, that moves a frame; 0 if none does."""
     while index and not _holds_all(model.frames[index], locked):
         index = model.frames[index].parentFrame
     return int(index)
@@ -98,7 +98,7 @@ def _weighs(frame: pin.Frame) -> bool:
 
 
 def _parameters(inertia: pin.Inertia, place: pin.SE3) -> np.ndarray:
-    """The ten dynamic parameters of a body, about the origin of the joint that carries it."""
+    """Ten dynamic parameters of a body, about the origin of the joint that carries it."""
     return np.array(place.act(inertia).toDynamicParameters())
 
 
@@ -116,7 +116,7 @@ def _own(model: pin.Model, link: _Link, locked: Collection[str]) -> np.ndarray:
         if other.parentJoint != frame.parentJoint or not _weighs(other) or index == link.group:
             continue
         inside = _group(model, index, locked) == link.group
-        whole_group = at_joint and _holds_all(other, locked)  # of a joint that was locked: all that it moved
+        whole_group = at_joint and _holds_all(other, locked)  # a locked joint stores all that it moved
         if inside or whole_group:
             own -= _parameters(other.inertia, other.placement)
     return own
@@ -143,7 +143,7 @@ def _exchange(
     parameters = new if isinstance(new, np.ndarray) else _parameters(new, frame.placement)
     joint, difference = frame.parentJoint, parameters - old
     whole = np.array(model.inertias[joint].toDynamicParameters())
-    # Of a link by itself nothing is added and taken away: its own numbers stay, scaled.
+    # A single link is scaled exactly, without the rounding errors of a sum and a difference.
     alone = np.abs(whole - old).max() <= _NOTHING * np.abs(whole).max()
     model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + difference)
     keepers = [index for index in (link.keeper, link.group) if index is not None and _weighs(model.frames[index])]

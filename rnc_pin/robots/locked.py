@@ -1,4 +1,4 @@
-"""Joints that are frozen: a model without them."""
+"""Model in which joints are locked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rnc_pin.robots.names import ToldApart
 
 
 class Locked:
-    """A model without joints that are frozen, and the same of its geometry."""
+    """Reduced model without the locked joints, with its geometry."""
 
     def __init__(self, model: pin.Model, lock: Mapping[str, JointValue]) -> None:
         self._full = model
@@ -23,7 +23,7 @@ class Locked:
         self.model = self._reduced(None)[0]
 
     def geometry(self, load: Callable[[str], pin.GeometryModel], kind: str) -> pin.GeometryModel:
-        """Geometry of a kind of the whole robot, as ``load`` gives it, on what is left of it."""
+        """Geometry of a kind, loaded by ``load`` for the full model and attached to the reduced model."""
         return self._reduced(load(kind))[1]
 
     def _reduced(self, geometry: pin.GeometryModel | None) -> tuple[pin.Model, pin.GeometryModel | None]:

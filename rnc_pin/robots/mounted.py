@@ -1,4 +1,4 @@
-"""One model mounted on a frame of another."""
+"""A model mounted on a frame of another model."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from rnc_pin.robots.names import ToldApart
 
 
 class Mounted:
-    """Two models as one, and the same of their geometry; gravity is the first one's.
+    """Two models joined into one, with their geometry. Gravity is that of the carrier.
 
     Args:
-        carrier: what is mounted on.
-        other: what is mounted.
+        carrier: model that carries the other.
+        other: mounted model.
         frame: index of the carrier's frame.
-        placement: of the other's base in that frame; the frame itself by default.
+        placement: pose of the other model's base in that frame; None for identity.
 
     Raises:
         ModelError: both have a joint or frame of the same name.
@@ -34,8 +34,8 @@ class Mounted:
         self.model = pin.appendModel(*self._apart.models, frame, self._where)
         self._apart.restore(self.model)
         self.model.name = f"{carrier.name} with {other.name}"
-        self.model.gravity = carrier.gravity  # appendModel takes that of the second
+        self.model.gravity = carrier.gravity  # appendModel takes the gravity of the second
 
     def geometry(self, carrier: pin.GeometryModel, other: pin.GeometryModel) -> pin.GeometryModel:
-        """Geometry of both on the one model."""
+        """Geometry of both models, attached to the joined model."""
         return pin.appendModel(*self._apart.models, carrier, other, self._frame, self._where)[1]

@@ -1,4 +1,4 @@
-"""Links and joints of one name: Pinocchio's functions that make a model of others look frames up by name alone."""
+"""Unique frame names for Pinocchio's functions that build a model from others, which find frames by name alone."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import pinocchio as pin
 
 
 class ToldApart:
-    """A copy of models in which no two frames share a name, joints' frames keeping theirs.
+    """Copies of models with unique frame names. Frames of joints keep their names.
 
     Args:
-        models: each with unique names of joints.
+        models: models with unique joint names.
 
     Attributes:
-        models: the copies.
+        models: copies of the models.
     """
 
     def __init__(self, *models: pin.Model) -> None:
@@ -29,6 +29,6 @@ class ToldApart:
                     self._names[frame.name] = names[index]
 
     def restore(self, model: pin.Model) -> None:
-        """Give the frames of a model that was made of the copies their names again."""
+        """Restore the original frame names in a model that was built from the copies."""
         for frame in model.frames:
             frame.name = self._names.get(frame.name, frame.name)

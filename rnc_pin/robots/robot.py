@@ -1,4 +1,4 @@
-"""A robot: a Pinocchio model, look-ups by name that never fail silently, and its geometry."""
+"""Robot class: a Pinocchio model, its geometry, and look-ups by name that raise an error for unknown names."""
 
 from __future__ import annotations
 
@@ -31,22 +31,23 @@ _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
 
 class Robot(SummaryMixin):
-    """A rigid multibody model and the names in it.
+    """Rigid multibody model with its names and geometry.
 
     Args:
         model: any ``pinocchio.Model``.
-        visual_model: geometry to draw, if there is any.
-        collision_model: collision geometry, if there is any.
+        visual_model: visual geometry; None if there is none.
+        collision_model: collision geometry; None if there is none.
 
     Attributes:
-        mimics: joints that the file says to follow others, which they do not in the model: a ``NonholonomicSystem``
-            couples them by constraints.
-        closures: loops that an MJCF closes by ``<connect>`` and ``<weld>``, which the model does not: add
+        mimics: mimic joints of the file. They are independent joints in the model; a ``NonholonomicSystem`` couples
+            them by constraints.
+        closures: kinematic loops of an MJCF (``<connect>``, ``<weld>``). The model leaves them open: add
             ``LoopClosure(*closure)`` to the constraints for each.
-        locked: values of joints that were frozen [rad or m].
+        locked: joint name to value [rad or m] of the locked joints.
         packages: name to folder of the ROS packages that the file names and that were found.
-        far_packages: those of them that were found by ``package_dirs`` or the environment, not from the file upwards.
-        folders: whose files the description may name: its own, its packages' and those of ``package_dirs``.
+        far_packages: those of ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
+            above the file.
+        folders: folders whose files the description may name: its own, its packages' and those of ``package_dirs``.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
@@ -79,7 +80,7 @@ class Robot(SummaryMixin):
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
         self.locked: dict[str, float] = {}
-        self._frozen: frozenset[str] = frozenset()  # these and locked joints of several values
+        self._frozen: frozenset[str] = frozenset()  # all locked joints, also those with several values
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
@@ -102,30 +103,30 @@ class Robot(SummaryMixin):
     ) -> Robot:
         """Load a URDF file, or a xacro file, which is expanded first.
 
-        What many files have in a form of their own (no limits, no name, numbers too many, macros inside a ``.urdf``) is
-        read as it is meant; a ``ModelWarning`` says so where the model depends on it.
+        Common deviations from the format are accepted: no limits, no name, too many numbers, macros in a ``.urdf``.
+        A ``ModelWarning`` reports each repair that affects the model.
 
-        Expressions in a xacro file only compute values: what could run a program is refused, see
-        ``rnc_pin.robots.sources.xacro``. A joint that the file says to mimic another is a joint of its own in
-        the model, because Pinocchio's Coriolis matrix does not know such joints; it is listed in ``mimics``.
+        Expressions in a xacro file only compute values; an expression that could run a program is refused, see
+        ``rnc_pin.robots.sources.xacro``. A mimic joint is an independent joint of the model, because Pinocchio's
+        Coriolis matrix does not support mimic joints; it is listed in ``mimics``.
 
         Args:
-            path: the file; the bare name of one shipped with rnc_pin is enough. A name that ends in
+            path: the file; the name alone is enough for a file shipped with rnc_pin. A file whose name ends in
                 ``.xacro`` is expanded.
-            base: how the root link meets the world: "fixed", "planar" (x, y, yaw) or "free". A planar
-                or free base is the joint ``root_joint``; its velocity is in the body's own axes.
+            base: joint between the root link and the world: "fixed", "planar" (x, y, yaw) or "free". A planar
+                or free base is the joint ``root_joint``; its velocity is in the body frame.
             package_dirs: folders of packages, or packages themselves, for ``package://`` paths and xacro's
                 ``$(find ...)``. After them come ROS_PACKAGE_PATH, AMENT_PREFIX_PATH, and the folders above the file.
-                The file may name files below all of them, below its own folder and in its packages, and no others.
-            lock: joints to freeze and the values to freeze them at [rad or m].
+                The file may name only files below these folders, below its own folder and in its packages.
+            lock: joints to lock and their values [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
             xacro_arguments: values for the arguments of a xacro file.
-            snap: make angles and axes of joints exact that the file holds rounded: multiples of pi/2, pi/3, pi/4 or
-                pi/6 with two decimals or more, and what is within 1e-4 rad of a right angle. A ``ModelWarning`` says
-                so where a value changes by more than 1e-9.
-            masses: link to mass [kg], for links whose inertia is not there or useless: spread evenly over the box
-                around the link's collision geometry (visual where it has none), or over a ball of radius 0.05 m where
-                it has neither. Links with an inertia of their own are refused: ``with_masses`` changes theirs.
+            snap: replace rounded angles and axes of joints by exact ones. These are multiples of pi/2, pi/3, pi/4 or
+                pi/6 with two decimals or more, and angles within 1e-4 rad of a right angle. A ``ModelWarning``
+                reports a change of more than 1e-9.
+            masses: link to mass [kg], for links whose inertia is missing or not usable. The mass is uniform in the box
+                around the link's collision geometry (visual geometry if there is none). A link without geometry
+                becomes a ball of radius 0.05 m. A link with a valid inertia is refused: use ``with_masses`` for it.
 
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
@@ -146,22 +147,22 @@ class Robot(SummaryMixin):
         *,
         masses: Mapping[str, float] | None = None,
     ) -> tuple[Massless, ...]:
-        """Why ``from_urdf`` refuses a file for its inertias: joints that move no mass, and links that could have some.
+        """Return the inertia faults for which ``from_urdf`` refuses a file, with the links that could be given a mass.
 
         Args:
-            path: of the file; and the others are as for ``from_urdf``.
-            base: how the root link meets the world.
+            path: the file. All arguments are as for ``from_urdf``.
+            base: joint between the root link and the world.
             package_dirs: folders of packages, or packages themselves.
-            lock: joints to freeze.
+            lock: joints to lock.
             xacro_arguments: values for the arguments of a xacro file.
-            masses: link to mass [kg], given already.
+            masses: link to mass [kg], as far as already chosen.
 
         Raises:
             ModelError: the file is missing, is not a URDF, or has inertias that are not finite.
 
         Returns:
-            One entry for each joint, with the links behind it; empty where nothing is amiss. The masses of all
-            entries together, given to ``from_urdf``, make it load; so does locking the joints that move no mass.
+            One entry for each faulty joint, with the links behind it; empty if there is no fault. ``from_urdf``
+            accepts the file with the masses of all entries together, or if the joints that move no mass are locked.
         """
         path = urdf_files.find_urdf(path)
         _check_base(base)
@@ -185,19 +186,18 @@ class Robot(SummaryMixin):
     ) -> Robot:
         """Load an MJCF (MuJoCo) file.
 
-        Bodies, joints, inertias, geometry, damping, armature and gravity are read. Joints that no actuator drives
-        have an effort limit of zero. Contacts and sensors are not read. Equalities of joints are listed in
-        ``mimics``, ``<connect>`` and ``<weld>`` in ``closures``; a ``ModelWarning`` names other equalities and
-        tendons.
+        Bodies, joints, inertias, geometry, damping, armature and gravity are read. Joints without an actuator
+        have an effort limit of zero. Contacts and sensors are not read. ``mimics`` lists the equalities of joints,
+        ``closures`` the ``<connect>`` and ``<weld>``; a ``ModelWarning`` names other equalities and tendons.
 
         Args:
             path: the file.
-            base: by default as the file says, whose bodies may have a free joint, hinges and slides; "fixed",
-                "planar" or "free", as for a URDF, take the place of a free joint.
-            lock: joints to freeze and the values to freeze them at [rad or m].
-            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default the file's.
-            package_dirs: folders beside the file's own and its package that it may include files and take meshes from.
-            snap: make axes of joints and orientations of bodies exact that the file holds rounded, as for a URDF.
+            base: None keeps the base of the file, which may have a free joint, hinges and slides. "fixed",
+                "planar" or "free", as for a URDF, replaces a free joint.
+            lock: joints to lock and their values [rad or m].
+            gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default from the file.
+            package_dirs: additional folders for included files and meshes, besides the file's own and its package.
+            snap: replace rounded axes of joints and orientations of bodies by exact ones, as for a URDF.
 
         Raises:
             ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot.
@@ -216,7 +216,7 @@ class Robot(SummaryMixin):
             try:
                 return cls(model)
             except UselessInertia as error:
-                error.joints = massless(model, read.bodies)  # with the masses that the file's links could have
+                error.joints = massless(model, read.bodies)  # with suggested masses for the file's links
                 error.args = (f"{path}: {error.what}: {remedy(model, error.joints)}",)
                 raise error from None
             except ModelError as error:
@@ -229,7 +229,7 @@ class Robot(SummaryMixin):
             raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
             model.gravity.linear = _acceleration(gravity)
-        # Meshes are the slow part of loading and a run without pictures needs none: read on demand.
+        # Meshes are slow to load, and a run without pictures needs none: read them on demand.
         if not lock:
             robot = admitted(model)
             robot._load_geometry = read.geometry
@@ -240,7 +240,7 @@ class Robot(SummaryMixin):
         robot.mimics, robot.closures = read.mimics, read.closures
         robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
-            if np.size(value) == 1:  # ball joints couple nothing
+            if np.size(value) == 1:  # mimics refer only to joints with one value
                 robot.locked[name] = float(np.ravel(value)[0])
         robot.packages, robot.far_packages = read.packages, read.far_packages
         robot.folders = read.folders
@@ -261,10 +261,10 @@ class Robot(SummaryMixin):
 
         Args:
             name: e.g. ``"panda"`` or ``"tiago_no_hand"``.
-            base: how the root link meets the world, as for a URDF.
-            lock: joints to freeze and the values to freeze them at [rad or m].
+            base: joint between the root link and the world, as for a URDF.
+            lock: joints to lock and their values [rad or m].
             gravity: acceleration of gravity in the world frame, (3,) [m/s^2]; default (0, 0, -9.81).
-            snap: make angles and axes exact that the file holds rounded, as for a URDF.
+            snap: replace rounded angles and axes by exact ones, as for a URDF.
             masses: link to mass [kg], as for a URDF.
 
         Raises:
@@ -274,17 +274,17 @@ class Robot(SummaryMixin):
         return cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
-        """A new robot: this one with another, of fixed base, mounted on one of its frames. An arm on a satellite, say.
+        """Return a new robot with another robot mounted on a frame of this one, e.g. an arm on a satellite.
 
-        Gravity is this robot's. The mass of the other's base link counts.
+        Gravity is that of this robot. The mass of the other robot's base link is included.
 
         Args:
-            other: what is mounted.
-            frame: of this robot.
-            placement: of the other's base in that frame; the frame itself by default.
+            other: robot to mount, with a fixed base.
+            frame: name of a frame of this robot.
+            placement: pose of the other robot's base in that frame; default identity.
 
         Raises:
-            ModelError: no such frame, a base that moves, or both have a joint or frame of the same name.
+            ModelError: unknown frame, a base that is not fixed, or both have a joint or frame of the same name.
         """
         index = self.frame_id(frame)
         if "root_joint" in other.joint_names:
@@ -305,16 +305,16 @@ class Robot(SummaryMixin):
         return robot
 
     def with_masses(self, masses: Mapping[str, LinkMass]) -> Robot:
-        """A new robot whose links have other masses: for parameter studies. This one stays as it is.
+        """Return a new robot with other link masses, e.g. for parameter studies. This robot does not change.
 
-        A mass [kg] scales the link's rotational inertia with it and leaves its centre of mass where it is.
-        Links that are fixed to each other are told apart, and so are links behind locked joints.
+        A new mass scales the rotational inertia of the link and keeps its centre of mass.
+        Links that are fixed to each other, and links behind locked joints, each have their own mass.
 
         Args:
-            masses: link to mass [kg]; or to a ``pinocchio.Inertia`` in the link's own frame, which takes its place.
+            masses: link to mass [kg], or to a ``pinocchio.Inertia`` in the link frame, which replaces the inertia.
 
         Raises:
-            ModelError: no such link, one without a mass to scale, or a mass that is not positive.
+            ModelError: unknown link, a link without a mass to scale, or a mass that is not positive.
 
         Example:
             >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -333,13 +333,14 @@ class Robot(SummaryMixin):
     # ------------------------------------------------------------------ names
 
     def joint_id(self, name: str) -> int:
-        """Index of a joint; raises ModelError with the nearest name."""
+        """Index of a joint. An unknown name raises ModelError with the nearest name."""
         return joint_index(self.model, name)
 
     def frame_id(self, name: str) -> int:
-        """Index of a frame (link, joint or operational frame); raises ModelError with the nearest name.
+        """Index of a frame (link, joint or operational frame).
 
-        Of a link and a joint with one name it is the link's.
+        If a link and a joint share the name, the link's frame is returned. An unknown name raises ModelError with the
+        nearest name.
         """
         if not isinstance(name, str) or not self.model.existFrame(name):
             valid = [frame.name for frame in self.model.frames]
@@ -348,18 +349,18 @@ class Robot(SummaryMixin):
         return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
 
     def velocity_indices(self, joint: str) -> slice:
-        """Where a joint's velocity stands in ``v``."""
+        """Slice of a joint's velocity in ``v``."""
         model = self.model.joints[self.joint_id(joint)]
         return slice(model.idx_v, model.idx_v + model.nv)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the moving joints, in the model's order."""
+        """Names of the movable joints, in model order."""
         return tuple(list(self.model.names)[1:])
 
     @property
     def velocity_names(self) -> tuple[str, ...]:
-        """One name for each entry of ``v``: the joint's, numbered where it has several."""
+        """Names of the entries of ``v``: the joint name, with an index if the joint has several entries."""
         names: list[str] = []
         for index, name in enumerate(self.joint_names, start=1):
             size = self.model.joints[index].nv
@@ -368,7 +369,7 @@ class Robot(SummaryMixin):
 
     @property
     def velocity_units(self) -> tuple[str, ...]:
-        """Unit of each entry of ``v``: "rad/s" where it turns, about whatever axis, and "m/s" where it slides."""
+        """Unit of each entry of ``v``: "rad/s" for rotation about any axis, "m/s" for translation."""
         jacobian = pin.computeJointJacobians(self.model, self.model.createData(), pin.neutral(self.model))
         turning = jacobian.reshape(6, self.nv)[3:]  # Pinocchio gives (6,) where nv is 1
         return tuple("rad/s" if column.any() else "m/s" for column in turning.T)
@@ -376,11 +377,11 @@ class Robot(SummaryMixin):
     # ------------------------------------------------------------------ configurations
 
     def configuration(self, values: Mapping[str, JointValue] | None = None) -> np.ndarray:
-        """The neutral configuration (nq,) with some joints set.
+        """Neutral configuration (nq,) with the given joint values.
 
         Args:
-            values: joint name to angle [rad] or displacement [m]; a planar base takes (x, y, yaw), a
-                free one (x, y, z) and a quaternion (x, y, z, w), a ball joint the quaternion.
+            values: joint name to angle [rad] or displacement [m]. A planar base takes (x, y, yaw), a free base
+                (x, y, z) and a quaternion (x, y, z, w), a ball joint the quaternion.
 
         Raises:
             ModelError: unknown joint, or the wrong number of values for one.
@@ -388,11 +389,11 @@ class Robot(SummaryMixin):
         return configuration(self.model, values or {})
 
     def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
-        """The inverse of ``configuration`` at q (nq,): joint name to angle [rad] or displacement [m], or several."""
+        """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
         return values_of(self.model, q)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """A configuration (nq,) from the generator, within joint limits and ``spread`` [rad or m] of neutral."""
+        """Random configuration (nq,) within the joint limits and within ``spread`` [rad or m] of neutral."""
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:
@@ -404,29 +405,29 @@ class Robot(SummaryMixin):
 
     @property
     def is_commutative(self) -> bool:
-        """Whether every joint moves in a line or a circle, so that increments of q simply add up."""
+        """True if every joint has one degree of freedom, so that increments of q add up."""
         return all(joint.nv == 1 for joint in list(self.model.joints)[1:])
 
     # ------------------------------------------------------------------ geometry
 
     @property
     def visual_model(self) -> pin.GeometryModel | None:
-        """Geometry to draw; meshes are read when first asked for.
+        """Visual geometry; meshes are read on first access.
 
-        Of a URDF whose meshes cannot be had, boxes stand in, and a ``ModelWarning`` says what is missing.
+        Boxes replace meshes of a URDF that are missing or not readable; a ``ModelWarning`` lists them.
         """
         return self._geometry_model("visual")
 
     @property
     def stand_ins(self) -> frozenset[str]:
-        """Names of shapes to draw that stand in for meshes that cannot be had: nothing to be measured on."""
+        """Names of the visual boxes that replace missing meshes; do not take measurements from them."""
         visual = self.visual_model
         names = [] if visual is None else [shape.name for shape in visual.geometryObjects]
         return frozenset(name for name in names if name.endswith(STAND_IN))
 
     @property
     def collision_model(self) -> pin.GeometryModel | None:
-        """Collision geometry, without meshes that cannot be had; meshes are read when first asked for."""
+        """Collision geometry without missing meshes; meshes are read on first access."""
         return self._geometry_model("collision")
 
     def _geometry_model(self, kind: str) -> pin.GeometryModel | None:
@@ -435,7 +436,7 @@ class Robot(SummaryMixin):
         return self._geometry[kind]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a pickle or a copy holds: of geometry that can be read again only how, for meshes are large."""
+        """Return the state for pickle and copy. Geometry that can be reloaded is omitted, because meshes are large."""
         state = dict(self.__dict__)
         if self._load_geometry is not None:
             state["_geometry"] = dict.fromkeys(self._geometry)

@@ -1,4 +1,4 @@
-"""Where robot descriptions are: beside the caller, shipped with this package, or in example-robot-data."""
+"""Search for robot descriptions: beside the caller, shipped with this package, or in example-robot-data."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def shipped_directory() -> Path:
-    """The folder of URDFs that come with rnc_pin (in a wheel, or in a checkout)."""
+    """Folder of the URDFs shipped with rnc_pin (in a wheel, or in a checkout)."""
     inside = _PACKAGE / "urdf"
     return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
 
 
 def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
-    """A URDF by path, then relative to ``beside``, then by the name of one shipped here.
+    """Return the path of a URDF: absolute, relative to ``beside``, or the name of a shipped one.
 
     Raises:
-        ModelError: no such file; names the nearest one shipped.
+        ModelError: no such file; the message names the nearest shipped one.
     """
     path = Path(path).expanduser()
     candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
@@ -37,10 +37,10 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
 
 
 def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
-    """An MJCF file by path, relative to ``beside``.
+    """Return the path of an MJCF file, relative to ``beside``.
 
     Raises:
-        ModelError: no such file; names the nearest one there.
+        ModelError: no such file; the message names the nearest one in the same folder.
     """
     found = (beside or Path()) / Path(path).expanduser()
     if is_file(found):
@@ -66,9 +66,9 @@ def _example_data() -> Path:
 
 @cache
 def example_urdfs() -> dict[str, Path]:
-    """Every URDF of example-robot-data by its file's name without the ending.
+    """All URDFs of example-robot-data by file name without suffix.
 
-    Where two robots have files of one name, the robot's folder stands before it: ``anymal_b_simple/anymal``.
+    If two robots have files of the same name, the robot's folder precedes it: ``anymal_b_simple/anymal``.
     """
     root = _example_data()
     paths = sorted(root.rglob("*.urdf"))
@@ -83,10 +83,10 @@ def _robot_folder(path: Path, root: Path) -> str:
 
 
 def find_example(name: str) -> tuple[Path, Path]:
-    """URDF and package directory of a robot in example-robot-data.
+    """Return the URDF and the package folder of a robot in example-robot-data.
 
     Raises:
-        ModelError: no robot of that name, or several; says the nearest.
+        ModelError: no robot or several robots of that name; the message names the nearest.
     """
     urdfs = example_urdfs()
     if name not in urdfs:

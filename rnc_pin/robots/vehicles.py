@@ -1,4 +1,4 @@
-"""URDFs of vehicles whose length is a parameter."""
+"""URDFs of vehicles with a variable number of trailers."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _MOST = 50
 
 
 def tractor_trailers_urdf(n: int) -> str:
-    """The standard n-trailer system as a URDF: a car and n trailers, each hitched on the axle before it.
+    """URDF of the standard n-trailer system: a car and n trailers, each hitched to the axle in front of it.
 
-    Load it with a planar base; its origin is the middle of the tractor's rear axle, at the height of the axles (0.13 m
-    above the ground). All wheelbases are 1 m. Frames for the knife edges, in the middles of axles, x forward:
+    Load it with a planar base. The origin is the middle of the tractor's rear axle, at the height of the axles (0.13 m
+    above the ground). All wheelbases are 1 m. Frames for the knife edges are in the middle of each axle, x forward:
     ``front_axle``, ``tractor_axle``, ``axle_1``, ``axle_2``, ... Joints: ``front_steering``, ``hitch_1``, ``hitch_2``,
     ... Trailer ``trailer_1`` has its origin at its hitch.
 
@@ -31,7 +31,7 @@ def tractor_trailers_urdf(n: int) -> str:
         n: number of trailers, 0 to 50.
 
     Raises:
-        ModelError: n is not such a number.
+        ModelError: n is not a whole number from 0 to 50.
     """
     if isinstance(n, bool) or not isinstance(n, int) or not 0 <= n <= _MOST:
         raise ModelError(f"a tractor has 0 to {_MOST} trailers, found {n!r}")

@@ -1,4 +1,4 @@
-"""Robot descriptions: URDF, xacro and MJCF read with what Pinocchio leaves out of them said aloud."""
+"""Readers of robot descriptions: URDF, xacro and MJCF, with reports of what Pinocchio ignores."""
 
 from rnc_pin.robots.sources.description import Description, Mimic
 from rnc_pin.robots.sources.mjcf import read_mjcf

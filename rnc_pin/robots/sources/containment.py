@@ -1,7 +1,7 @@
-"""Files that a robot description may name: those in its own folders, after links are resolved.
+"""Check that a robot description names only files in its own folders, after symbolic links are resolved.
 
-Every reader asks here before it opens a file that a description names. A description from a stranger could otherwise
-name any file of the computer, and what it says would show up in a draft, a picture or an error.
+Every reader calls this check before it opens a file that a description names. Otherwise a description from an untrusted
+source could name any file of the computer. The content of that file would appear in a draft, a picture or an error.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from rnc_pin.regular_files import read_bytes
 from rnc_pin.robots.sources.description import parse_tree
 
 REMEDY = "give its folder in package_dirs (--package-dir) if you trust the description with it"
-_LEVELS = 8  # folders above a description in which packages are searched
+_LEVELS = 8  # number of folders above a description in which packages are searched
 _LARGEST_MANIFEST = 2**20  # [bytes]
 _DATA = (
     *("assets", "collision", "collisions", "common", "dae", "materials", "media", "mesh", "meshes", "mjcf", "obj"),
     *("robots", "stl", "stls", "textures", "urdf", "urdfs", "visual", "visuals", "xacro"),
 )
-"""Folders that descriptions without a package have beside their own."""
+"""Customary names of folders beside the folder of a description without a package."""
 
 
 class AllowedFolders:
     """Folders whose files a description may name.
 
-    These are its own folder, the ROS package that it is in, and what is added. A description in no package may also use
-    the folders beside its own whose names are customary for robots, such as ``../meshes``.
+    These are its own folder, its ROS package, and the added folders. A description without a package may also use
+    folders beside its own with customary names, such as ``../meshes``.
 
     Args:
         beside: folder of the description.
-        given: folders that the user names.
+        given: folders that the user allows.
     """
 
     def __init__(self, beside: Path, given: Iterable[Path] = ()) -> None:
@@ -49,26 +49,26 @@ class AllowedFolders:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """Absolute paths without links."""
+        """Absolute paths without symbolic links."""
         return tuple(dict.fromkeys(self._folders))
 
     def add(self, path: Path) -> None:
-        """Allow one more folder, or a single file."""
+        """Allow an additional folder, or a single file."""
         self._folders.append(path.resolve())
 
     def has(self, file: Path) -> bool:
-        """Whether a description may name this file."""
+        """True if a description may name this file."""
         return is_below(file, self._folders)
 
     def admit(self, file: Path, what: str) -> Path:
-        """Return the absolute path of a file, without links.
+        """Return the absolute path of a file, without symbolic links.
 
         Args:
-            file: as the description names it.
-            what: names it, for messages.
+            file: path as in the description.
+            what: name of the file in messages.
 
         Raises:
-            ModelError: it is in none of the folders.
+            ModelError: the file is in none of the folders.
         """
         if not self.has(file):
             raise ModelError(f"{what} is outside the folders of the description: {REMEDY}")
@@ -76,24 +76,24 @@ class AllowedFolders:
 
 
 def is_below(file: Path, folders: Iterable[Path]) -> bool:
-    """Whether a file is in one of these folders or below, after its links are resolved.
+    """True if a file is in one of these folders or below, after symbolic links are resolved.
 
     Args:
         file: any path.
-        folders: absolute paths without links; one may be the file itself.
+        folders: absolute paths without symbolic links; one may be the file itself.
     """
     try:
         found = file.resolve()
-    except (OSError, RuntimeError, ValueError):  # a ring of links, or a name that no file can have
+    except (OSError, RuntimeError, ValueError):  # circular links, or an invalid file name
         return False
     return any(found.is_relative_to(folder) for folder in folders)
 
 
 def folders_above(folder: Path) -> Iterator[Path]:
-    """A folder and those above it that can belong to one project, the nearest first.
+    """Yield a folder and the folders above it that can belong to the same project, the nearest first.
 
-    They end before the root of the file system, the home directory or a folder above it, another file system, and a
-    folder where all users may write.
+    The search stops before the root of the file system, the home directory or a folder above it, another file system,
+    and a folder where all users may write.
     """
     yield folder
     home = Path(os.path.expanduser("~")).resolve()
@@ -111,7 +111,7 @@ def folders_above(folder: Path) -> Iterator[Path]:
 
 @lru_cache(maxsize=1024)
 def package_name(folder: Path) -> str | None:
-    """Name in the ``package.xml`` of a folder, or None if it is no ROS package."""
+    """Name in the ``package.xml`` of a folder, or None if the folder is no ROS package."""
     try:
         root = parse_tree(read_bytes(folder / "package.xml", _LARGEST_MANIFEST))
     except (OSError, ModelError, SyntaxError, ValueError, LookupError):  # XML errors are SyntaxErrors

@@ -1,4 +1,4 @@
-"""What a file describes: a model, its geometry on demand, and couplings that the model does not have."""
+"""Content of a description file: model, geometry on demand, and couplings that the model does not include."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
 
 
 class Mimic(NamedTuple):
-    """A joint that the file says to follow another: ``q = multiplier q_of + offset``."""
+    """Mimic joint of a file: ``q = multiplier q_of + offset``."""
 
     joint: str
     of: str
@@ -37,15 +37,15 @@ class Mimic(NamedTuple):
 
 
 class Closure(NamedTuple):
-    """Two frames that the file keeps together; the fields are those of ``LoopClosure``.
+    """Two frames that the file connects; the fields are those of ``LoopClosure``.
 
     Attributes:
-        frame_a: name of a frame.
-        frame_b: name of the frame that stays on it.
+        frame_a: name of the first frame.
+        frame_b: name of the second frame.
         kind: "frame" or "point".
-        offset_a: the point of frame a, in its own axes [m].
-        offset_b: the point of frame b, in its own axes [m].
-        rpy: orientation of frame b seen from frame a [rad].
+        offset_a: point in frame a [m].
+        offset_b: point in frame b [m].
+        rpy: orientation of frame b in frame a [rad].
     """
 
     frame_a: str
@@ -57,13 +57,13 @@ class Closure(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A link by itself, as the file has it.
+    """Single link as in the file.
 
     Attributes:
         mass: [kg].
-        inertia: rotational, (3, 3) [kg m^2].
-        shaped: whether it has geometry.
-        volume: gives that of the box around it [m^3]; reads meshes, so it is asked only where a mass is wanted.
+        inertia: rotational inertia (3, 3) [kg m^2].
+        shaped: True if the link has geometry.
+        volume: function for the volume of the box around the geometry [m^3]. It reads meshes: call it only if needed.
     """
 
     mass: float
@@ -74,17 +74,17 @@ class Body(NamedTuple):
 
 @dataclass(frozen=True)
 class Description:
-    """A file, read.
+    """Content of a description file.
 
     Attributes:
-        model: the model; joints that mimic others are joints of their own in it.
-        geometry: makes the geometry of a kind, "visual" or "collision"; meshes are read by it.
-        mimics: the couplings that the file asks for.
-        bodies: of a URDF its links, which can be given masses.
+        model: the model; mimic joints are independent joints of it.
+        geometry: function that loads the geometry of a kind, "visual" or "collision", with its meshes.
+        mimics: mimic joints of the file.
+        bodies: links of a URDF, which can be given masses.
         packages: name to folder of the packages that the file names and that were found.
-        far_packages: those of them that only the environment or the folders given lead to.
-        folders: whose files it may name, absolute and without links.
-        closures: the loops that an MJCF closes.
+        far_packages: those of ``packages`` that were found only by the environment or the given folders.
+        folders: folders whose files the description may name, absolute and without symbolic links.
+        closures: kinematic loops of an MJCF.
     """
 
     model: pin.Model
@@ -98,19 +98,19 @@ class Description:
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
-_DEEPEST = 400  # of MJCF, whose bodies are inside one another
-_MOST = 1_000_000  # elements: one takes more memory than its letters
+_DEEPEST = 400  # nesting depth; bodies of MJCF are nested
+_MOST = 1_000_000  # elements: each takes more memory than its text
 _BLANK = b" \t\r\n\0"
 
 
 def parse_xml(path: Path) -> ElementTree.Element:
-    """The outermost element of a file.
+    """Return the root element of a file.
 
-    What stands before an XML declaration, zeros at the end and letters of Latin-1 in a file that says UTF-8 are passed
-    over.
+    Text before the XML declaration, null bytes at the end, and Latin-1 characters in a file declared as UTF-8 are
+    tolerated.
 
     Raises:
-        ModelError: cannot be read, or is not XML.
+        ModelError: the file cannot be read, or is not XML.
     """
     try:
         content = read_bytes(path)
@@ -120,7 +120,7 @@ def parse_xml(path: Path) -> ElementTree.Element:
         return parse_tree(content)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # an encoding that nobody knows among them
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # also for an unknown encoding
         again = _again(content, error)
         if again is not None:
             return again
@@ -128,7 +128,7 @@ def parse_xml(path: Path) -> ElementTree.Element:
 
 
 class _Shallow(ElementTree.TreeBuilder):
-    """Refuses what is nested so deep that whatever walks through it would break, and what is too much."""
+    """Tree builder that refuses elements that are too deep for a recursion, and too many elements."""
 
     depth = count = 0
 
@@ -145,11 +145,11 @@ class _Shallow(ElementTree.TreeBuilder):
 
 
 def parse_tree(content: str | bytes) -> ElementTree.Element:
-    """The outermost element of a text, without entities of other files.
+    """Return the root element of a text, without external entities.
 
     Raises:
         ModelError: elements are too deep, or too many.
-        xml.etree.ElementTree.ParseError: not well formed.
+        xml.etree.ElementTree.ParseError: the text is not well formed.
     """
     return ElementTree.fromstring(content, ElementTree.XMLParser(target=_Shallow()))
 
@@ -167,9 +167,9 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
 
 
 def read_numbers(text: str) -> np.ndarray | None:
-    """The numbers in an attribute, or None where a word is not a finite number.
+    """Return the numbers in an attribute, or None if a word is not a finite number.
 
-    Blanks, digits and words of other kinds than those of C are refused: Python takes them, parsers in C do not.
+    Only whitespace, digits and words that parsers in C accept are valid; Python accepts more.
     """
     if not text.isascii() or "_" in text:
         return None
@@ -181,13 +181,13 @@ def read_numbers(text: str) -> np.ndarray | None:
 
 
 def read_number(text: str | None) -> float | None:
-    """The one number in an attribute, or None where there is none, or something else."""
+    """Return the single number in an attribute, or None if it does not hold exactly one number."""
     numbers = read_numbers(text or "")
     return float(numbers[0]) if numbers is not None and numbers.size == 1 else None
 
 
 def brief(error: Exception) -> str:
-    """What a C++ exception says, without where in Pinocchio's sources it was thrown."""
+    """Text of a C++ exception, without its location in Pinocchio's sources."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     place = ("From file:", "in function:", "at line:")
     kept = [line.removeprefix("message:").strip() for line in lines if not line.startswith(place)]
@@ -196,7 +196,7 @@ def brief(error: Exception) -> str:
 
 @contextmanager
 def geometry_errors(path: Path) -> Iterator[None]:
-    """Turn whatever loading geometry throws into one line."""
+    """Convert any exception during the loading of geometry into a ModelError of one line."""
     try:
         with captured_stderr():
             yield
@@ -206,7 +206,7 @@ def geometry_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def captured_stderr() -> Iterator[list[str]]:
-    """Collect what C++ code prints on file descriptor 2: urdfdom says there what it refuses."""
+    """Collect what C++ code prints on file descriptor 2, where urdfdom reports errors."""
     lines: list[str] = []
     sys.stderr.flush()
     saved = os.dup(2)

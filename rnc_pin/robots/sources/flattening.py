@@ -1,7 +1,7 @@
-"""MJCF that stands for more than it says, written out by MuJoCo: included files, frames, bodies that are repeated.
+"""Expansion of MJCF shorthand by MuJoCo: included files, frames, replicated bodies.
 
-MuJoCo is the optional extra ``mujoco``. What it has compiled is written as bodies with inertias, joints and shapes, all
-numbers in full, which the reader of MJCF then reads like any other file.
+MuJoCo is the optional extra ``mujoco``. The compiled model is written as MJCF with explicit bodies, inertias, joints
+and shapes, all numbers in full precision. The MJCF reader then reads it like any other file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rnc_pin.robots.sources.mjcf_meshes import mesh_name, write_out
 from rnc_pin.robots.sources.mujoco_log import unlogged
 from rnc_pin.robots.sources.plain_mjcf import SIZES
 
-_MOST_ELEMENTS = 20_000  # of bodies and their parts, when all is written out
+_MOST_ELEMENTS = 20_000  # bodies and their parts after expansion
 _KEPT = ("compiler", "option", "default", "asset", "worldbody")
 _MOVED = ("body", "joint", "freejoint", "geom", "inertial")
 _PARTS = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
@@ -34,18 +34,18 @@ _CHILDREN = {
     "asset": ("mesh", "material"),
     **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _PARTS),
 }
-_INERTIAS = {  # what the compiler does to inertias, which Pinocchio's parser does otherwise, and when it does nothing
+_INERTIAS = {  # compiler settings for inertias that Pinocchio's parser treats differently, with neutral values
     "boundmass": "0", "boundinertia": "0", "balanceinertia": "false", "inertiagrouprange": "0 5",
     "inertiafromgeom": "auto",
 }  # fmt: skip
-_LEFT = ("equality", "tendon", "actuator")  # looked at as they are
+_LEFT = ("equality", "tendon", "actuator")  # read from the file as it is
 _JOINTS = ("free", "ball", "slide", "hinge")
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 _NEEDED = "is not read without MuJoCo: pip install 'rnc_pin[mujoco]'"
 
 
 def shorthand(root: ElementTree.Element) -> str | None:
-    """What places or repeats parts of bodies, or changes inertias, and says so in few words; None if nothing does."""
+    """Return the first shorthand that places or repeats parts of bodies, or changes inertias; None if there is none."""
     for element in root.findall("worldbody//frame") + root.findall("worldbody//replicate"):
         if any(each.tag in _MOVED for each in element.iter()):
             return f"<{element.tag}>"
@@ -57,10 +57,10 @@ def shorthand(root: ElementTree.Element) -> str | None:
 
 
 def weighed(root: ElementTree.Element) -> str | None:
-    """A shape whose volume the mass of its body depends on, which Pinocchio's parser takes no notice of, or None.
+    """Return a shape whose volume determines the mass of its body, which Pinocchio's parser ignores, or None.
 
     Args:
-        root: of a file with its defaults written out.
+        root: root element of a file with its defaults written out.
     """
     for body in root.findall("worldbody//body"):
         if body.find("inertial") is None:
@@ -71,11 +71,11 @@ def weighed(root: ElementTree.Element) -> str | None:
 
 
 def included(root: ElementTree.Element, path: Path, allowed: AllowedFolders) -> bool:
-    """Put in what a file includes, each file once and from the folders that are its own; whether there was any.
+    """Insert the included files, each once and only from allowed folders. Return True if there was any.
 
     Raises:
-        ModelError: a file elsewhere, twice, not MJCF, or without end; or MuJoCo, which says what becomes of elements
-            that are there twice then, is not installed.
+        ModelError: an included file is not allowed, included twice, not MJCF, or recursive. MuJoCo, which merges
+            duplicate elements, is not installed.
     """
     seen: set[Path] = set()
     found = root.find(".//include")
@@ -93,7 +93,7 @@ def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, s
         name = element.get("file", "")
         file = own_file(path.parent / name, path, allowed, f'<include file="{name}">')
         if file in seen or file == path.resolve():
-            raise ModelError(f'{path}: <include file="{name}"> is there twice')
+            raise ModelError(f'{path}: duplicate <include file="{name}">')
         seen.add(file)
         inner = parse_xml(file)
         _include(inner, path, allowed, seen)
@@ -101,15 +101,15 @@ def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, s
 
 
 def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.Element:
-    """A file with every body written out.
+    """Return an MJCF with every body written out.
 
     Args:
-        root: of the file, whose assets name files that are allowed (``resolve_assets``).
-        path: of the file, for messages.
-        what: makes it necessary, for messages.
+        root: root element of the file, whose assets name allowed files (``resolve_assets``).
+        path: path of the file, for messages.
+        what: shorthand that requires the expansion, for messages.
 
     Raises:
-        ModelError: MuJoCo is not installed or refuses the file, or it stands for too much.
+        ModelError: MuJoCo is not installed or refuses the file, or the expansion is too large.
     """
     mujoco = _mujoco(f"{path}: {what}")
     if sum(_size(element, path) for element in root) > _MOST_ELEMENTS:
@@ -124,14 +124,14 @@ def flattened(root: ElementTree.Element, path: Path, what: str) -> ElementTree.E
         with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(text, encoding="unicode"))
-    except Exception as error:  # of its C side
+    except Exception as error:  # raised by its C code
         raise ModelError(f"{path}: {brief(error)}") from None
     own = {mesh_name(each): each for each in text.findall("asset/mesh") if mesh_name(each) in inline}
     return _written(model, root, meshes, own)
 
 
 def _files_of_meshes(root: ElementTree.Element) -> dict[str, str]:
-    """Absolute paths by the names of meshes."""
+    """Mesh name to absolute path."""
     meshes = {}
     for mesh in root.findall("asset/mesh"):
         file = mesh.get("file")
@@ -141,7 +141,7 @@ def _files_of_meshes(root: ElementTree.Element) -> dict[str, str]:
 
 
 def _strip(element: ElementTree.Element) -> None:
-    """Take out what neither moves nor has a shape: pictures and fields of any size, sensors, plugins."""
+    """Remove elements without motion or shape: textures and height fields of any size, sensors, plugins."""
     kept = _CHILDREN.get(element.tag, ())
     for child in list(element):
         made = element.tag == "asset" and ("builtin" in child.attrib or "plugin" in child.attrib)
@@ -161,7 +161,7 @@ def _mujoco(what: str) -> Any:
 
 
 def _size(element: ElementTree.Element, path: Path) -> int:
-    """How many elements one stands for."""
+    """Number of elements after expansion of an element."""
     inside = 1 + sum(_size(each, path) for each in element)
     if element.tag != "replicate":
         return inside
@@ -171,13 +171,13 @@ def _size(element: ElementTree.Element, path: Path) -> int:
     return inside * max(1, int(count))
 
 
-# ---------------------------------------------------------------------- what was compiled, as a file
+# ---------------------------------------------------------------------- compiled model as MJCF
 
 
 def _written(
     model: Any, root: ElementTree.Element, files: Mapping[str, str], own: Mapping[str, ElementTree.Element]
 ) -> ElementTree.Element:
-    """The file of a compiled model; of meshes the names of their files, or the elements that have them inside."""
+    """Write a compiled model as MJCF. Meshes are given by file name or by their inline elements."""
     flat = ElementTree.Element("mujoco", {"model": root.get("model", "robot")})
     ElementTree.SubElement(flat, "compiler", {"angle": "radian"})
     option = ElementTree.SubElement(flat, "option", {"gravity": _words(model.opt.gravity)})
@@ -258,13 +258,13 @@ def _geom(model: Any, k: int, shape: str) -> dict[str, str]:
     found = {
         **_named(model.geom(k).name),
         "type": shape,
-        "mass": "0",  # bodies have theirs
+        "mass": "0",  # the bodies have the masses
         "rgba": _words(color),
         "contype": str(model.geom_contype[k]),
         "conaffinity": str(model.geom_conaffinity[k]),
         "group": str(model.geom_group[k]),
     }
-    if shape == "mesh":  # MuJoCo turns meshes to their principal axes
+    if shape == "mesh":  # MuJoCo rotates meshes to their principal axes
         mesh = model.geom_dataid[k]
         found["mesh"] = model.mesh(mesh).name
         place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()

@@ -1,4 +1,4 @@
-"""What a URDF says that no machine is, or says twice, and that urdfdom takes without a word."""
+"""Checks for impossible values and duplicate elements of a URDF, which urdfdom accepts without a message."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _NOT_NEGATIVE = {"dynamics": ("damping", "friction"), "limit": ("effort", "veloc
 
 
 def check_values(root: ElementTree.Element, path: Path) -> list[str]:
-    """Look through links and joints; of what counts only once the second is left out.
+    """Check the values of joints, and remove duplicate elements that are valid only once.
 
     Returns:
-        What was left out, in words that can follow the file's name.
+        Texts on the removed elements; each can follow the file name.
 
     Raises:
-        ModelError: damping, friction or a limit that is negative.
+        ModelError: damping, friction or a limit is negative.
     """
     for joint in root.findall("joint"):
         _check_joint(joint, path)
@@ -45,7 +45,7 @@ def _check_joint(joint: ElementTree.Element, path: Path) -> None:
 
 
 def _more(root: ElementTree.Element, owner: str, tag: str) -> Iterator[str]:
-    """Names of links or joints with more than one element of a kind, which lose the others."""
+    """Remove all but the first element of a kind; yield the names of the links or joints concerned."""
     for each in root.findall(owner):
         others = each.findall(tag)[1:]
         for other in others:
