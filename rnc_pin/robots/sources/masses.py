@@ -1,4 +1,4 @@
-"""Inertias of a URDF's links: those in the file, and those of links that are given a mass."""
+"""Inertias of the links of a URDF: those in the file, and those computed from a given mass."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.description import Body, read_number, read_numbers
 from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
 
-BALL = 0.05  # radius [m] of the ball that a link without geometry is taken for
-_FLAT = 1e-2  # of a box's longest edge: no edge is taken as shorter
+BALL = 0.05  # radius [m] of the ball that represents a link without geometry
+_FLAT = 1e-2  # shortest edge of a box, relative to its longest edge
 
 
 def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
-    """Let links without a useful inertia have masses, spread evenly over the box around their geometry.
+    """Give masses to links without a valid inertia, with uniform density in the box around their geometry.
 
-    Collision geometry counts, visual geometry where there is none, and a ball of radius ``BALL`` where there is
-    neither or its meshes cannot be read.
+    The box encloses the collision geometry, or the visual geometry if there is none. Without readable geometry, the
+    link is a ball of radius ``BALL``.
 
     Args:
-        root: the robot's XML, whose meshes are absolute paths.
+        root: XML of the robot, with absolute paths of meshes.
         masses: link to mass [kg].
-        path: of the file, for messages.
+        path: path of the file, for messages.
 
     Raises:
-        ModelError: no such link, one with a useful inertia, or a mass that is not positive.
+        ModelError: unknown link, a link with a valid inertia, or a mass that is not positive.
     """
     links = {str(link.get("name")): link for link in root.findall("link")}
     for name, mass in masses.items():
@@ -51,7 +51,7 @@ def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Pa
 
 
 def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
-    """What each link of a file weighs, and whether it has geometry."""
+    """Link name to its mass, inertia and geometry in the file."""
     return {str(link.get("name")): _body(link) for link in root.findall("link")}
 
 
@@ -84,7 +84,7 @@ def _inertial(mass: float, center: np.ndarray, edges: np.ndarray) -> ElementTree
 
 
 def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and edges (3,) [m] of the box around a link's geometry, along the link's own axes."""
+    """Centre and edges (3,) [m] of the axis-aligned box around a link's geometry, in the link frame."""
     corners = [points for shape in _shapes(link) for points in _corners(shape)]
     if corners:
         points = np.concatenate(corners)
@@ -101,7 +101,7 @@ def _shapes(link: ElementTree.Element) -> list[ElementTree.Element]:
 
 
 def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
-    """The corners (8, 3) of the box around one geometry, in the link [m]."""
+    """Corners (8, 3) [m] of the box around one geometry, in the link frame."""
     geometry = next((kind for kind in shape.findall("geometry/*")), None)
     bounds = None if geometry is None else _bounds(geometry)
     if bounds is None:
@@ -115,7 +115,7 @@ def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
 
 
 def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest coordinates (3,) of a geometry in its own frame, or None where it cannot be read."""
+    """Lowest and highest coordinates (3,) of a geometry in its own frame, or None if it cannot be read."""
     if geometry.tag == "mesh":
         scale = _vector(geometry.get("scale"), 1.0)
         vertices = _vertices(geometry.get("filename", ""))
@@ -137,7 +137,7 @@ def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | No
 
 
 def _vertices(file: str) -> np.ndarray | None:
-    if not Path(file).is_absolute():  # others were not found beside the description
+    if not Path(file).is_absolute():  # a relative path means that the file was not found
         return None
     try:
         return read_mesh(Path(file)).vertices

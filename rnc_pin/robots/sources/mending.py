@@ -1,4 +1,4 @@
-"""What URDF files leave out or write their own way and urdfdom refuses, put as it is meant, with a word on each."""
+"""Repair of common deviations of URDF files that urdfdom refuses, with a note on each repair."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rnc_pin.robots.sources.description import read_number, read_numbers
 from rnc_pin.robots.sources.rounding import PRECISION
 
 ENDLESS = 1e300
-"""Stands for an infinite limit in the XML: urdfdom does not read ``inf``."""
+"""Value for an infinite limit in the XML: urdfdom does not read ``inf``."""
 
 _LIMITED = ("revolute", "prismatic")
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
@@ -22,14 +22,14 @@ _INSTALLED = (".urdf", ".xacro", ".xml")
 
 
 def mend(root: ElementTree.Element, path: Path) -> list[str]:
-    """Change the XML of a robot in place so that urdfdom takes it.
+    """Change the XML of a robot in place so that urdfdom accepts it.
 
     Returns:
-        What was changed of the model, each in words that can follow the file's name. What is not listed here is left to
-        urdfdom, and what changes nothing but the way it is written goes without saying.
+        Notes on the changes to the model; each can follow the file name. Changes of notation only are not reported.
+        Other errors are left to urdfdom.
 
     Raises:
-        ModelError: numbers with a comma for their decimals; a planar joint in another plane than its own x-y.
+        ModelError: numbers with a decimal comma, or a planar joint in another plane than its own x-y plane.
     """
     notes = [*_name(root, path), *_numbers(root, path), *_inertials(root), *_geometry(root)]
     notes += [*_limits(root), *_world(root), *_planar(root, path)]
@@ -48,7 +48,7 @@ def _name(root: ElementTree.Element, path: Path) -> Iterator[str]:
 
 
 def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
-    """Commas between numbers, one scale for three, colours without opacity, numbers too many, and none at all."""
+    """Repair lists of numbers: commas, a single scale, colours without opacity, too many numbers, empty attributes."""
     cut = []
     for owner in [each for tag in ("link", "joint", "material") for each in root.findall(tag)]:
         for element in owner.iter():
@@ -83,13 +83,13 @@ def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
 
 
 def _opaque(word: str) -> str:
-    """A component of a colour that is above 1 by no more than rounding, made 1: urdfdom takes none above."""
+    """Clip a colour component that exceeds 1 by rounding; urdfdom refuses values above 1."""
     value = read_number(word)
     return "1" if value is not None and 1 < value <= 1 + PRECISION else word
 
 
 def _inertials(root: ElementTree.Element) -> Iterator[str]:
-    """Urdfdom wants all of mass, inertia and its six numbers."""
+    """Complete inertials: urdfdom requires the mass, the inertia and its six numbers."""
     without, points = [], []
     for link in root.findall("link"):
         for inertial in link.findall("inertial"):
@@ -114,7 +114,7 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             capsule = shape.find("geometry/capsule")
-            if capsule is not None:  # of some simulators; a cylinder of the same length and width
+            if capsule is not None:  # shape of some simulators, replaced by a cylinder of the same length and width
                 capsule.tag = "cylinder"
                 radius, length = (read_numbers(capsule.get(key, "")) for key in ("radius", "length"))
                 if radius is not None and length is not None and radius.size == length.size == 1:
@@ -127,7 +127,7 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
 
 
 def _limits(root: ElementTree.Element) -> Iterator[str]:
-    """A range whose lower end is above the upper is none, as in some simulators."""
+    """Complete limits. A lower limit above the upper one means no limit, as in some simulators."""
     ranges, others, upside_down = [], [], []
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
@@ -160,7 +160,7 @@ def _open(limit: ElementTree.Element) -> None:
 
 
 def _world(root: ElementTree.Element) -> Iterator[str]:
-    """Some simulators hang robots on a ``world`` that the file does not have."""
+    """Add the link ``world`` if it is a parent but not in the file, as in some simulators."""
     links = [link.get("name") for link in root.findall("link")]
     if "world" not in links and any(end.get("link") == "world" for end in root.findall("joint/parent")):
         root.insert(0, ElementTree.Element("link", {"name": "world"}))
@@ -168,7 +168,7 @@ def _world(root: ElementTree.Element) -> Iterator[str]:
 
 
 def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
-    """Pinocchio moves planar joints in their own x-y plane, whatever axis they have."""
+    """Check planar joints: Pinocchio moves them in their own x-y plane, whatever their axis."""
     without = []
     for joint in root.findall("joint[@type='planar']"):
         axis = joint.find("axis")
@@ -185,7 +185,7 @@ def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
 
 
 def _drop_unused(root: ElementTree.Element) -> None:
-    """What no model has a place for, and urdfdom refuses where it is not complete."""
+    """Remove elements that the model does not use and that urdfdom refuses if they are incomplete."""
     seen: set[str] = set()
     for material in root.findall("material"):
         name = str(material.get("name"))

@@ -1,4 +1,4 @@
-"""Meshes as shapes of coal, which Pinocchio, the viewers and the drafts take them from."""
+"""Conversion of meshes to coal shapes for Pinocchio, the viewers and the drafts."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import FARTHEST, Mesh, MeshError, read_mesh
 
 MOST_TOGETHER = 3_000_000
-"""Triangles of all meshes of a robot, each as often as it is used."""
+"""Largest number of triangles of all meshes of a robot, repeated uses included."""
 
 
 class LoadedMesh(NamedTuple):
-    """A mesh of a robot.
+    """Mesh of a robot.
 
     Attributes:
-        file: its file, or nothing where the description has the triangles itself.
-        scale: of its vertices (3,).
-        shape: what coal and the viewers are given.
+        file: path of its file; empty if the triangles are inline in the description.
+        scale: scale of its vertices (3,).
+        shape: shape for coal and the viewers.
     """
 
     file: str
@@ -32,7 +32,7 @@ class LoadedMesh(NamedTuple):
 
 
 class MeshShapes:
-    """Makes shapes; each file is read once, and each scale of it built once."""
+    """Factory of shapes. Each file is read once, and each scale of it is built once."""
 
     def __init__(self) -> None:
         self._meshes: dict[Path, Mesh | MeshError] = {}
@@ -40,14 +40,14 @@ class MeshShapes:
         self._count = 0
 
     def load(self, file: Path, scale: str | None) -> LoadedMesh:
-        """The shape of a file.
+        """Return the shape of a mesh file.
 
         Args:
-            file: of a mesh.
-            scale: three factors, as a description writes them.
+            file: path of the mesh.
+            scale: three factors, as text of the description.
 
         Raises:
-            MeshError: the file cannot be used, or not with this scale, or the robot's meshes are too large together.
+            MeshError: the file or the scale cannot be used, or the robot's meshes are too large together.
         """
         if file not in self._meshes:
             try:
@@ -60,7 +60,7 @@ class MeshShapes:
         return self.make(mesh, scale, str(file))
 
     def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
-        """The shape of a mesh; arguments and errors as for ``load``."""
+        """Return the shape of a mesh. Arguments and errors are as for ``load``."""
         factors = np.ones(3) if scale is None else read_numbers(scale)
         if factors is None or factors.shape != (3,) or not factors.all():
             raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
@@ -88,7 +88,7 @@ def _shape(mesh: Mesh, factors: np.ndarray) -> coal.BVHModelBase:
 
 
 def put_in(geometry: pin.GeometryModel, meshes: Mapping[str, LoadedMesh]) -> None:
-    """Give shapes of a geometry model, by name, their meshes in place of what stands for them."""
+    """Replace the placeholders in a geometry model by their meshes, by name of the shape."""
     for shape in geometry.geometryObjects:
         mesh = meshes.get(shape.name)
         if mesh is not None:

@@ -1,6 +1,6 @@
-"""Meshes that a URDF names: where they are, which cannot be had, and what stands in for a link that loses all of its.
+"""Meshes of a URDF: search, report of missing ones, and boxes for links that lose all their meshes.
 
-A robot whose meshes stayed elsewhere still moves, so a mesh that is missing costs one warning and never the run.
+A robot can be simulated without meshes, so missing meshes cause one warning and no error.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
 from rnc_pin.robots.sources.packages import Packages
 
 STAND_IN = "_stand_in"
-"""How the name of a box ends that stands in for meshes; Pinocchio's own names of shapes end in a number."""
+"""Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
 
-_LIGHTEST = 30.0  # [kg/m^3] of a stand-in: many files give small links the inertia of a house
-_THINNEST = 0.05  # of the longest side
+_LIGHTEST = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
+_THINNEST = 0.05  # shortest side, relative to the longest side
 _COLOR = np.array([0.55, 0.6, 0.66, 0.75])
 
 
 class Meshes:
-    """The geometry of a URDF, without the meshes that cannot be had.
+    """Geometry of a URDF, without missing meshes.
 
     Args:
-        root: the outermost element; names of files in it become absolute where they are found.
-        path: of the file, for messages.
-        packages: where packages are, and which files may be named.
+        root: root element; names of files that are found become absolute paths.
+        path: path of the file, for messages.
+        packages: locations of packages, and folders whose files may be named.
     """
 
     def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
         self._root, self._path = root, path
-        self._missing: dict[str, str] = {}  # name to the package or folder that it should be in
+        self._missing: dict[str, str] = {}  # file name to its expected package or folder
         self._warned = False
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
@@ -57,10 +57,10 @@ class Meshes:
                 self._missing[name] = self._home(name)
 
     def geometry(self, model: pin.Model, kind: str) -> pin.GeometryModel:
-        """The geometry of a kind, "visual" or "collision"; among what is seen, boxes stand in for links left bare.
+        """Return the geometry of a kind, "visual" or "collision". Visual boxes replace links that lose all meshes.
 
         Raises:
-            ModelError: a shape that is no mesh cannot be made.
+            ModelError: a shape other than a mesh cannot be built.
         """
         root = deepcopy(self._root)
         missing, faults = dict[str, str](), dict[str, str]()
@@ -93,7 +93,7 @@ class Meshes:
     def _load(
         self, mesh: ElementTree.Element, shapes: MeshShapes, missing: dict[str, str], faults: dict[str, str]
     ) -> LoadedMesh | None:
-        """The shape of a ``<mesh>``, or None for one that is missing or cannot be used."""
+        """Return the shape of a ``<mesh>``, or None if it is missing or cannot be used."""
         name = mesh.get("filename", "")
         if name in self._missing:
             missing[name] = self._missing[name]
@@ -105,14 +105,14 @@ class Meshes:
         return None
 
     def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
-        """The geometry as Pinocchio makes it, with a box in place of each mesh: its own loader is not given any."""
+        """Build the geometry by Pinocchio, with a box in place of each mesh; Pinocchio's mesh loader is not used."""
         for parent in root.iter():
             for place, mesh in enumerate(parent):
                 if mesh.tag == "mesh":
                     parent[place] = ElementTree.Element("box", size="1 1 1")
         text = ElementTree.tostring(root, encoding="unicode")
         with geometry_errors(self._path):
-            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, [])  # names are absolute
+            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, [])  # file names are absolute
 
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
         parts = []
@@ -131,7 +131,7 @@ class Meshes:
         warnings.warn(text, ModelWarning, stacklevel=6)
 
     def _home(self, name: str) -> str:
-        """The package or folder that a file should be in, as people look for it."""
+        """Package or folder where a file is expected, in words."""
         scheme, separator, rest = name.partition("://")
         if separator and scheme in ("package", "model"):
             return f"package '{rest.partition('/')[0]}'"
@@ -143,7 +143,7 @@ def _meshes(count: int) -> str:
 
 
 def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
-    """The ``<mesh>`` of a shape whose geometry it is: urdfdom takes the first element."""
+    """Return the ``<mesh>`` of a shape, or None. Urdfdom uses the first element of the geometry."""
     geometry = shape.find("geometry")
     first = None if geometry is None else next(iter(geometry), None)
     return first if first is not None and first.tag == "mesh" else None
@@ -165,9 +165,9 @@ def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: El
 
 
 def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | None:
-    """The solid box that has the inertia of a ``<link>``: its sides (3,) [m], and where it is in the link.
+    """Return the solid box with the inertia of a ``<link>``: sides (3,) [m] and its pose in the link frame.
 
-    None where the link has no mass. What is lighter than foam is shrunk, and what is flat gets some thickness.
+    None if the link has no mass. A box of very low density is reduced, and a flat box gets a minimum thickness.
     """
     mass = _attribute(link.find("inertial/mass"), "value", 1)
     if mass is None or mass[0] <= 0:

@@ -1,4 +1,4 @@
-"""MJCF files: parsed by Pinocchio, with what its parser passes over in silence checked or added."""
+"""Reader of MJCF files: Pinocchio parses; content that its parser ignores is checked or added here."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from rnc_pin.robots.sources.rounding import Roundings
 
 _JOINTS = ("hinge", "slide", "ball", "free")
 _SOFT = ("composite", "flexcomp", "attach")
-_SIZES = {  # attributes of numbers, and how many: Pinocchio reads what it can and takes the rest as zero
+_SIZES = {  # numbers per attribute: Pinocchio replaces those that it cannot read by zero
     "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
     "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
     "gravity": (3,), "armature": (1,), "frictionloss": (1,), "damping": (1, 2, 3), "size": (1, 2, 3, 4), "ref": (1,),
@@ -50,13 +50,13 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     """Read an MJCF file.
 
     Args:
-        path: of the file.
-        base: None for the root joints that the file has; else "fixed", "planar" or "free" in place of its free joint.
-        package_dirs: folders beside its own that the file may name files of.
-        snap: make axes of joints, and angles of bodies, exact that the file holds rounded.
+        path: path of the file.
+        base: None keeps the root joints of the file. "fixed", "planar" or "free" replaces its free joint.
+        package_dirs: additional folders whose files the file may name.
+        snap: replace rounded axes of joints and angles of bodies by exact ones.
 
     Raises:
-        ModelError: cannot be read, is not MJCF, or needs what is not read here.
+        ModelError: the file cannot be read, is not MJCF, or needs an unsupported element.
     """
     root = parse_xml(path)
     if root.tag != "mujoco":
@@ -78,7 +78,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
                     model = pin.buildModelFromMJCF(file)
                 else:
                     model = pin.buildModelFromMJCF(file, make_root(), "root_joint")
-        except Exception as error:  # Boost.Python raises whatever the C++ side threw
+        except Exception as error:  # Boost.Python raises any type of C++ exception
             raise ModelError(f"{path}: {brief(error)}") from None
     if isinstance(model, tuple):
         model = model[0]
@@ -107,7 +107,7 @@ def _geometry(
     with geometry_errors(path), _written(root) as file:
         full = pin.buildGeomFromMJCF(model, file, GEOMETRY[kind])
     for shape in list(full.geometryObjects):
-        if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # a floor has no end and is not the robot
+        if type(shape.geometry).__name__ in ("Halfspace", "Plane"):  # an infinite floor is not part of the robot
             full.removeGeometryObject(shape.name)
     meshes.put_in(full)
     return full
@@ -116,10 +116,10 @@ def _geometry(
 def _understood(
     root: ElementTree.Element, path: Path, base: str | None, allowed: AllowedFolders
 ) -> ElementTree.Element:
-    """A file with all said that it leaves to be understood, by MuJoCo what only MuJoCo knows.
+    """Return a file with explicit defaults. MuJoCo expands the shorthand that only MuJoCo supports.
 
     Raises:
-        ModelError: it includes, makes or weighs what is not read, names a file elsewhere, or has no body.
+        ModelError: an element is not supported, a named file is not allowed, or there is no body.
     """
     _check_makers(root, path)
     what = "<include>" if included(root, path, allowed) else shorthand(root)
@@ -131,7 +131,7 @@ def _understood(
         raise ModelError(f"{path}: <worldbody> has no <body>")
     plain = copy.deepcopy(root)
     make_plain(plain, path, base)
-    resolve_assets(plain, path, allowed)  # a class may name files too
+    resolve_assets(plain, path, allowed)  # a default class may name files too
     what = weighed(plain)
     if what is not None:
         plain = flattened(root, path, what)
@@ -140,10 +140,10 @@ def _understood(
 
 
 def _clear_base(root: ElementTree.Element, path: Path, base: str | None) -> None:
-    """Let the base that is asked for take the place of the file's.
+    """Remove the free joints of the file if another base is requested.
 
     Raises:
-        ModelError: the file's base has joints that are not free.
+        ModelError: the base of the file has joints that are not free.
     """
     if base is None:
         return
@@ -159,10 +159,10 @@ def _clear_base(root: ElementTree.Element, path: Path, base: str | None) -> None
 
 
 def _check_makers(root: ElementTree.Element, path: Path) -> None:
-    """Refuse what makes bodies and is not read.
+    """Refuse elements that generate bodies and are not supported.
 
     Raises:
-        ModelError: a body is made by such an element.
+        ModelError: there is such an element.
     """
     for element in root.findall("worldbody//*"):
         if element.tag in _SOFT:
@@ -170,10 +170,10 @@ def _check_makers(root: ElementTree.Element, path: Path) -> None:
 
 
 def _check_unknown(root: ElementTree.Element, path: Path) -> None:
-    """Refuse what no machine is; say what acts on joints and is left out.
+    """Refuse impossible values; warn about springs, which are omitted.
 
     Raises:
-        ModelError: negative damping; a range that ends before it begins; a body with two inertias.
+        ModelError: negative damping, a range with its lower limit above the upper one, or a body with two inertias.
     """
     for element in root.findall("worldbody//*"):
         if element.tag == "body" and len(element.findall("inertial")) > 1:
@@ -194,7 +194,7 @@ def _check_unknown(root: ElementTree.Element, path: Path) -> None:
 
 
 def _scale(model: pin.Model, root: ElementTree.Element, path: Path) -> None:
-    """Let all masses together be what ``settotalmass`` says, as MuJoCo does at the end."""
+    """Scale all masses to the total of ``settotalmass``, as MuJoCo does after compilation."""
     compiler = root.find("compiler")
     numbers = None if compiler is None else read_numbers(compiler.get("settotalmass", ""))
     if compiler is None or "settotalmass" not in compiler.attrib:
@@ -209,7 +209,7 @@ def _scale(model: pin.Model, root: ElementTree.Element, path: Path) -> None:
 
 
 def _snap(root: ElementTree.Element, path: Path) -> None:
-    """Axes of joints and quaternions of bodies; angles of bodies where they are in radians, not in whole degrees."""
+    """Replace rounded axes of joints and quaternions of bodies by exact ones, and angles of bodies given in radians."""
     roundings = Roundings()
     angles = in_radians(root)
     for element in root.iter():
@@ -253,7 +253,7 @@ def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
             taken = name == "universe" or (
                 name == "root_joint" and ROOT_JOINTS[base or "fixed"] and not _is_free(element)
             )
-            if taken:  # Pinocchio ends the process, or makes joints without end
+            if taken:  # Pinocchio would end the process, or add joints endlessly
                 raise ModelError(f"{path}: a joint cannot be called '{name}': it is the base's name")
             seen.add(name)
         if element.tag == "joint" and element.get("type", "hinge") not in _JOINTS and element in parts:

@@ -1,4 +1,4 @@
-"""Joints that the actuators of an MJCF drive."""
+"""Actuated joints of an MJCF."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ _ON_JOINTS = ("joint", "jointinparent")
 
 
 def mark_passive_joints(model: pin.Model, root: ElementTree.Element) -> None:
-    """Set the effort limits of joints that no actuator drives to zero, as a URDF does for passive joints.
+    """Set the effort limits of joints without an actuator to zero, as a URDF does for passive joints.
 
-    Nothing is changed if the file has no actuators, or if some act along paths whose joints it does not name.
+    The model does not change if the file has no actuators, or if an actuator acts along a spatial tendon.
 
     Args:
-        model: of the file.
-        root: of the file, with joints that have names.
+        model: model of the file.
+        root: root element of the file, with named joints.
     """
     driven = _driven(root)
     if not driven:
@@ -29,7 +29,7 @@ def mark_passive_joints(model: pin.Model, root: ElementTree.Element) -> None:
 
 
 def _driven(root: ElementTree.Element) -> set[str]:
-    """Joints that are driven directly or by fixed tendons; empty if that cannot be told."""
+    """Names of joints driven directly or by fixed tendons; empty if they are unknown."""
     names = {str(joint.get("name")) for joint in root.findall("worldbody//joint")}
     tendons = {
         str(tendon.get("name")): {str(joint.get("joint")) for joint in tendon.findall("joint")}
@@ -41,6 +41,6 @@ def _driven(root: ElementTree.Element) -> set[str]:
         tendon = actuator.get("tendon")
         if tendon is not None:
             if tendon not in tendons:
-                return set()  # along a path in space
+                return set()  # spatial tendon
             driven |= tendons[tendon]
     return {name for name in names if name in driven or name.rstrip("0123456789") in driven - names}  # repeated bodies

@@ -1,4 +1,4 @@
-"""Files that an MJCF names: admitted, and by their absolute paths, so that they are found from anywhere."""
+"""Files that an MJCF names: checked, and replaced by absolute paths, so that they are found from any folder."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from rnc_pin.robots.sources.containment import AllowedFolders
 
 
 def resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolders) -> None:
-    """Let all assets name their files by absolute paths, in place; doing it again changes nothing.
+    """Replace the file names of all assets by absolute paths, in place. The operation is idempotent.
 
     Args:
-        root: of the file.
-        path: of the file.
-        allowed: which files it may name.
+        root: root element of the file.
+        path: path of the file.
+        allowed: folders whose files it may name.
 
     Raises:
-        ModelError: a file is not allowed, or that of a mesh is not there.
+        ModelError: a file is not allowed, or a mesh file does not exist.
     """
     folders, stripped = {"mesh": "", "texture": ""}, False
     for compiler in root.findall("compiler"):
@@ -41,13 +41,13 @@ def own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Pat
     """Return the absolute path of a file that a description may name.
 
     Args:
-        file: as it is named.
-        path: of the description, for messages.
-        allowed: which files it may name.
-        where: the element that names it, for messages.
+        file: path as in the description.
+        path: path of the description, for messages.
+        allowed: folders whose files it may name.
+        where: element that names the file, for messages.
 
     Raises:
-        ModelError: it is not allowed, not there, no regular file, or too large.
+        ModelError: the file is not allowed, does not exist, is not a regular file, or is too large.
     """
     try:
         found = allowed.admit(file, where)

@@ -18,7 +18,7 @@ KINDS = ("connect", "weld")
 
 
 class _End(NamedTuple):
-    """A frame of a body, and where the file has the body."""
+    """Frame of a body, and the pose of the body in the file."""
 
     body: str
     place: pin.SE3
@@ -26,7 +26,7 @@ class _End(NamedTuple):
 
 
 class _Bodies:
-    """Where the file has its bodies and sites before any joint moves."""
+    """Poses of the bodies and sites in the configuration of the file."""
 
     def __init__(self, root: ElementTree.Element, path: Path, radians: float) -> None:
         self._path = path
@@ -67,15 +67,15 @@ class _Bodies:
 
 
 def closures(root: ElementTree.Element, path: Path, radians: float) -> tuple[Closure, ...]:
-    """Loops that the file closes; those with bodies that a user moves (``mocap``) are none.
+    """Return the kinematic loops of a file, without those of bodies that the user moves (``mocap``).
 
     Args:
-        root: of the file, with all said that it leaves to be understood (``make_plain``).
-        path: of the file, for messages.
-        radians: in one unit of its angles.
+        root: root element of the file, with explicit defaults (``make_plain``).
+        path: path of the file, for messages.
+        radians: radians per unit of the file's angles.
 
     Raises:
-        ModelError: no such body or site, or numbers that are none.
+        ModelError: unknown body or site, or invalid numbers.
     """
     elements = [each for kind in KINDS for each in root.findall(f"equality/{kind}")]
     active = [each for each in elements if each.get("active", "true") != "false"]
@@ -104,7 +104,7 @@ def _closures(elements: list[ElementTree.Element], bodies: _Bodies, path: Path) 
             yield _closure(a, b, kind, a.inside.translation, b.inside.translation, rotation)
             continue
         point, said, relative = _numbers(element, "anchor", 3, path), _pose(element, path), a.place.actInv(b.place)
-        # A pose that is said places the anchor of body 2, not its origin.
+        # An explicit pose places the anchor of body 2, not its origin.
         at = relative.act(point) if said is None else said.translation
         yield _closure(a, b, kind, at, point, (said or relative).rotation)
 
@@ -128,7 +128,7 @@ def _rounded(numbers: np.ndarray) -> tuple[float, float, float]:
 
 
 def _pose(element: ElementTree.Element, path: Path) -> pin.SE3 | None:
-    """Of body 2 seen from body 1; None if it is that of the file."""
+    """Explicit pose of body 2 in body 1; None if it is the pose in the file."""
     x, y, z, scalar, *rest = _numbers(element, "relpose", 7, path, *(0, 1, 0, 0, 0, 0, 0))
     size = float(np.linalg.norm([scalar, *rest]))
     if size == 0:

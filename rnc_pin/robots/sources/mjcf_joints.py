@@ -1,6 +1,6 @@
-"""Joints of MJCF: what Pinocchio's parser makes otherwise of them than MuJoCo, and what couples them.
+"""Joints of MJCF: corrections where Pinocchio's parser differs from MuJoCo, and couplings between joints.
 
-All take a file with all said that it leaves to be understood (``make_plain``), and its numbers looked at.
+All functions take a file with explicit defaults (``make_plain``) and checked numbers.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from rnc_pin.robots.sources.mjcf_closures import KINDS
 
 
 def complete(model: pin.Model, root: ElementTree.Element) -> None:
-    """Set limits of position, and what moving costs, of all joints.
+    """Set position limits, damping, armature and friction of all joints.
 
-    Pinocchio takes limits of slides for degrees, and all of them from the joint's ``ref``; a ball it damps about no
-    axis, and what floats it places, where the file has it turned, as neither the file nor the joint says.
+    Pinocchio reads limits of slides as degrees, and all limits relative to the joint's ``ref``. It does not damp ball
+    joints. It misplaces free joints that are rotated in the file.
     """
     for joint in model.joints[1:]:
         if joint.shortname() == "JointModelFreeFlyer":
@@ -36,7 +36,7 @@ def complete(model: pin.Model, root: ElementTree.Element) -> None:
         damping, armature, friction = (
             read_numbers(element.get(key, "0")) for key in ("damping", "armature", "frictionloss")
         )
-        assert damping is not None  # they were looked at before
+        assert damping is not None  # checked before
         assert armature is not None
         assert friction is not None
         model.damping[entries], model.armature[entries] = damping[0], armature[0]
@@ -51,7 +51,7 @@ def complete(model: pin.Model, root: ElementTree.Element) -> None:
 
 
 def couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
-    """Joint equalities; one line says that tendons, and equalities that are no loops, are left out."""
+    """Return the joint equalities. A warning names tendons and other equalities, which are omitted."""
     mimics: list[Mimic] = []
     left_out: set[str] = set()
     rests = _rests(root)
@@ -64,7 +64,7 @@ def couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             assert coefficients is not None
             offset, multiplier = map(float, coefficients[:2])
             joint, of = str(element.get("joint1")), str(element.get("joint2"))
-            # Of what both have moved from where the file has them.
+            # The equality is between displacements from the configuration of the file.
             offset += rests.get(joint, 0.0) - multiplier * rests.get(of, 0.0)
             mimics.append(Mimic(joint, of, multiplier, offset))
         elif element.tag not in KINDS:
@@ -78,24 +78,24 @@ def couplings(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
 
 
 def in_radians(root: ElementTree.Element) -> bool:
-    """Whether the file's angles are; they are in degrees else."""
+    """True if the angles of the file are in radians; they are in degrees otherwise."""
     compiler = root.find("compiler")
     return compiler is not None and compiler.get("angle") == "radian"
 
 
 def _rests(root: ElementTree.Element) -> dict[str, float]:
-    """Position [rad or m] of each joint as the file has the bodies."""
+    """Position [rad or m] of each joint in the configuration of the file."""
     return {name: float(_read(root, joint, "ref", "0")[0]) for name, joint in _axes(root).items()}
 
 
 def _axes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    """Hinges and slides by name."""
+    """Joint name to element of all hinges and slides."""
     joints = root.findall("worldbody//joint")
     return {str(each.get("name")): each for each in joints if each.get("type", "hinge") in ("hinge", "slide")}
 
 
 def _read(root: ElementTree.Element, joint: ElementTree.Element, key: str, usual: str) -> np.ndarray:
-    """Numbers of a hinge [rad] or of a slide [m], which have been looked at before."""
+    """Return the numbers of a hinge [rad] or a slide [m], which were checked before."""
     found = read_numbers(joint.get(key, usual))
     assert found is not None
     return np.deg2rad(found) if joint.get("type", "hinge") == "hinge" and not in_radians(root) else found

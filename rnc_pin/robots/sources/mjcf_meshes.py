@@ -1,4 +1,4 @@
-"""Meshes of MJCF: read by ``mesh_formats``, and given to neither Pinocchio's parser nor MuJoCo as files."""
+"""Meshes of MJCF: read by ``mesh_formats``; neither Pinocchio's parser nor MuJoCo opens mesh files."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _SIZED = ("size", "fromto", "density", "mesh", "fitscale")
 
 
 class MjcfMeshes:
-    """The meshes of a file, taken out of it: Pinocchio is given a ball without mass in the place of each.
+    """Meshes of a file, removed from it. Pinocchio receives a ball without mass in place of each.
 
     Args:
-        root: of the file, with its defaults written out and its folder of meshes in full; changed.
-        path: of the file.
+        root: root element of the file, with explicit defaults and absolute mesh folder; changed in place.
+        path: path of the file.
     """
 
     def __init__(self, root: ElementTree.Element, path: Path) -> None:
@@ -39,7 +39,7 @@ class MjcfMeshes:
         self._path, self._folder = path, Path(settings.get("meshdir", path.parent))
         self._stripped = settings.get("strippath") == "true"
         self._assets: dict[str, ElementTree.Element] = {}
-        self._geoms: dict[str, str] = {}  # Pinocchio's name of a shape to that of its mesh
+        self._geoms: dict[str, str] = {}  # Pinocchio's name of a shape to the name of its mesh
         for assets in root.findall("asset"):
             for mesh in assets.findall("mesh"):
                 self._assets[mesh_name(mesh)] = mesh
@@ -55,10 +55,10 @@ class MjcfMeshes:
                 geom.attrib.update(type="sphere", size="1", mass="0")
 
     def put_in(self, geometry: pin.GeometryModel) -> None:
-        """Give the shapes of a geometry model their meshes.
+        """Assign the meshes to the shapes of a geometry model.
 
         Raises:
-            ModelError: no such mesh, or it cannot be used.
+            ModelError: unknown mesh, or a mesh that cannot be used.
         """
         shapes, read = MeshShapes(), dict[str, Mesh]()
         meshes: dict[str, LoadedMesh] = {}
@@ -85,16 +85,16 @@ class MjcfMeshes:
 
 
 def mesh_name(mesh: ElementTree.Element) -> str:
-    """The name of a mesh, by default that of its file."""
+    """Name of a mesh; by default the name of its file."""
     return mesh.get("name") or Path(mesh.get("file", "")).stem
 
 
 def write_out(root: ElementTree.Element, path: Path) -> None:
-    """Put checked triangles in the place of every file of a mesh, so that MuJoCo opens none.
+    """Replace every mesh file by checked triangles, so that MuJoCo opens no file.
 
     Args:
-        root: of a description, whose meshes have absolute names; changed.
-        path: of the description, for messages.
+        root: root element of a description with absolute mesh paths; changed in place.
+        path: path of the description, for messages.
 
     Raises:
         ModelError: a mesh cannot be used.
@@ -117,15 +117,15 @@ def write_out(root: ElementTree.Element, path: Path) -> None:
         mesh.set("vertex", " ".join(map(repr, found.vertices.ravel().tolist())))
         mesh.set("face", " ".join(map(str, found.triangles.ravel().tolist())))
     for geom in root.iter("geom"):
-        if geom.get("mesh") in flat:  # has no convex hull, which MuJoCo makes of what collides
+        if geom.get("mesh") in flat:  # MuJoCo builds convex hulls of colliding meshes; a flat mesh has none
             geom.attrib.update(contype="0", conaffinity="0")
 
 
 def _is_flat(mesh: Mesh, scale: np.ndarray | None) -> bool:
-    """Whether a mesh is in a plane.
+    """True if a mesh is in a plane.
 
     Raises:
-        MeshError: its scale is none.
+        MeshError: its scale is invalid.
     """
     if scale is None or scale.shape != (3,):
         raise MeshError("scale takes three numbers")
@@ -134,17 +134,17 @@ def _is_flat(mesh: Mesh, scale: np.ndarray | None) -> bool:
     if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
         raise MeshError(f"its scale puts vertices beyond {FARTHEST:g}")
     try:
-        check_thickness(vertices.astype(np.float32).astype(float))  # the precision that MuJoCo keeps them in
+        check_thickness(vertices.astype(np.float32).astype(float))  # the precision of MuJoCo
     except MeshError:
         return True
     return False
 
 
 def _own_triangles(mesh: ElementTree.Element) -> Mesh:
-    """The triangles that an element has itself; of points alone their hull.
+    """Return the inline triangles of an element, or the convex hull if it has only points.
 
     Raises:
-        MeshError: none, or they are not well formed.
+        MeshError: no points, or they are not well formed.
     """
     points = read_numbers(mesh.get("vertex", ""))
     corners = read_numbers(mesh.get("face", ""))

@@ -1,4 +1,4 @@
-"""Where MJCF has its sites: Pinocchio misplaces those of a body that is fixed to one that is fixed to another."""
+"""Placement of MJCF sites. Pinocchio misplaces sites of a body that is fixed to another fixed body."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rnc_pin.robots.sources.description import read_numbers
 
 
 def place_sites(model: pin.Model, root: ElementTree.Element, radians: float) -> None:
-    """Set the frames of all sites that have names.
+    """Set the frames of all named sites.
 
     Args:
-        model: what Pinocchio made of the file.
-        root: of the file, with all said that it leaves to be understood (``make_plain``) and its numbers looked at.
-        radians: in one unit of its angles.
+        model: model that Pinocchio read from the file.
+        root: root element of the file, with explicit defaults (``make_plain``) and checked numbers.
+        radians: radians per unit of the file's angles.
     """
     compiler = root.find("compiler")
     sequence = "xyz" if compiler is None else compiler.get("eulerseq", "xyz")
@@ -30,12 +30,12 @@ def place_sites(model: pin.Model, root: ElementTree.Element, radians: float) -> 
 
 
 def placement(element: ElementTree.Element, sequence: str, radians: float) -> pin.SE3:
-    """Placement of a site or body in the body around it.
+    """Placement of a site or body in its parent body.
 
     Args:
-        element: of the site or body.
-        sequence: axes of its ``euler``, in small letters.
-        radians: in one unit of its angles.
+        element: element of the site or body.
+        sequence: axes of its ``euler``, in lower case.
+        radians: radians per unit of the file's angles.
     """
     ends = _numbers(element, "fromto")
     if ends is not None:
@@ -68,7 +68,7 @@ def _turn(element: ElementTree.Element, sequence: str, radians: float) -> np.nda
 
 
 def _from_z(direction: np.ndarray) -> np.ndarray:
-    """The shortest turn that takes z there; where it is the other way round, about x."""
+    """Shortest rotation (3, 3) of z to a direction; about x if the direction is opposite."""
     axis = np.cross([0.0, 0.0, 1.0], direction)
     sine = float(np.linalg.norm(axis))
     return pin.AngleAxis(

@@ -1,4 +1,4 @@
-"""What MuJoCo warns of, kept off the disk."""
+"""Suppression of MuJoCo's log file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import ModuleType
 
 @contextmanager
 def unlogged(mujoco: ModuleType) -> Iterator[None]:
-    """Let no file MUJOCO_LOG.TXT be written where the program was started: what matters is an error here."""
+    """Prevent MuJoCo from writing MUJOCO_LOG.TXT to the working directory; important faults raise errors here."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(_ignore)
     try:
@@ -19,4 +19,4 @@ def unlogged(mujoco: ModuleType) -> Iterator[None]:
 
 
 def _ignore(message: str) -> None:
-    """States and models are looked at after every step, and refused in a line of ours."""
+    """Ignore a warning: states and models are checked after every step, with own error messages."""

@@ -1,4 +1,4 @@
-"""Where the files of ``package://name/...`` and ``$(find name)`` are, with or without a ROS installation."""
+"""Search for the files of ``package://name/...`` and ``$(find name)``, with or without a ROS installation."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rnc_pin.robots.sources.containment import AllowedFolders, folders_above, pa
 
 
 class Packages:
-    """Finds ROS packages by name.
+    """Search for ROS packages by name.
 
-    Looked through, in this order: the folders given (a folder of packages, or a package itself), those of the
-    environment variables ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, and from the file's own folder upwards
-    (``folders_above``): each folder that is the package, by its name or its ``package.xml``, and each that has the
-    package in it. Of the last ones only a folder with a ``package.xml`` is allowed as a whole.
+    The search order is: the given folders (a folder of packages, or a package itself), the environment variables
+    ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, then the file's own folder and those above (``folders_above``). A
+    folder there matches if it is the package, by its name or its ``package.xml``, or if it contains the package. Of
+    these, only a folder with a ``package.xml`` is allowed as a whole.
 
     Args:
         beside: folder of the file that names packages.
-        folders: given by the user.
+        folders: folders given by the user.
 
     Attributes:
         allowed: folders whose files the description may name.
@@ -33,7 +33,7 @@ class Packages:
         self.allowed = AllowedFolders(self._beside, self._folders)
 
     def candidates(self, name: str) -> Iterator[Path]:
-        """Folders that can be this package, the likeliest first."""
+        """Yield the folders that can be this package, the most likely first."""
         if name in ("", "..") or Path(name).name != name:
             return
         for folder in self._folders:
@@ -46,17 +46,17 @@ class Packages:
         yield from self._near(name)
 
     def folder(self, name: str) -> Path | None:
-        """The folder of a package, or None."""
+        """Return the folder of a package, or None."""
         return self._recorded(name, next(self.candidates(name), None))
 
     @property
     def found(self) -> Mapping[str, Path]:
-        """Name to folder of each package that was asked for and found."""
+        """Name to folder of each package that was requested and found."""
         return dict(self._found)
 
     @property
     def far(self) -> Mapping[str, Path]:
-        """Those of ``found`` that are not found, or elsewhere, from the file's own folder upwards alone."""
+        """Those of ``found`` that a search only in the folders above the file does not find, or finds elsewhere."""
         return {name: folder for name, folder in self._found.items() if next(self._near(name), None) != folder}
 
     def _near(self, name: str) -> Iterator[Path]:
@@ -72,10 +72,10 @@ class Packages:
         return folder
 
     def file(self, uri: str) -> Path | None:
-        """The file that ``package://name/path``, ``file://path`` or a relative path means, or None.
+        """Return the file of ``package://name/path``, ``file://path`` or a relative path, or None.
 
         Raises:
-            ModelError: there is such a file, but not in the folders that the description may name files of.
+            ModelError: the file exists, but not in a folder whose files the description may name.
         """
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in ("package", "model"):
@@ -100,5 +100,5 @@ def _environment(variable: str) -> list[Path]:
 def _at(folder: Path, name: str) -> Iterator[Path]:
     if (folder.name == name or package_name(folder) == name) and os.path.isdir(folder):
         yield folder
-    if os.path.isdir(folder / name):  # unlike Path.is_dir, False for a name that no file can have
+    if os.path.isdir(folder / name):  # unlike Path.is_dir, False for an invalid file name
         yield folder / name

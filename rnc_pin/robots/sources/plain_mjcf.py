@@ -1,8 +1,8 @@
-"""MJCF with all said that it leaves to be understood, for Pinocchio reads some of that otherwise than MuJoCo does.
+"""MJCF with explicit defaults, because Pinocchio reads some implicit content differently from MuJoCo.
 
-Of default classes the place of a joint is not read, of joints in one body no name, of axes that are not of unit length
-and of turns about axes that stand still something else, of bodies without names one, of several roots the first, of a
-root that stands no place.
+Pinocchio ignores the position of a joint in a default class, and the names of several joints in one body. It misreads
+axes that are not of unit length, and rotations about fixed axes. It reads only one of several unnamed bodies, only the
+first of several root bodies, and no pose of a fixed root body.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from rnc_pin.robots.sources.description import ROOT_JOINTS, read_numbers
 _WITH_DEFAULTS = ("joint", "geom", "site", "mesh")
 _TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 SIZES = {"plane": 3, "sphere": 1, "capsule": 2, "ellipsoid": 3, "cylinder": 2, "box": 3, "mesh": 0}
-"""How many numbers the size of each shape has."""
+"""Number of entries in the size of each shape."""
 WORLD = "world"
-"""Name of the body that holds all others to the world; of a file's own bodies none has it."""
+"""Name of the added body that fixes all others to the world; no body of the file has this name."""
 Attributes = dict[str, dict[str, str]]
 
 
 def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
-    """Say all of it, in place.
+    """Make implicit content explicit, in place.
 
     Args:
-        root: of the file.
-        path: of the file, for messages.
+        root: root element of the file.
+        path: path of the file, for messages.
         base: as for ``read_mjcf``.
 
     Raises:
-        ModelError: a class that is none; two bodies with one name; a base for several bodies; more than a file may be.
+        ModelError: an unknown class, duplicate body names, a base for several bodies, or too long a result.
     """
     _write_defaults(root, path)
     _drop_made_textures(root)
@@ -52,7 +52,7 @@ def make_plain(root: ElementTree.Element, path: Path, base: str | None) -> None:
 
 
 class _Defaults:
-    """What classes say of elements, and elements of their classes."""
+    """Default classes of a file and their application to elements."""
 
     def __init__(self, root: ElementTree.Element, path: Path) -> None:
         self._path, self._length = path, 0
@@ -62,7 +62,7 @@ class _Defaults:
             self._top = self._collect(default, self._top)
 
     def _collect(self, default: ElementTree.Element, inherited: Attributes) -> Attributes:
-        """What a class says, with what those around it say; it and those within are put down by name."""
+        """Return the attributes of a class with those inherited from outer classes; store it and its inner classes."""
         own = {tag: dict(attributes) for tag, attributes in inherited.items()}
         for element in default:
             if element.tag in _WITH_DEFAULTS:
@@ -80,7 +80,7 @@ class _Defaults:
             raise ModelError(f"{self._path}: with its defaults longer than {LARGEST:,} characters")
 
     def write(self, parent: ElementTree.Element, inherited: str | None = None) -> None:
-        """Give every element below what its class says, and take the classes out."""
+        """Apply the default classes to all elements below, and remove the class attributes."""
         inherited = parent.attrib.pop("childclass", inherited)
         for element in parent:
             if element.tag == "body":
@@ -96,7 +96,7 @@ class _Defaults:
 
 
 def _write_defaults(root: ElementTree.Element, path: Path) -> None:
-    """Give every element what its class says, and take the classes out."""
+    """Apply the default classes to all elements, and remove the classes."""
     defaults = _Defaults(root, path)
     for parent in (*root.findall("worldbody"), *root.findall("asset")):
         defaults.write(parent)
@@ -106,7 +106,7 @@ def _write_defaults(root: ElementTree.Element, path: Path) -> None:
 
 
 def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
-    """Put in what is not said; what says the same in other words counts as said, and a size entry by entry."""
+    """Add missing attributes. Equivalent attributes count as present; a size is completed entry by entry."""
     said = set(element.attrib)
     if said & set(_TURNS):
         said |= set(_TURNS)
@@ -116,7 +116,7 @@ def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
     if "fromto" in element.attrib:
         for key in _TURNS:
             element.attrib.pop(key, None)
-        if not np.any(read_numbers(element.get("pos", "0"))):  # a place beside ends is refused, unless it is none
+        if not np.any(read_numbers(element.get("pos", "0"))):  # a nonzero position beside fromto is refused
             element.attrib.pop("pos", None)
     if element.tag == "geom" and "size" in said and "size" in defaults:
         needed = SIZES.get(element.get("type", "sphere"), 0) - (element.get("fromto") is not None)
@@ -125,7 +125,7 @@ def _complete(element: ElementTree.Element, defaults: dict[str, str]) -> None:
 
 
 def _drop_made_textures(root: ElementTree.Element) -> None:
-    """Pictures that MuJoCo would make are not drawn; Pinocchio says so on standard output."""
+    """Remove textures that MuJoCo would generate; Pinocchio does not draw them and prints a message."""
     made = set()
     for asset in root.findall("asset"):
         for texture in asset.findall("texture"):
@@ -138,7 +138,7 @@ def _drop_made_textures(root: ElementTree.Element) -> None:
 
 
 def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free: Iterator[str]) -> None:
-    """Let every body have a name, and all of them one root, at the origin unless it moves."""
+    """Name every body, and join all bodies under one root body, at the origin unless it moves."""
     world, *others = root.findall("worldbody")
     for other in others:  # sections may be repeated
         world.extend(other)
@@ -155,7 +155,7 @@ def _make_one_root(root: ElementTree.Element, path: Path, base: str | None, free
             f"{path}: base='{base}' moves one body, and in <worldbody> there are {len(roots)}: "
             f"{few([str(each.get('name')) for each in roots])}; take the file's own base (None), or a file of one"
         )
-    # Not one of the free names: with another base there is no such body, and those of the others stay.
+    # Not one of the generated names: another base has no such body, and the names of the others must not change.
     taken = any(body.get("name") == WORLD for body in world.iter("body"))
     whole = ElementTree.SubElement(world, "body", name=next(free) if taken else WORLD)
     whole.append(_no_mass())
@@ -173,7 +173,7 @@ def _free_names(root: ElementTree.Element, path: Path) -> Iterator[str]:
 
 
 def _make_unit(element: ElementTree.Element) -> None:
-    """Let the axis of an angle be of unit length."""
+    """Normalize the axis of ``axisangle``."""
     turn = read_numbers(element.get("axisangle", ""))
     if turn is not None and turn.size == 4 and np.linalg.norm(turn[:3]) > 0:
         turn[:3] /= np.linalg.norm(turn[:3])
@@ -181,7 +181,7 @@ def _make_unit(element: ElementTree.Element) -> None:
 
 
 def _order_turns(root: ElementTree.Element) -> None:
-    """Say turns about axes that stand still (in capitals) as turns about those that go along, which come in reverse."""
+    """Convert rotations about fixed axes (upper case) to rotations about moving axes, which are in reverse order."""
     compiler = root.find("compiler")
     sequence = "" if compiler is None else compiler.get("eulerseq", "")
     if compiler is None or sequence == sequence.lower():
@@ -197,7 +197,7 @@ def _order_turns(root: ElementTree.Element) -> None:
 
 
 def _separate(body: ElementTree.Element, free: Iterator[str]) -> None:
-    """Let each of several joints move a body: Pinocchio makes one joint of them, of which none has a name."""
+    """Give each of several joints its own body; Pinocchio would merge them into one joint without their names."""
     joints, name = body.findall("joint"), str(body.get("name"))
     for k, joint in enumerate(joints):
         joint.set("name", joint.get("name") or f"{name}Joint_{k}")

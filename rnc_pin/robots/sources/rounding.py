@@ -1,7 +1,8 @@
-"""Angles and axes that a file holds rounded, made exact: a wheel that is toed by 1e-6 has an axle parallel to no other.
+"""Replacement of rounded angles and axes of a file by exact ones.
 
-Files say ``1.57`` for a right angle and ``0.7071`` for the root of a half. Constraints tell parallel axles from others
-to 1e-8, so that rounding costs a robot freedoms that it has.
+Files contain ``1.57`` for a right angle and ``0.7071`` for the square root of 0.5. Constraints detect parallel axles
+with a tolerance of 1e-8. A wheel with a toe angle of 1e-6 rad is parallel to no other, so rounding costs the robot
+degrees of freedom.
 """
 
 from __future__ import annotations
@@ -12,22 +13,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 PRECISION = 2e-6
-"""Relative error of any number in a file: programs that write single precision leave it, as does a unit conversion."""
+"""Relative error of any number in a file, from single precision or unit conversions."""
 CLOSE = 1e-4
-"""Within this of a multiple of pi/2 [rad], or of a coordinate axis, a value is meant to be it."""
+"""Tolerance [rad] within which a value is taken as a multiple of pi/2, or as a coordinate axis."""
 SAID = 1e-9
-"""Changes up to this are not spoken of: they are the last digits of a double written out."""
+"""Changes up to this value are not reported: they are the last digits of a printed double."""
 
-_FRACTIONS = (math.pi / 4, math.pi / 6)  # every multiple of pi/2 and pi/3 is one of these too
+_FRACTIONS = (math.pi / 4, math.pi / 6)  # these include all multiples of pi/2 and pi/3
 _RIGHT = math.pi / 2
-_DECIMALS = 2  # fewer are a number that somebody chose
+_DECIMALS = 2  # a number with fewer decimals is intentional
 _COSINES = (0.0, 0.5, math.sqrt(1 / 3), math.sqrt(1 / 2), math.sqrt(2 / 3), math.sqrt(3) / 2, 1.0)
 _UNIT = 1e-9
 _NUMBER = re.compile(r"[+-]?(?:\d*)\.?(\d*)(?:[eE]([+-]?\d+))?")
 
 
 def decimals(text: str) -> int:
-    """How many places behind the point a number is written to, zeros at its end not counted."""
+    """Number of decimals of a number as written, without trailing zeros."""
     match = _NUMBER.fullmatch(text.strip())
     if match is None or ("." not in text and match[2] is None):
         return 0
@@ -37,9 +38,9 @@ def decimals(text: str) -> int:
 
 
 def is_rounding(text: str, value: float) -> bool:
-    """Whether a number as it is written is ``value``, rounded or cut at its own number of decimals (two at least).
+    """True if a number as written is ``value``, rounded or truncated at its own number of decimals (at least two).
 
-    Fewer decimals count too where the number is within ``PRECISION`` of what they give: ``1.5700012`` is ``1.57``.
+    Fewer decimals are also valid if the number is within ``PRECISION`` of the result: ``1.5700012`` is ``1.57``.
     """
     number, own = float(text), decimals(text)
     return any(
@@ -49,17 +50,17 @@ def is_rounding(text: str, value: float) -> bool:
 
 
 def _off(number: float, value: float, places: int) -> float:
-    """How far a number is from another one that is rounded or cut at so many decimals."""
+    """Distance of a number from ``value`` rounded or truncated at ``places`` decimals."""
     unit = 10.0**-places
     cut = math.copysign(math.floor(abs(value) / unit) * unit, value)
     return min(abs(number - round(value, places)), abs(number - cut))
 
 
 def snapped_angle(text: str) -> float:
-    """An angle [rad] as it is written, made the multiple of pi that it is a rounding of.
+    """Return the multiple of pi of which an angle [rad] as written is a rounding.
 
-    That is a multiple of pi/2, pi/3, pi/4 or pi/6 rounded or cut at the number's own decimals, or a multiple of pi/2
-    within ``CLOSE``. Any other number is returned as it is.
+    This is a multiple of pi/2, pi/3, pi/4 or pi/6 rounded or truncated at the number's own decimals, or a multiple of
+    pi/2 within ``CLOSE``. Any other number is returned without change.
     """
     angle = float(text)
     right = round(angle / _RIGHT) * _RIGHT
@@ -73,11 +74,11 @@ def snapped_angle(text: str) -> float:
 
 
 def snapped_direction(texts: Sequence[str]) -> list[float]:
-    """The components of a direction, or of a unit quaternion, as written, made the exact ones they are roundings of.
+    """Return the exact components of which a direction, or a unit quaternion, as written is a rounding.
 
-    Each has to be a rounding, at its own number of decimals, of 0, 1 or the cosine of a common angle, and together
-    they have to have length 1; or all but one are within ``CLOSE`` of zero for a length near 1. Any other direction is
-    returned as it is.
+    Each component has to be a rounding, at its own decimals, of 0, 1 or the cosine of a common angle, and the exact
+    vector has length 1. Alternatively, all but one are within ``CLOSE`` of zero and the length is near 1. Any other
+    direction is returned without change.
     """
     numbers = [float(text) for text in texts]
     length = math.hypot(*numbers)
@@ -98,13 +99,13 @@ def _cosine(text: str, number: float) -> float:
 
 @dataclass
 class Roundings:
-    """What was rounded in a file, collected while it is read.
+    """Record of the rounded values that were replaced in a file.
 
     Attributes:
-        angles: how many angles were changed by more than ``SAID``.
-        axes: how many axes were.
-        largest: the largest change [rad, or of a component].
-        where: the joint or body with that change, in words.
+        angles: number of angles changed by more than ``SAID``.
+        axes: number of axes changed by more than ``SAID``.
+        largest: largest change [rad, or of a component].
+        where: joint or body with the largest change, in words.
     """
 
     angles: int = 0
@@ -113,15 +114,15 @@ class Roundings:
     where: str = ""
 
     def angle(self, text: str, where: str) -> str:
-        """An angle [rad] as written, made exact and written out again."""
+        """Return the exact angle [rad] as text."""
         return self._written([text], [snapped_angle(text)], where, is_axis=False)[0]
 
     def angles_of(self, text: str, where: str) -> str:
-        """Several angles [rad], with blanks between them."""
+        """Return several exact angles [rad] as text, separated by blanks."""
         return " ".join(self.angle(each, where) for each in text.split())
 
     def direction(self, text: str, where: str) -> str:
-        """A direction or unit quaternion, with blanks between its components."""
+        """Return an exact direction or unit quaternion as text, separated by blanks."""
         words = text.split()
         return " ".join(self._written(words, snapped_direction(words), where, is_axis=True))
 
@@ -139,7 +140,7 @@ class Roundings:
         return [text if old == new else repr(new) for text, old, new in zip(texts, given, exact, strict=True)]
 
     def words(self) -> str:
-        """One line on what was changed; nothing where it is not worth a word."""
+        """Summary of the changes in one line; empty if there is nothing to report."""
         counts = [
             f"{count} {one if count == 1 else many}"
             for count, one, many in ((self.angles, "angle", "angles"), (self.axes, "axis", "axes"))

@@ -1,4 +1,4 @@
-"""URDF files: parsed by Pinocchio, with package paths resolved and what Pinocchio passes over in silence checked."""
+"""Reader of URDF files: Pinocchio parses; package paths and errors that Pinocchio ignores are handled here."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def read_urdf(
     """Read a URDF, or a xacro file that expands to one.
 
     Args:
-        path: of the file; one whose name ends in ``.xacro``, or that uses xacro inside, is expanded.
-        base: how the root link meets the world.
+        path: path of the file. A file whose name ends in ``.xacro``, or that uses xacro, is expanded.
+        base: joint between the root link and the world.
         package_dirs: folders of packages, or packages themselves.
         xacro_arguments: values for the arguments of a xacro file.
-        snap: make angles and axes of joints exact that the file holds rounded.
-        masses: link to mass [kg], for links whose inertia is not there or useless.
+        snap: replace rounded angles and axes of joints by exact ones.
+        masses: link to mass [kg], for links whose inertia is missing or not usable.
 
     Raises:
-        ModelError: cannot be read, is not a URDF, or describes an impossible robot.
+        ModelError: the file cannot be read, is not a URDF, or describes an impossible robot.
     """
     packages = Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
@@ -85,15 +85,15 @@ def read_urdf(
 
 
 def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, packages: Packages) -> ElementTree.Element:
-    """The XML of a URDF as it is written; a xacro file is expanded.
+    """Return the XML of a URDF without changes; a xacro file is expanded.
 
     Args:
-        path: of the file.
+        path: path of the file.
         xacro_arguments: values for the arguments of a xacro file.
-        packages: in which its own files are found.
+        packages: packages for the files that it names.
 
     Raises:
-        ModelError: cannot be read, or is not a URDF.
+        ModelError: the file cannot be read, or is not a URDF.
     """
     root = None if is_xacro(path) else parse_xml(path)
     if root is None or has_macros(root, path):
@@ -118,9 +118,10 @@ def _why_no_links(root: ElementTree.Element, path: Path) -> str:
 
 
 def _snap(root: ElementTree.Element) -> list[str]:
-    """Make angles and axes of joints exact, and angles of inertias: a wheel should be round about its axle.
+    """Replace rounded angles and axes of joints, and angles of inertias, by exact ones.
 
-    Geometry stays, for nothing has to be parallel to it.
+    A wheel then has an inertia symmetric about its axle. Geometry does not change, because no axis must be parallel to
+    it.
     """
     roundings = Roundings()
     for link in root.findall("link"):
@@ -149,9 +150,9 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
     with captured_stderr() as complaints:
         try:
             model = pin.buildModelFromXML(text, *([] if make_root is None else [make_root()]))
-        except Exception as error:  # Boost.Python raises whatever the C++ side threw
+        except Exception as error:  # Boost.Python raises any type of C++ exception
             failure = error
-    # urdfdom also prints errors for elements that it then leaves out of the model.
+    # urdfdom also prints errors for elements that it then omits from the model.
     complaint = _first_complaint(complaints) or failure
     if complaint:
         raise ModelError(f"{path}: {complaint}")
@@ -164,7 +165,7 @@ def _build(text: str, path: Path, base: str) -> pin.Model:
 
 
 def _first_complaint(lines: list[str]) -> str | None:
-    """What urdfdom refused, with where it was: that it says in an error of its own, after the cause."""
+    """First error of urdfdom with its location, which urdfdom prints as a separate error after the cause."""
     errors = [line.removeprefix("Error:").strip().split("  ")[0] for line in lines if line.startswith("Error:")]
     if not errors:
         return None
@@ -173,14 +174,14 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
-    """What urdfdom takes without a word: links it does not reach, and negative masses fixed to heavier links."""
+    """Check faults that urdfdom accepts without a message: unreachable links, negative masses of fixed links."""
     links = dict.fromkeys(str(link.get("name")) for link in root.findall("link"))
     parents: dict[str, str] = {}
     kinds: dict[str, str | None] = {}
     for joint in root.findall("joint"):
         parent, child = (_end(joint, end) for end in ("parent", "child"))
         if parent not in links or child not in links:
-            return  # urdfdom says what it misses
+            return  # urdfdom reports the missing link
         if child in parents:
             raise ModelError(f"{path}: link '{child}' is the child of two joints, '{joint.get('name')}' the second")
         parents[child], kinds[child] = parent, joint.get("type")
@@ -197,12 +198,12 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
-        if kinds.get(link, "fixed") == "fixed":  # a moving one is checked with its joint's name
+        if kinds.get(link, "fixed") == "fixed":  # a movable link is checked with its joint
             _check_mass(element, link, path)
 
 
 def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) -> None:
-    """Refuse rings, and chains in which Pinocchio's recursion would end the process; each link is gone through once."""
+    """Refuse loops, and chains too long for Pinocchio's recursion. Each link is visited once."""
     depths: dict[str, int] = {}
     for link in links:
         walked: dict[str, None] = {}
@@ -243,7 +244,7 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             continue
         source = mimic.get("joint", "")
         if source not in joints or source == name:
-            # Pinocchio takes such files, and some that people use are so.
+            # Pinocchio accepts such files, and some common files have this fault.
             hint = "" if strangers else nearest(source, [each for each in joints if each != name])
             strangers.append(f"'{name}' of '{source}'{hint}")
             continue

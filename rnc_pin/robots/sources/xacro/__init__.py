@@ -1,8 +1,8 @@
-"""Xacro files expanded without ROS, and without anything in them that could do more than compute.
+"""Expansion of xacro files without ROS, where expressions can only compute values.
 
-The format is that of ``xacro`` 2.1, against which this is tested; but that library hands expressions to Python's
-``eval``, from where a file reaches every program of the machine. Here they are computed over their syntax tree
-(``expressions``), with functions, methods and environment variables by list, and the whole is bounded in time and size.
+The format is that of ``xacro`` 2.1, and the tests compare with it. That library passes expressions to Python's
+``eval``, so a file could run any program. This package evaluates their syntax tree (``expressions``) instead. Only
+listed functions, methods and environment variables are allowed, and time and size are bounded.
 """
 
 from rnc_pin.robots.sources.xacro.files import expand, has_macros, is_xacro

@@ -1,4 +1,4 @@
-"""XML as xacro reads it: names keep their prefix, and comments are passed over."""
+"""XML parser for xacro: names keep their prefix, and comments are skipped."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _DEEPEST = 200
 
 
 def read_document(path: Path) -> Element:
-    """The outermost element of a file.
+    """Return the root element of a file.
 
     Raises:
-        ModelError: cannot be read, is not XML, or has elements more than 200 deep.
+        ModelError: the file cannot be read, is not XML, or has elements more than 200 deep.
     """
     try:
         content = read_bytes(path)
@@ -43,6 +43,6 @@ def read_document(path: Path) -> Element:
     parser.CharacterDataHandler = builder.data
     try:
         parser.Parse(content, True)
-    except (expat.ExpatError, LookupError, ValueError) as error:  # an encoding that nobody knows among them
+    except (expat.ExpatError, LookupError, ValueError) as error:  # also for an unknown encoding
         raise ModelError(f"not well-formed XML: {error}") from None
     return builder.close()

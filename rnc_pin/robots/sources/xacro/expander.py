@@ -1,7 +1,7 @@
-"""The elements of a xacro file, replaced by what they stand for.
+"""Expansion of the elements of a xacro file.
 
-What ``xacro`` 2.1 does, with the same order of evaluation: macros see the properties of what calls them, properties are
-evaluated when they are first asked for, blocks once where they are given and again where they are inserted.
+The order of evaluation is that of ``xacro`` 2.1. Macros see the properties of their caller. Properties are evaluated on
+first access. Blocks are evaluated once in the call and again at their insertion.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from rnc_pin.robots.sources.xacro.substitution import Arguments, Substitution
 from rnc_pin.robots.sources.xacro.values import Function, Namespace, Value
 
 _PREFIX = "xacro:"
-_DEEPEST = 100  # macros and includes inside one another
+_DEEPEST = 100  # nesting depth of macros and includes
 _WILD = "*[?"
 
 Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
 
 class Expander:
-    """Expands one file.
+    """Expander of one file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         arguments: its arguments.
-        packages: where ``$(find ...)`` looks.
+        packages: packages for ``$(find ...)``.
     """
 
     def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
@@ -59,14 +59,14 @@ class Expander:
 
     @property
     def place(self) -> Path:
-        """The file that is being read."""
+        """Path of the file that is being read."""
         return self._substitution.files[-1]
 
     def expand(self) -> Element:
-        """The outermost element.
+        """Return the root element of the expanded file.
 
         Raises:
-            ModelError: not XML, or something in it is not known or is refused.
+            ModelError: not XML, or an unknown or refused element, name or expression.
         """
         source = read_document(self._path)
         scope = Scope(self._substitution.symbols, self._substitution.value)
@@ -90,7 +90,7 @@ class Expander:
         return copy
 
     def _inside(self, source: Element, target: Element, macros: Macros, scope: Scope) -> None:
-        """Put what is inside an element into another, expanded."""
+        """Expand the content of an element into another element."""
         if source.text:
             _write(target, self._text(source.text, scope))
         for child in source:
@@ -199,7 +199,7 @@ class Expander:
     def _take_blocks(
         self, call: Element, missing: dict[str, Parameter], inner: Scope, outside: tuple[Macros, Scope]
     ) -> None:
-        """Expand the elements in a call where it stands, and give them to the macro's blocks in turn."""
+        """Expand the elements of a call in the caller's scope, and assign them to the macro's blocks in order."""
         given = Element("blocks")
         self._inside(call, given, *outside)
         blocks = list(given)
@@ -235,7 +235,7 @@ class Expander:
                 continue
             depth = self._deeper()
             self._substitution.admitted(path)
-            if not os.path.isfile(path):  # said in the file that includes it
+            if not os.path.isfile(path):  # raises the error in the file that includes it
                 read_document(path)
             files.append(path)
             self._inside(read_document(path), target, inner_macros, inner)
@@ -257,7 +257,7 @@ class Expander:
         yield from found
 
     def _deeper(self) -> int:
-        """Go into a macro or file; returns how deep it was before."""
+        """Enter a macro or file; return the previous depth."""
         self._depth += 1
         if self._depth > _DEEPEST:
             raise ModelError("macros or includes without end")
@@ -265,7 +265,7 @@ class Expander:
 
 
 def _resolve(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
-    """A macro of a name, with what it sees: it may be one of a file that was included with a name."""
+    """Return a macro with its macros and scope; a dotted name refers to a file that was included with a name."""
     found = macros.get(name)
     if found is None:
         *namespaces, last = name.split(".")

@@ -1,8 +1,8 @@
-"""Expressions of a xacro file, computed over their syntax tree: what is not named here cannot happen.
+"""Evaluation of xacro expressions over their syntax tree, limited to the operations in this file.
 
-They are written as Python. Numbers, text, lists, tuples, dictionaries and sets, arithmetic, comparisons, conditions,
-subscripts, comprehensions of lists, and calls of the functions and methods of ``functions`` are computed; everything
-else is refused. Nothing is ever handed to Python's own ``eval``, and all that grows is bounded.
+Expressions use Python syntax. Allowed are numbers, text, lists, tuples, dictionaries and sets, arithmetic, comparisons,
+conditions, subscripts, list comprehensions, and calls of the functions and methods of ``functions``. Everything else is
+refused. Python's own ``eval`` is never used, and the size of every value is bounded.
 """
 
 from __future__ import annotations
@@ -48,19 +48,19 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Value, Value], bool]] = {
     ast.In: lambda one, many: one in many,
     ast.NotIn: lambda one, many: one not in many,
 }
-_WIDE = re.compile(r"\*|\d{6}")  # in a text before %: a place as wide as one likes
+_WIDE = re.compile(r"\*|\d{6}")  # in a text before %: a field of unbounded width
 
 
 def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None) -> Value:
-    """The value of an expression.
+    """Return the value of an expression.
 
     Args:
         text: the expression.
-        names: what the names in it stand for.
-        budget: what the file may still cost.
+        names: name to value.
+        budget: remaining steps for the file.
 
     Raises:
-        ModelError: it could do more than compute a value, is none, costs too much, or what it computes fails.
+        ModelError: the expression is invalid, could do more than compute a value, takes too many steps, or fails.
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
     if len(text) > _LONGEST:
@@ -83,21 +83,21 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
 
 
 class _Refusal(Exception):
-    """An expression could do more than compute a value."""
+    """Error for an expression that could do more than compute a value."""
 
     def __init__(self, words: str = "it could do more than compute a value") -> None:
         super().__init__(words)
 
 
 class _Evaluation:
-    """One expression on its way."""
+    """Evaluation of one expression."""
 
     def __init__(self, names: Mapping[str, Value], budget: Budget) -> None:
         self._names, self._budget = names, budget
         self._local: dict[str, Value] = {}
 
     def value(self, node: ast.expr) -> Value:
-        """What a node stands for."""
+        """Return the value of a node."""
         self._budget.spend()
         compute = _NODES.get(type(node))
         if compute is None:
@@ -105,7 +105,7 @@ class _Evaluation:
         return compute(self, node)
 
     def _made(self, value: Value) -> Value:
-        """A new value, once it is known to be no larger than allowed."""
+        """Return a new value after the check of its size."""
         self._budget.spend(admit(value))
         return value
 

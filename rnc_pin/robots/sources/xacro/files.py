@@ -1,4 +1,4 @@
-"""Which files are xacro, and the XML that they stand for."""
+"""Detection and expansion of xacro files."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
 
 
 def is_xacro(path: Path) -> bool:
-    """Whether a file is to be expanded, by its name."""
+    """True if the file name ends in ``.xacro``."""
     return path.name.endswith(".xacro")
 
 
 def has_macros(root: Element, path: Path) -> bool:
-    """Whether a file of another name uses xacro: it declares its namespace and has an element or expression of it.
+    """True if a file declares the xacro namespace and has a xacro element or expression, whatever its name.
 
     Args:
-        root: of the file, parsed as plain XML.
-        path: of the file.
+        root: root element of the file, parsed as plain XML.
+        path: path of the file.
     """
     if any(_NAMESPACE.match(element.tag) for element in root.iter()):
         return True
@@ -36,15 +36,15 @@ def has_macros(root: Element, path: Path) -> bool:
 
 
 def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> Element:
-    """The outermost element of what a xacro file stands for.
+    """Return the root element of an expanded xacro file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         arguments: values for its ``<xacro:arg>``.
-        packages: where ``$(find ...)`` looks.
+        packages: packages for ``$(find ...)``.
 
     Raises:
-        ModelError: not XML, an unknown macro, argument, property or package, or an expression that is refused.
+        ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
     """
     given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
     expander = Expander(path, given, packages)

@@ -1,4 +1,4 @@
-"""The functions and methods that expressions of a xacro file may call: all there are, by name."""
+"""Complete list of the functions and methods that expressions of a xacro file may call."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.xacro.values import ITEMS, LETTERS, Function, Namespace, Value, admit
 
 _NUMBER = (bool, int, float)
-_WIDEST = 1000  # letters of a field in a format
+_WIDEST = 1000  # characters of a field in a format
 _CONVERSIONS: Mapping[str, Callable[[Value], str]] = {"s": str, "r": repr, "a": ascii}
 _MATH = (
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
@@ -43,7 +43,7 @@ _METHODS: Mapping[type, tuple[str, ...]] = {
 
 
 def _few(items: Iterable[Value]) -> list[Value]:
-    """A list of what can be gone through."""
+    """Return the items as a list; refuse a range that is too long."""
     if isinstance(items, range) and len(items) > ITEMS:
         raise ModelError(f"a range of more than {ITEMS:,} numbers")
     return list(items)
@@ -77,7 +77,7 @@ def _is_instance(value: Value, kinds: Value) -> bool:
 
 
 def _listing(function: Callable[..., Iterable[Value]]) -> Callable[..., Value]:
-    """A function whose result is gone through at once: no generator is left over."""
+    """Wrap a function so that it returns a list, not a generator."""
     return lambda *arguments, **named: list(function(*arguments, **named))
 
 
@@ -108,7 +108,7 @@ _KINDS: Mapping[str, type] = {each.__name__: each for each in (bool, dict, float
 
 
 def builtins() -> dict[str, Value]:
-    """What ``${...}`` knows before a file defines anything; made anew for each file."""
+    """Predefined names of ``${...}``; a new dictionary for each file."""
     python: dict[str, Value] = {name: Function(name, run, higher=name in _HIGHER) for name, run in _FUNCTIONS.items()}
     python |= {name: Function(name, kind, kind) for name, kind in _KINDS.items()}
     mathematics = mathematical()
@@ -117,21 +117,21 @@ def builtins() -> dict[str, Value]:
 
 
 def mathematical() -> dict[str, Value]:
-    """Functions and constants of ``math``, those left out whose result can be as long as one likes."""
+    """Functions and constants of ``math``, without functions whose result has no bounded length."""
     return _CONSTANTS | {name: Function(name, getattr(math, name)) for name in _MATH}
 
 
 def tokenize(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
-    """Parts of a text between any of the separators."""
+    """Split a text at any of the separators."""
     parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
     return [part for part in parts if part or not skip_empty]
 
 
 def attribute(owner: Value, name: str) -> Value:
-    """What stands behind a point: a member of a namespace, a method by list, or an entry of a dictionary.
+    """Return an attribute: a member of a namespace, a listed method, or an entry of a dictionary.
 
     Raises:
-        ModelError: there is no such thing, or it could do more than compute.
+        ModelError: the attribute does not exist, or could do more than compute a value.
         NameError: a namespace has no such member.
     """
     if not name.startswith("_"):
@@ -169,7 +169,7 @@ def _replace(text: str, old: str, new: str, count: int = -1) -> str:
 
 
 def _format(text: str, *arguments: Value, **named: Value) -> str:
-    """``str.format`` with fields that name an argument and nothing of it: an attribute would lead to this process."""
+    """``str.format`` whose fields name arguments only; their attributes would give access to this process."""
     parts: list[str] = []
     length = automatic = 0
     numbered = False
@@ -193,7 +193,7 @@ def _format(text: str, *arguments: Value, **named: Value) -> str:
 
 
 def _formatted(value: Value, spec: str, conversion: str | None) -> str:
-    """A value as the specification of a format has it."""
+    """Format a value by a format specification."""
     sizes = re.fullmatch(r"(?:.?[<>=^])?[-+ ]?z?#?0?(\d*)[,_]?(?:\.(\d+))?[a-zA-Z%]?", spec, re.ASCII | re.DOTALL)
     if sizes is None:
         raise ModelError(f"specification '{spec}' of a format is not known")

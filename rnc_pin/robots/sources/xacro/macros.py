@@ -1,4 +1,4 @@
-"""Macros of a xacro file and the parameters they ask for."""
+"""Macros of a xacro file and their parameters."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _DEFAULT = (  # an expression, a substitution, or quoted and plain parts up to t
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a macro asks for.
+    """Parameter of a macro.
 
     Attributes:
-        name: of the property, or of a block, which begins with one or two stars.
-        default: the text of its value where a call gives none; None where there is none.
-        forwarded: without a value it is the property of this name where the macro is called.
+        name: name of the property, or of a block, which begins with one or two stars.
+        default: text of the default value; None if there is none.
+        forwarded: True if a missing value is taken from the property of the same name in the caller's scope.
     """
 
     name: str
@@ -33,13 +33,13 @@ class Parameter:
 
     @property
     def block(self) -> bool:
-        """Whether an element is asked for."""
+        """True if the parameter is a block, i.e. an element."""
         return self.name.startswith("*")
 
 
 @dataclass(frozen=True)
 class Macro:
-    """Elements to stand in the place of a call."""
+    """Macro: elements that replace a call."""
 
     name: str
     body: Element
@@ -47,10 +47,10 @@ class Macro:
 
 
 def read_macro(element: Element, name: str) -> Macro:
-    """The macro that an element defines.
+    """Return the macro that an element defines.
 
     Raises:
-        ModelError: a name that no call can have.
+        ModelError: the name cannot be called.
     """
     if name == "call" or "." in name:
         raise ModelError(f"a macro cannot have the name '{name}'")

@@ -1,4 +1,4 @@
-"""Where a xacro file's properties, macros and blocks are found: in the macro at work, then in what called it."""
+"""Scopes for the properties, macros and blocks of a xacro file: the current macro first, then its callers."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rnc_pin.robots.sources.xacro.values import Namespace, Value
 
 
 class Scope(Mapping[str, Value]):
-    """Properties of one macro, namespace or file; those it does not have are those of its parent.
+    """Properties of one macro, namespace or file. Other names are looked up in the parent.
 
     Args:
-        outer: the parent, or the symbols that every file knows.
-        resolve: turns the text of a property into its value when it is first asked for.
-        namespace: the scope is a file's that was included with a name.
+        outer: parent scope, or the symbols that are predefined for every file.
+        resolve: function that evaluates the text of a property on first access.
+        namespace: True for the scope of a file that was included with a name.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class Scope(Mapping[str, Value]):
         self._unresolved: set[str] = set()
 
     def inner(self, *, namespace: bool = False) -> Scope:
-        """A scope whose parent this is."""
+        """Return a new child scope."""
         return Scope(self, self._resolve, namespace=namespace)
 
     def __getitem__(self, name: str) -> Value:
@@ -60,7 +60,7 @@ class Scope(Mapping[str, Value]):
         return len(self._values) + len(self.outer)
 
     def define(self, name: str, value: Value, *, lazy: bool = False) -> None:
-        """Give a property its value; of a lazy one the text, for which others may be defined later."""
+        """Define a property. A lazy text is evaluated on first access and may use properties defined later."""
         self._values[name] = literal(value)
         if lazy and isinstance(self._values[name], str):
             self._unresolved.add(name)
@@ -68,7 +68,7 @@ class Scope(Mapping[str, Value]):
             self._unresolved.discard(name)
 
     def remove(self, name: str) -> None:
-        """Forget a property here and in all parents."""
+        """Remove a property here and in all parents."""
         scope: Scope | Mapping[str, Value] = self
         while isinstance(scope, Scope):
             scope._values.pop(name, None)
@@ -76,7 +76,7 @@ class Scope(Mapping[str, Value]):
             scope = scope.outer
 
     def block(self, name: str) -> Element | None:
-        """The block of a name, ``*name`` or ``**name``."""
+        """Return the block of a name, ``*name`` or ``**name``, or None."""
         scope: Scope | Mapping[str, Value] = self
         while isinstance(scope, Scope):
             if name in scope.blocks:
@@ -85,11 +85,11 @@ class Scope(Mapping[str, Value]):
         return None
 
     def outermost(self) -> Scope:
-        """The scope of the whole file."""
+        """Return the scope of the whole file."""
         return self.outer.outermost() if isinstance(self.outer, Scope) else self
 
     def caller(self) -> Scope | None:
-        """The scope in which the macro of this one was called."""
+        """Return the scope that called the macro of this scope, or None."""
         scope: Scope | Mapping[str, Value] = self.outer
         while isinstance(scope, Scope) and scope.namespace and not self.namespace:
             scope = scope.outer
@@ -97,7 +97,7 @@ class Scope(Mapping[str, Value]):
 
 
 class ScopeNamespace(Namespace):
-    """What an included file defined, reached through the name it was given."""
+    """Namespace of the definitions of an included file."""
 
     def __init__(self, name: str, scope: Scope) -> None:
         super().__init__(name, scope)
@@ -105,7 +105,7 @@ class ScopeNamespace(Namespace):
 
 
 def literal(value: Value) -> Value:
-    """A property's text as the number or truth that it spells, without single quotes around it; else as it is."""
+    """Convert a property's text to a number or bool if possible, and remove single quotes around it."""
     if not isinstance(value, str):
         return value
     if len(value) >= 2 and value[0] == value[-1] == "'":
@@ -121,10 +121,10 @@ def literal(value: Value) -> Value:
 
 
 def truth(value: Value, text: str) -> bool:
-    """What a condition says.
+    """Truth value of a condition.
 
     Raises:
-        ModelError: neither true nor false.
+        ModelError: the value is neither true nor false.
     """
     if not isinstance(value, str):
         return bool(value)

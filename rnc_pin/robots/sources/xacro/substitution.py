@@ -1,4 +1,4 @@
-"""Text with ``${expression}`` and ``$(command)`` in it, as xacro means it."""
+"""Substitution of ``${expression}`` and ``$(command)`` in texts, as in xacro."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
     *("DINGO_*", "WARTHOG_*", "BOXER_*", "CPR_*", "KOBUKI_*", "UR_*", "PR2_*", "TIAGO_*"),
 )
-"""Patterns of the environment variables that a file may read; others are nobody's business but the user's."""
+"""Patterns of the environment variables that a file may read; all others are private to the user."""
 
 _PIECES = re.compile(r"(?P<escape>\$\$+[{(])|\$\{(?P<value>[^}]*)\}|\$\((?P<command>[^)]*)\)|[^$]+|\$[^{($]+|\$$")
 _COMMANDS = ("arg", "dirname", "env", "eval", "find", "optenv")
 
 
 class Arguments(Mapping[str, Value]):
-    """Arguments of a file; as a mapping, their values as numbers and truths where they spell such.
+    """Arguments of a file. The mapping converts their values to numbers and bools if possible.
 
     Attributes:
-        asked: names that the file declares or asks for.
-        given: texts of those that the user gives.
+        asked: names that the file declares or reads.
+        given: texts of the arguments given by the user.
     """
 
     def __init__(self, given: Mapping[str, str]) -> None:
@@ -44,13 +44,13 @@ class Arguments(Mapping[str, Value]):
         self.asked: set[str] = set()
 
     def declare(self, name: str, default: str | None) -> None:
-        """Let an argument have a value where it was given none."""
+        """Declare an argument; the default applies if the user gives no value."""
         self.asked.add(name)
         if default is not None:
             self._texts.setdefault(name, default)
 
     def text(self, name: str) -> str:
-        """Raises ModelError where there is no value."""
+        """Return the text of an argument; a missing value raises ModelError."""
         self.asked.add(name)
         if name not in self._texts:
             remedy = f"give it with xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
@@ -77,17 +77,17 @@ class Arguments(Mapping[str, Value]):
 
 
 class Substitution:
-    """Replaces expressions and commands in texts.
+    """Substitution of expressions and commands in texts.
 
     Args:
-        path: of the file that is expanded.
-        arguments: of the file.
-        packages: where ``$(find ...)`` looks.
+        path: path of the file that is expanded.
+        arguments: arguments of the file.
+        packages: packages for ``$(find ...)``.
 
     Attributes:
-        files: those being read, the innermost last.
-        budget: what the file may still cost.
-        symbols: what every expression of the file knows.
+        files: files being read, the innermost last.
+        budget: remaining steps for the file.
+        symbols: predefined names of all expressions in the file.
     """
 
     def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
@@ -111,7 +111,7 @@ class Substitution:
             self._commands[name] = Function(name, run)
 
     def value(self, text: str, names: Mapping[str, Value]) -> Value:
-        """A text with everything replaced; what is one expression and nothing else keeps its type."""
+        """Return a text with all substitutions; a text of a single expression keeps its type."""
         values: list[Value] = []
         place = 0
         self.budget.spend(1 + len(text) // 16)
@@ -136,11 +136,11 @@ class Substitution:
         return "".join(parts)
 
     def path(self, name: str) -> Path:
-        """A path as the file being read means it."""
+        """Return a path relative to the file being read."""
         return self.files[-1].parent / name
 
     def admitted(self, path: Path) -> Path:
-        """Return the absolute path of a file that the description may name; raises ModelError for others."""
+        """Return the absolute path of a file; raise ModelError if the description may not name it."""
         return self._packages.allowed.admit(path, f"file '{path}'")
 
     def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
@@ -187,7 +187,7 @@ class Substitution:
         return default
 
     def _chosen(self, text: str) -> str:
-        """Allow the file that the user names in an argument or variable; a folder is not allowed so."""
+        """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and is_file(path):
             self._packages.allowed.add(path)
@@ -227,7 +227,7 @@ class Substitution:
 
 
 class _Either(Mapping[str, Value]):
-    """Names of ``$(eval ...)``: functions, then arguments."""
+    """Names available in ``$(eval ...)``: functions first, then arguments."""
 
     def __init__(self, known: Mapping[str, Value], arguments: Arguments) -> None:
         self._known, self._arguments = known, arguments

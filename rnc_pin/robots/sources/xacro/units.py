@@ -1,4 +1,4 @@
-"""Numbers with units in YAML files that a xacro file loads: ``!degrees 90``."""
+"""Numbers with units in YAML files loaded by a xacro file: ``!degrees 90``."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _UNITS: Mapping[str, float] = {
 
 
 def unit_loader(budget: Budget) -> type[BoundedLoader]:
-    """Safe YAML that knows units.
+    """Return a safe YAML loader with support for units.
 
     Args:
-        budget: what the expressions in it may cost.
+        budget: limit on the steps of the expressions in it.
     """
     names = builtins()
 
@@ -37,7 +37,7 @@ def unit_loader(budget: Budget) -> type[BoundedLoader]:
         return read
 
     class Loader(BoundedLoader):
-        """Of this file."""
+        """YAML loader with the unit tags and the budget of one file."""
 
     for tag, factor in _UNITS.items():
         Loader.add_constructor(tag, reading(factor))

@@ -1,4 +1,4 @@
-"""What an expression of a xacro file can hold, and how much of it: no value leads to an object of this process."""
+"""Types and size limits of the values in xacro expressions; no value gives access to objects of this process."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any, TypeAlias
 from rnc_pin.errors import ModelError
 
 LETTERS = 100_000
-"""Longest text."""
+"""Largest number of characters of a text."""
 
 ITEMS = 20_000
-"""Most that a list or dictionary holds, all that is inside of its items counted; sixteen letters count as one."""
+"""Largest number of items in a list or dictionary, nested items included; 16 characters count as one item."""
 
 BITS = 4096
-"""Longest whole number."""
+"""Largest number of bits of an integer."""
 
 _DEEP = 50
 _STEPS = 1_000_000  # about two seconds
@@ -23,14 +23,14 @@ Value: TypeAlias = Any  # None, bool, int, float, str, list, tuple, dict, set, r
 
 
 class Function:
-    """A function that expressions may call: it computes, and does nothing besides.
+    """Function that expressions may call. It computes a value and has no side effects.
 
     Args:
-        name: as it is called.
-        run: computes it; refuses by itself what would take long.
-        kind: the class that stands behind a name such as ``str``.
-        cost: steps of each call, besides those for its arguments.
-        higher: it calls functions that it is given.
+        name: name in expressions.
+        run: implementation; it refuses arguments that would take too long.
+        kind: class of a type name such as ``str``.
+        cost: steps of each call, in addition to those for its arguments.
+        higher: True if it calls functions given as arguments.
     """
 
     def __init__(
@@ -52,13 +52,13 @@ class Function:
 
 
 class Namespace:
-    """Values by name, reached by a point: ``math.pi``."""
+    """Named values with attribute access: ``math.pi``."""
 
     def __init__(self, name: str, members: Mapping[str, Value]) -> None:
         self.name, self._members = name, members
 
     def member(self, name: str) -> Value:
-        """Raises NameError where there is none."""
+        """Return a member; an unknown name raises NameError."""
         if name not in self._members:
             raise NameError(f"'{self.name}' has no '{name}'")
         return self._members[name]
@@ -68,23 +68,23 @@ class Namespace:
 
 
 class Budget:
-    """Counts what a file has cost so far, so that none takes minutes."""
+    """Counter of evaluation steps that bounds the time for a file."""
 
     def __init__(self) -> None:
         self._left = _STEPS
 
     def spend(self, steps: int = 1) -> None:
-        """Raises ModelError when too much was spent."""
+        """Count steps; raise ModelError if they exceed the limit."""
         self._left -= steps
         if self._left < 0:
             raise ModelError(f"takes more than {_STEPS:,} steps to expand")
 
 
 def admit(value: Value) -> int:
-    """How much a value holds.
+    """Return the size of a value in items.
 
     Raises:
-        ModelError: too much, or it is no value at all.
+        ModelError: the value is too large, or its type is not allowed.
     """
     return _weight(value, 0)
 
