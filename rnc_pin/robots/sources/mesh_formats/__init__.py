@@ -1,4 +1,4 @@
-"""Mesh files: each is read here, by code without pointers, before Pinocchio, coal, MuJoCo or a viewer sees it."""
+"""Readers of mesh files in pure Python. Pinocchio, coal, MuJoCo and the viewers receive only their checked results."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ FORMATS: Mapping[str, Callable[[bytes], Mesh]] = {
     ".ply": read_ply,
     ".stl": read_stl,
 }
-"""Endings of the formats that are read, and their readers."""
+"""File suffix to reader of each supported format."""
 
 _LFS = b"version https://git-lfs"
 _BROKEN = (
     *(ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError),
-    *(SyntaxError, struct.error),  # of XML, and of bytes that are not there
+    *(SyntaxError, struct.error),  # errors of XML, and of missing bytes
 )
 
 
@@ -47,20 +47,20 @@ def read_mesh(path: Path) -> Mesh:
     """Read and check a mesh file.
 
     Args:
-        path: of the file; its ending tells the format.
+        path: path of the file; its suffix gives the format.
 
     Returns:
         Vertices in the units of the file, finite and within ``FARTHEST``, and triangles whose indices are in range.
 
     Raises:
-        MeshError: another format, a file that cannot be opened, that is too large, or that is not well formed.
+        MeshError: unknown format, or a file that cannot be opened, is too large, or is not well formed.
     """
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise MeshError(f"format '{ending[:20]}', expected one of {', '.join(FORMATS)}")
     try:
         content = read_bytes(path)
-    except (OSError, ValueError) as error:  # a zero in the name
+    except (OSError, ValueError) as error:  # a null character in the name
         raise MeshError(getattr(error, "strerror", None) or "cannot be opened") from None
     if content.startswith(_LFS):
         raise MeshError("a git-lfs pointer: git lfs pull")
@@ -68,7 +68,7 @@ def read_mesh(path: Path) -> Mesh:
         return FORMATS[ending](content)
     except MeshError:
         raise
-    except ModelError as error:  # of XML
+    except ModelError as error:  # raised by the XML parser
         raise MeshError(str(error)) from None
     except _BROKEN:
         raise MeshError(f"not well-formed {ending[1:].upper()}") from None

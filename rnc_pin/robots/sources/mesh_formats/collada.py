@@ -1,7 +1,7 @@
-"""Collada (DAE): the triangles of the scene, placed by its nodes.
+"""Reader of Collada (DAE): triangles of the scene, placed by its nodes.
 
-Units and the upward axis of a file are not applied, as by the loader of coal, which Pinocchio uses: URDF files say with
-``scale`` and ``origin`` what their meshes need.
+Unit and up axis of a file are not applied, as in the coal loader of Pinocchio. URDF files give the ``scale`` and
+``origin`` of their meshes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pinocchio as pin
 from rnc_pin.robots.sources.description import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans, numbers
 
-_MOST_NODES = 100_000  # passed through, those that are instanced again each time
+_MOST_NODES = 100_000  # visited nodes; each instance counts
 _DEEPEST = 100
 
 
@@ -22,8 +22,8 @@ def read_collada(content: bytes) -> Mesh:
     """Read a Collada file.
 
     Raises:
-        MeshError: not well formed, or its nodes stand for more than a mesh may have.
-        ValueError: a word is no number.
+        MeshError: not well formed, or too many nodes or triangles.
+        ValueError: a word is not a number.
     """
     root = parse_tree(content)
     for element in root.iter():
@@ -35,10 +35,10 @@ def read_collada(content: bytes) -> Mesh:
 
 
 class _Scene:
-    """A scene, gone through node by node.
+    """Traversal of a scene, node by node.
 
     Args:
-        root: outermost element, its tags without namespace.
+        root: root element with tags without namespace.
     """
 
     def __init__(self, root: ElementTree.Element) -> None:
@@ -46,13 +46,13 @@ class _Scene:
         self._ids = {str(each.get("id")): each for each in root.iter() if each.get("id")}
         self._geometries: dict[str, list[Mesh]] = {}
         self._numbers: dict[int, np.ndarray] = {}
-        self._read = 0  # points
+        self._read = 0  # number of points read
         self._vertices: list[np.ndarray] = []
         self._triangles: list[np.ndarray] = []
         self._nodes = self._count = self._faces = 0
 
     def mesh(self) -> Mesh:
-        """All triangles."""
+        """Return all triangles."""
         scene = self._root.find("scene/instance_visual_scene")
         start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
         if start is None:
@@ -92,7 +92,7 @@ class _Scene:
         self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
-        """The meshes of a geometry, each read once."""
+        """Return the meshes of a geometry; each is read once."""
         if name not in self._geometries:
             triangles: dict[ElementTree.Element, list[np.ndarray]] = {}
             for primitive in (each for mesh in geometry.findall("mesh") for each in mesh if each.tag in _POLYGONS):
@@ -107,7 +107,7 @@ class _Scene:
         return self._geometries[name]
 
     def _points(self, source: ElementTree.Element) -> np.ndarray:
-        """The positions (n, 3) of a source."""
+        """Return the positions (n, 3) of a source."""
         accessor = source.find("technique_common/accessor")
         if accessor is None:
             raise MeshError("a source has no accessor")
@@ -138,7 +138,7 @@ def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
 
 
 def _transform(part: ElementTree.Element) -> np.ndarray:
-    """The (4, 4) of a part of a node; of what is no transform the identity."""
+    """Transform (4, 4) of a part of a node; identity for other parts."""
     matrix = np.eye(4)
     if part.tag == "matrix":
         matrix = numbers(part.text).reshape(4, 4)

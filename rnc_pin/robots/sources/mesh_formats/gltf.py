@@ -1,4 +1,4 @@
-"""glTF 2.0 in one file: GLB, and text with its data inside. Other files that it names are not read."""
+"""Reader of glTF 2.0 in one file: GLB, and text with embedded data. External files are not read."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_coun
 
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
-_JSON, _BINARY = 0x4E4F534A, 0x004E4942  # kinds of chunks
+_JSON, _BINARY = 0x4E4F534A, 0x004E4942  # chunk types
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _DEEPEST = 100
 _MOST_NODES = 100_000
-_MOST_PARTS = 2_000_000  # of the JSON: a part takes more memory than its letters
-_PASSES = 4  # over as many points as a mesh may have
+_MOST_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
+_PASSES = 4  # largest number of points read, relative to that of a mesh
 
 
 def read_glb(content: bytes) -> Mesh:
@@ -57,11 +57,11 @@ def _document(content: bytes) -> Mapping[str, Any]:
 
 
 class _Scene:
-    """A scene, gone through node by node.
+    """Traversal of a scene, node by node.
 
     Args:
         document: the JSON.
-        binary: of a GLB file, its first buffer.
+        binary: first buffer of a GLB file.
     """
 
     def __init__(self, document: Mapping[str, Any], binary: bytes | None) -> None:
@@ -73,7 +73,7 @@ class _Scene:
         self._nodes = self._count = self._faces = self._points = 0
 
     def mesh(self) -> Mesh:
-        """All triangles."""
+        """Return all triangles."""
         for node in _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]:
             self._add(node, np.eye(4), 0)
         if not self._vertices:
@@ -97,7 +97,7 @@ class _Scene:
             self._add(child, placement, depth + 1)
 
     def _read(self, index: int) -> list[Mesh]:
-        """The parts of a mesh that are triangles, each read once."""
+        """Return the triangle primitives of a mesh; each is read once."""
         if index not in self._meshes:
             triangles: dict[int, list[np.ndarray]] = {}
             for primitive in _item(self._document["meshes"], index)["primitives"]:
@@ -110,13 +110,13 @@ class _Scene:
         return self._meshes[index]
 
     def _corners(self, primitive: Mapping[str, Any], place: int) -> np.ndarray:
-        """Indices of points (n,), one after another."""
+        """Consecutive indices of points (n,)."""
         if "indices" in primitive:
             return self._values(primitive["indices"], "SCALAR").ravel().astype(np.int64)
         return np.arange(len(self._values(place, "VEC3")))
 
     def _values(self, index: int, kind: str) -> np.ndarray:
-        """The numbers of an accessor, (count, width)."""
+        """Return the numbers of an accessor (count, width)."""
         accessor = _item(self._document["accessors"], index)
         if "sparse" in accessor or "bufferView" not in accessor:
             raise MeshError("an accessor that is sparse or compressed is not read")
@@ -159,13 +159,13 @@ class _Scene:
 
 
 def _polygons(corners: np.ndarray, mode: int) -> np.ndarray:
-    """Triangles (k, 3) of corners (n,)."""
+    """Triangles (k, 3) of corner indices (n,)."""
     if mode == _TRIANGLES:
         return fans(corners, np.full(len(corners) // 3, 3))
     if mode == _FAN:
         return fans(corners, np.array([len(corners)]))
     strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
-    strip[1::2] = strip[1::2, ::-1]  # every other one is the other way round
+    strip[1::2] = strip[1::2, ::-1]  # every second triangle has the opposite orientation
     return strip
 
 
@@ -176,7 +176,7 @@ def _item(items: Sequence[Any], index: int) -> Any:
 
 
 def _transform(node: Mapping[str, Any]) -> np.ndarray:
-    """The (4, 4) of a node."""
+    """Transform (4, 4) of a node."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=float)

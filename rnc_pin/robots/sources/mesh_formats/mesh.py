@@ -1,4 +1,4 @@
-"""Triangles, the checks that each mesh passes, and the hull of points without triangles."""
+"""Triangle meshes, their checks, and the convex hull of points without triangles."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 FARTHEST = 1e15
-"""Largest coordinate of a vertex, as of all distances in a description."""
+"""Largest coordinate of a vertex, the same as for all distances in a description."""
 
 MOST_TRIANGLES = 1_000_000
-"""Of one mesh: three times as many as the largest of example-robot-data has (the trunk of Go1)."""
+"""Largest number of triangles of a mesh: three times that of the largest in example-robot-data (trunk of Go1)."""
 
 _MOST_VERTICES = 3 * MOST_TRIANGLES
-_FLATTEST = 1e-6  # least thickness over the largest extent of points that have a hull
+_FLATTEST = 1e-6  # least thickness of points for a hull, relative to their largest extent
 
 
 class MeshError(ValueError):
-    """A mesh that cannot be used; the text gives the reason without the name of the file."""
+    """Error for a mesh that cannot be used; the message does not name the file."""
 
 
 class Mesh(NamedTuple):
-    """Triangles.
+    """Triangle mesh.
 
     Attributes:
-        vertices: corners of the triangles (n, 3), each of them used.
+        vertices: vertices (n, 3), each used by a triangle.
         triangles: indices of vertices (k, 3), counterclockwise from outside.
     """
 
@@ -36,7 +36,7 @@ class Mesh(NamedTuple):
 
 
 def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
-    """Check triangles; those with two corners in one place are left out, and vertices that are in none.
+    """Check triangles; remove degenerate triangles with equal vertices, and unused vertices.
 
     Args:
         vertices: (n, 3).
@@ -66,7 +66,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
 
 
 def check_counts(vertices: int, triangles: int) -> None:
-    """Refuse what is too large, before memory is taken for it.
+    """Refuse a mesh that is too large, before memory is allocated for it.
 
     Raises:
         MeshError: a negative number, or too many.
@@ -78,8 +78,8 @@ def check_counts(vertices: int, triangles: int) -> None:
 
 
 def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) without those that are there twice, and the indices (m,) that give all (m, 3) back."""
-    rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are one place
+    """Return the unique points (n, 3) of points (m, 3), and the indices (m,) that restore all points."""
+    rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are the same coordinate
     _, first, inverse = np.unique(
         rows.view(np.dtype((np.void, rows.itemsize * 3))), return_index=True, return_inverse=True
     )
@@ -87,7 +87,7 @@ def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Triangles (k, 3) of polygons, which follow one another in ``indices`` and have ``sizes`` corners each.
+    """Triangles (k, 3) of polygons, given consecutively in ``indices`` with ``sizes`` corners each.
 
     Raises:
         MeshError: the sizes do not add up, or there are too many triangles.
@@ -103,16 +103,16 @@ def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def numbers(text: str | bytes | None, kind: type = float) -> np.ndarray:
-    """The numbers of a text.
+    """Return the numbers of a text.
 
     Raises:
-        ValueError: a word is none.
+        ValueError: a word is not a number.
     """
     stripped = (text or "").strip()
     if not stripped:
         return np.zeros(0, dtype=kind)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # NumPy before 2.4 warns of words that are no numbers
+        warnings.simplefilter("error")  # NumPy before 2.4 only warns of words that are not numbers
         try:
             return np.fromstring(stripped, dtype=kind, sep=" ")
         except Warning:
@@ -120,12 +120,12 @@ def numbers(text: str | bytes | None, kind: type = float) -> np.ndarray:
 
 
 def convex_hull(points: ArrayLike) -> Mesh:
-    """The hull of points (n, 3).
+    """Convex hull of points (n, 3).
 
     Raises:
         MeshError: too few points, or points in a plane.
     """
-    from scipy.spatial import ConvexHull, QhullError  # a tenth of a second, for the few who need it
+    from scipy.spatial import ConvexHull, QhullError  # the import takes 0.1 s and is seldom needed
 
     corners = np.asarray(points, dtype=float).reshape(-1, 3)
     check_counts(len(corners), 0)
@@ -143,10 +143,10 @@ def convex_hull(points: ArrayLike) -> Mesh:
 
 
 def check_thickness(points: np.ndarray) -> None:
-    """Refuse points (n, 3) in a plane, of which no hull can be made.
+    """Refuse points (n, 3) in a plane, which have no convex hull.
 
     Raises:
-        MeshError: fewer than four points, or too close to a plane.
+        MeshError: fewer than four points, or points too close to a plane.
     """
     if len(points) < 4:
         raise MeshError(f"a convex hull needs four points, found {len(points)}")

@@ -1,4 +1,4 @@
-"""MuJoCo's own binary format: numbers of vertices, normals, texture coordinates and faces, then all of each."""
+"""Reader of MuJoCo's MSH: numbers of vertices, normals, texture coordinates and faces, then their data."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _HEAD = 4 * 4
 
 
 def read_msh(content: bytes) -> Mesh:
-    """Read an MSH file; of one without faces the convex hull.
+    """Read an MSH file; a file without faces gives the convex hull.
 
     Raises:
-        MeshError: its numbers are not those of the file.
+        MeshError: the numbers in its header do not match the file size.
     """
     vertices, normals, pictures, faces = (int(each) for each in np.frombuffer(content, "<i4", 4))
     check_counts(vertices, faces)

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: vertices and faces. Materials are in other files and are not read."""
+"""Reader of Wavefront OBJ: vertices and faces. Materials are in other files and are not read."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans
 
-_LONGEST = 1 << 16  # letters of a line
+_LONGEST = 1 << 16  # characters of a line
 _MOST_LINES = 8_000_000
 
 
@@ -18,7 +18,7 @@ def read_obj(content: bytes) -> Mesh:
 
     Raises:
         MeshError: not well formed.
-        ValueError: a word is no number.
+        ValueError: a word is not a number.
     """
     if content.count(b"\n") > _MOST_LINES:
         raise MeshError(f"more than {_MOST_LINES:,} lines")
@@ -40,7 +40,7 @@ def read_obj(content: bytes) -> Mesh:
 
 
 def _vertex(words: list[bytes]) -> tuple[float, float, float]:
-    """A vertex, with nothing, a weight or a colour behind its coordinates."""
+    """Return the coordinates of a vertex; a weight or colour may follow them."""
     if len(words) not in (4, 5, 7, 8):
         raise MeshError(f"a vertex of {len(words) - 1} numbers")
     x, y, z = map(float, words[1:4])
@@ -49,7 +49,7 @@ def _vertex(words: list[bytes]) -> tuple[float, float, float]:
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
-    """Lines without blanks at their ends; one that ends in a backslash goes on in the next."""
+    """Yield stripped lines; a line that ends in a backslash continues on the next line."""
     start, begun = 0, b""
     while start < len(content):
         end = content.find(b"\n", start)

@@ -1,4 +1,4 @@
-"""PLY: text, and binary of both byte orders."""
+"""Reader of PLY: text, and binary of both byte orders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
-_LONGEST = 1 << 16  # bytes of a head or a line
+_LONGEST = 1 << 16  # bytes of a header or a line
 _MOST_ROWS = 6_000_000  # of all elements
 _Row = list[Sequence[float]]  # the values of each property
 
@@ -25,7 +25,7 @@ _Row = list[Sequence[float]]  # the values of each property
 class _Property(NamedTuple):
     name: str
     kind: str
-    length: str | None  # kind of the number before a list
+    length: str | None  # type of the length of a list
 
 
 class _Element(NamedTuple):
@@ -46,8 +46,8 @@ def read_ply(content: bytes) -> Mesh:
     """Read a PLY file.
 
     Raises:
-        MeshError: the file is shorter than its head says, or is not well formed.
-        ValueError: a word is no number, or there are no coordinates.
+        MeshError: the file is shorter than declared in its header, or is not well formed.
+        ValueError: a word is not a number, or there are no coordinates.
     """
     order, elements, start = _head(content)
     body = _Bytes(content, start, order) if order else _Lines(content, start)
@@ -70,7 +70,7 @@ def read_ply(content: bytes) -> Mesh:
 
 
 def _head(content: bytes) -> tuple[str, list[_Element], int]:
-    """Byte order (empty of text), elements, and where the first of them begins."""
+    """Return the byte order (empty for text), the elements, and the offset of the first element."""
     end = content.find(b"end_header", 0, _LONGEST)
     start = content.find(b"\n", end, end + 16) + 1
     if not content.startswith(b"ply") or end < 0 or start == 0:
@@ -90,7 +90,7 @@ def _head(content: bytes) -> tuple[str, list[_Element], int]:
     if order is None or any(element.size < 0 for element in elements):
         raise MeshError("its head has no format, or a negative count")
     rows = sum(element.size for element in elements)
-    if rows > min(_MOST_ROWS, len(content)):  # those without properties too
+    if rows > min(_MOST_ROWS, len(content)):  # also elements without properties
         raise MeshError(f"says {rows:,} elements in {len(content):,} bytes, at most {_MOST_ROWS:,}")
     return order, elements, start
 
@@ -106,13 +106,13 @@ def _points(body: _Bytes | _Lines, element: _Element) -> np.ndarray:
 
 
 class _Bytes:
-    """Elements of a binary file."""
+    """Reader of the elements of a binary file."""
 
     def __init__(self, content: bytes, start: int, order: str) -> None:
         self._content, self._start, self._order = content, start, order
 
     def rows(self, element: _Element) -> Iterator[_Row]:
-        """The elements of a kind, one at a time."""
+        """Yield the elements of a kind."""
         if not element.has_lists:
             size = self._order + "".join(each.kind for each in element.properties)
             self._take(struct.calcsize(size) * element.size)
@@ -127,7 +127,7 @@ class _Bytes:
             yield row
 
     def table(self, element: _Element) -> np.ndarray:
-        """All elements of a kind without lists, (count, properties)."""
+        """Return all elements of a kind without lists (count, properties)."""
         kind = np.dtype([(str(k), self._order + each.kind) for k, each in enumerate(element.properties)])
         start = self._take(kind.itemsize * element.size)
         table = np.frombuffer(self._content, kind, element.size, start)
@@ -139,7 +139,7 @@ class _Bytes:
         return struct.unpack_from(f"{self._order}{count}{kind}", self._content, start)
 
     def _take(self, size: int) -> int:
-        """The place of so many bytes, from which the next ones follow."""
+        """Return the offset of the next bytes and advance by their number."""
         start = self._start
         if size > len(self._content) - start:
             raise MeshError("ends before its last element")
@@ -148,13 +148,13 @@ class _Bytes:
 
 
 class _Lines:
-    """Elements of a text file, each a line."""
+    """Reader of the elements of a text file, one per line."""
 
     def __init__(self, content: bytes, start: int) -> None:
         self._content, self._start = content, start
 
     def rows(self, element: _Element) -> Iterator[_Row]:
-        """The elements of a kind, one at a time."""
+        """Yield the elements of a kind."""
         for _ in range(element.size if element.properties else 0):
             words = iter(self._line())
             row: _Row = []

@@ -1,4 +1,4 @@
-"""STL, binary and text."""
+"""Reader of STL, binary and text."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, merged
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_HEAD = 84  # bytes before the first facet, the last four of which count them
+_HEAD = 84  # bytes before the first facet; the last four hold the number of facets
 _VERTEX = re.compile(rb"\bvertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE)
 
 
 def read_stl(content: bytes) -> Mesh:
-    """Read an STL file; vertices that facets share become one.
+    """Read an STL file; shared vertices of facets are merged.
 
     Raises:
-        MeshError: the number of facets is not that of the file, or it is not well formed.
+        MeshError: the number of facets does not match the file, or the file is not well formed.
     """
     count = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
     if len(content) == _HEAD + _FACET.itemsize * count and count:
