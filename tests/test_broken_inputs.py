@@ -202,7 +202,7 @@ FILES = {
     "axis of no length": (
         scenario(),
         {"robot.urdf": urdf(LEFT, wheel("right", -0.2, axis="0 0 0"))},
-        ["robot.urdf", "axis of joint 'wheel_right_joint' has no length"],
+        ["robot.urdf", "axis of joint 'wheel_right_joint' is zero"],
     ),
     "axis in words": (
         scenario(),
@@ -292,12 +292,12 @@ FILES = {
     "macro that calls itself": (
         on_xacro(),
         {"robot.urdf.xacro": xacro('<xacro:macro name="w"><xacro:w/></xacro:macro><xacro:w/>')},
-        ["robot.urdf.xacro", "without end"],
+        ["robot.urdf.xacro", "recursive"],
     ),
     "xacro that includes itself": (
         on_xacro(),
         {"robot.urdf.xacro": xacro('<xacro:include filename="robot.urdf.xacro"/>')},
-        ["robot.urdf.xacro", "without end"],
+        ["robot.urdf.xacro", "recursive"],
     ),
     "include of a missing file": (
         on_xacro(),
@@ -368,7 +368,7 @@ FILES = {
     "MJCF joint twice": (
         on_mjcf(),
         {"robot.xml": mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>')},
-        ["robot.xml", "joint 'wheel_left_joint' is there twice"],
+        ["robot.xml", "duplicate joint 'wheel_left_joint'"],
     ),
     "MJCF joint of an unknown type": (
         on_mjcf(),

@@ -614,7 +614,7 @@ def test_remedies_are_spelled_as_they_are_typed(capsys):
             "give 2 links masses with masses={'a': 0.1, 'b': 0.2}",
             "with robot: {masses: {'a': 0.1, 'b': 0.2}} in the scenario",
         ),
-        ("hold it with lock={'j': 0}, or", "hold it with robot: {lock: {'j': 0}} in the scenario, or"),
+        ("lock it with lock={'j': 0}, or", "lock it with robot: {lock: {'j': 0}} in the scenario, or"),
         ("leave one of them out (mimic=False, where", "leave one of them out (mimic: false, where"),
     ):
         complain(message)

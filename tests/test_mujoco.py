@@ -108,7 +108,7 @@ def test_what_is_written_out_is_the_same_machine(folder, monkeypatch):
         (BODY.format("", 5 * "<replicate count='100'>" + "<body/>" + 5 * "</replicate>"), "more than 20,000 elements"),
         (BODY.format("", "<replicate count='-1'><geom size='1'/></replicate>"), "takes a whole number"),
         (BODY.format("", "<frame><geom size='0'/></frame>"), "robot.xml: "),
-        (BODY.format("", "<frame><attach model='x'/></frame>"), "<attach> is not read"),
+        (BODY.format("", "<frame><attach model='x'/></frame>"), "<attach> is not supported"),
     ],
 )
 def test_what_is_not_the_descriptions_own_is_not_read(text, words, folder):
@@ -360,7 +360,7 @@ def test_defaults_stand_for_no_more_than_a_file_may_be(text, tmp_path):
             "planar",
             "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base",
         ),
-        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "body 'a' is there twice"),
+        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "duplicate body 'a'"),
         (
             '<body><joint/><geom type="capsule" size="0.1" pos="0 0 1" fromto="0 0 0 1 2 3"/></body>',
             None,

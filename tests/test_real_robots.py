@@ -119,7 +119,7 @@ def test_what_cannot_be_mounted_is_refused():
     satellite = rnc.Robot.from_urdf("satellite.urdf", base="free")
     with pytest.raises(rnc.ModelError, match="both have a frame 'satellite'"):
         satellite.attach(rnc.Robot(*_renamed()), "mount")
-    with pytest.raises(rnc.ModelError, match="has a base that moves: load it with base='fixed'"):
+    with pytest.raises(rnc.ModelError, match="has a moving base: load it with base='fixed'"):
         satellite.attach(rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar"), "mount")
     with pytest.raises(rnc.ModelError, match=r"no frame 'mout'.*'mount'"):
         satellite.attach(rnc.Robot.from_urdf("space_robot.urdf"), "mout")

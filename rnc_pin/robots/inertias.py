@@ -75,7 +75,7 @@ def check_size(model: pin.Model) -> None:
     """
     if model.nv > LARGEST:
         raise ModelError(
-            f"robot '{model.name}' has {model.nv} degrees of freedom, and at most {LARGEST} are taken: "
+            f"robot '{model.name}' has {model.nv} degrees of freedom, limit {LARGEST}: "
             "the memory of an evaluation grows with their cube; make joints fixed in the file"
         )
 
@@ -97,7 +97,7 @@ def check_inertias(model: pin.Model) -> None:
             impossible.append(name)
     if impossible:
         warnings.warn(
-            f"robot '{model.name}': no body has the rotational inertia behind {few(impossible)}: "
+            f"robot '{model.name}': impossible rotational inertia behind {few(impossible)}: "
             "the largest principal moment exceeds the sum of the others",
             ModelWarning,
             stacklevel=2,
@@ -151,7 +151,7 @@ def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
     lock = {each.joint: _neutral(model, each.joint) for each in joints}
     if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
         return words
-    return f"hold {'it' if len(lock) == 1 else 'them'} with lock={lock}, or {words}"
+    return f"lock {'it' if len(lock) == 1 else 'them'} with lock={lock}, or {words}"
 
 
 def _check_places(model: pin.Model) -> None:
@@ -159,7 +159,7 @@ def _check_places(model: pin.Model) -> None:
     for name, place in places:
         farthest = float(np.abs(place.translation).max())
         if not (farthest <= HEAVIEST and np.isfinite(place.rotation).all()):
-            raise ModelError(f"'{name}' is {farthest:g} m from what it is fixed to, more than {HEAVIEST:g}")
+            raise ModelError(f"placement of '{name}' is {farthest:g} m from its parent, limit {HEAVIEST:g} m")
 
 
 def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Massless]:
@@ -170,7 +170,7 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
         raise ModelError(f"inertia behind joint '{name}' is not finite")
     largest = max(abs(inertia.mass), float(np.abs(tensor).max()), float(np.abs(inertia.lever).max()))
     if largest > HEAVIEST:
-        raise ModelError(f"inertia behind joint '{name}' has {largest:g} in it, more than {HEAVIEST:g} [kg, m]")
+        raise ModelError(f"inertia behind joint '{name}' contains {largest:g}, limit {HEAVIEST:g} [kg, m]")
     if inertia.mass < 0:
         message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
         return [_massless(model, joint, NEGATIVE, message, bodies)]

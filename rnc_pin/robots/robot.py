@@ -288,14 +288,14 @@ class Robot(SummaryMixin):
         """
         index = self.frame_id(frame)
         if "root_joint" in other.joint_names:
-            raise ModelError(f"robot '{other.name}' has a base that moves: load it with base='fixed' to mount it")
+            raise ModelError(f"robot '{other.name}' has a moving base: load it with base='fixed' to mount it")
         mounted = Mounted(self.model, other.model, index, placement)
         robot = Robot(mounted.model)
         robot._load_geometry = partial(_mounted_geometry, mounted, self, other)
         robot.mimics = (*self.mimics, *other.mimics)
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
         if len(robot.closures) < len(self.closures) + len(other.closures):
-            text = f"robot '{other.name}': loops that it closes with the world are left out where it is mounted"
+            text = f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted"
             warnings.warn(text, ModelWarning, stacklevel=2)
         robot.locked = {**self.locked, **other.locked}
         robot._frozen = self._frozen | other._frozen
@@ -393,7 +393,7 @@ class Robot(SummaryMixin):
         return values_of(self.model, q)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """Random configuration (nq,) within the joint limits and within ``spread`` [rad or m] of neutral."""
+        """Random configuration (nq,) from ``generator``, within joint limits and ``spread`` [rad or m] of neutral."""
         q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
         for joint in list(self.model.joints)[1:]:
             if joint.nq == joint.nv == 1:

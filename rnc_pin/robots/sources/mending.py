@@ -79,7 +79,7 @@ def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
                         cut.append(f"{key} of {owner.tag} '{owner.get('name')}'")
                 element.set(key, " ".join(words))
     if cut:
-        yield f"has numbers too many, the last of which are left out: {few(cut)}"
+        yield f"has too many numbers, the last are ignored: {few(cut)}"
 
 
 def _opaque(word: str) -> str:
@@ -123,7 +123,7 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
                 link.remove(shape)
                 left_out.append(f"<{shape.tag}> of '{link.get('name')}'")
     if left_out:
-        yield f"has geometry that is none of {', '.join(_SHAPES)} and is left out: {few(left_out)}"
+        yield f"has unknown geometry, which is ignored (expected one of {', '.join(_SHAPES)}): {few(left_out)}"
 
 
 def _limits(root: ElementTree.Element) -> Iterator[str]:
@@ -147,11 +147,11 @@ def _limits(root: ElementTree.Element) -> Iterator[str]:
             _open(limit)
             upside_down.append(name)
     if ranges:
-        yield f"has no <limit> and is taken to move without end: joint {few(ranges)}"
+        yield f"has no <limit> and is taken as unlimited: joint {few(ranges)}"
     if others:
         yield f"has no limit of effort or velocity, which is taken as infinite: joint {few(others)}"
     if upside_down:
-        yield f"has a lower limit above the upper and is taken to move without end: joint {few(upside_down)}"
+        yield f"has a lower limit above the upper and is taken as unlimited: joint {few(upside_down)}"
 
 
 def _open(limit: ElementTree.Element) -> None:
@@ -177,8 +177,8 @@ def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
             without.append(str(joint.get("name")))
         elif numbers.size == 3 and numbers[:2].any():
             raise ModelError(
-                f"{path}: planar joint '{joint.get('name')}' moves across axis '{axis.get('xyz')}', which is not read: "  # type: ignore[union-attr]
-                "turn its origin so that its axis is '0 0 1'"
+                f"{path}: planar joint '{joint.get('name')}' has axis '{axis.get('xyz')}', which is not supported: "  # type: ignore[union-attr]
+                "rotate its origin so that its axis is '0 0 1'"
             )
     if without:
         yield f"planar joint without an axis, which moves in its x-y plane: {few(without)}"

@@ -166,7 +166,7 @@ def _check_makers(root: ElementTree.Element, path: Path) -> None:
     """
     for element in root.findall("worldbody//*"):
         if element.tag in _SOFT:
-            raise ModelError(f"{path}: <{element.tag}> is not read: write out the bodies that it stands for")
+            raise ModelError(f"{path}: <{element.tag}> is not supported: write out the bodies that it generates")
 
 
 def _check_unknown(root: ElementTree.Element, path: Path) -> None:
@@ -185,7 +185,7 @@ def _check_unknown(root: ElementTree.Element, path: Path) -> None:
         if damping is not None and (damping < 0).any():
             raise ModelError(f"{path}: damping of joint '{name}' is negative: {joint.get('damping')}")
         if bounds is not None and bounds.size == 2 and bounds[0] > bounds[1]:
-            raise ModelError(f"{path}: range of joint '{name}' ends before it begins: {joint.get('range')}")
+            raise ModelError(f"{path}: range of joint '{name}' has a lower limit above the upper: {joint.get('range')}")
         if (stiffness is not None and stiffness.any()) or joint.get("springdamper"):
             springs.append(name)
     if springs:
@@ -249,7 +249,7 @@ def _check(root: ElementTree.Element, path: Path, base: str | None) -> None:
         if element.tag in ("joint", "freejoint") and element.get("name") and element in parts:
             name = str(element.get("name"))
             if name in seen:
-                raise ModelError(f"{path}: joint '{name}' is there twice")
+                raise ModelError(f"{path}: duplicate joint '{name}'")
             taken = name == "universe" or (
                 name == "root_joint" and ROOT_JOINTS[base or "fixed"] and not _is_free(element)
             )

@@ -149,11 +149,11 @@ def _own_triangles(mesh: ElementTree.Element) -> Mesh:
     points = read_numbers(mesh.get("vertex", ""))
     corners = read_numbers(mesh.get("face", ""))
     if points is None or corners is None or points.size % 3 or corners.size % 3 or (corners % 1).any():
-        raise MeshError("vertex and face take three numbers for each of theirs")
+        raise MeshError("vertex and face take three numbers per entry")
     if not points.size:
         raise MeshError("has neither a file nor vertices")
     if not corners.size:
         return convex_hull(points)
     if np.abs(corners).max() > points.size:
-        raise MeshError("a face has a vertex that is not there")
+        raise MeshError("a face has an unknown vertex")
     return checked_mesh(points, corners.astype(np.int64))

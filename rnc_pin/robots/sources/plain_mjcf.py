@@ -168,7 +168,7 @@ def _free_names(root: ElementTree.Element, path: Path) -> Iterator[str]:
     names = Counter(body.get("name") for body in root.iter("body") if body.get("name"))
     for name, count in names.items():
         if count > 1:
-            raise ModelError(f"{path}: body '{name}' is there twice")
+            raise ModelError(f"{path}: duplicate body '{name}'")
     return (name for name in (f"body_{k}" for k in itertools.count(1)) if name not in names)
 
 

@@ -191,11 +191,11 @@ def _check_links(root: ElementTree.Element, path: Path) -> None:
         axis = joint.find("axis")
         numbers = None if axis is None else read_numbers(axis.get("xyz", "1 0 0"))
         if numbers is not None and not numbers.any() and joint.get("type") not in ("fixed", "floating"):
-            raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' has no length")
+            raise ModelError(f"{path}: the axis of joint '{joint.get('name')}' is zero")
     _check_chains(links, parents, path)
     roots = [f"[{link}]" for link in links if link not in parents]
     if len(roots) > 1:
-        raise ModelError(f"{path}: several root links: {few(roots, 6)}: hold all but one with fixed joints")
+        raise ModelError(f"{path}: several root links: {few(roots, 6)}: attach all but one with fixed joints")
     for element in root.findall("link"):
         link = str(element.get("name"))
         if kinds.get(link, "fixed") == "fixed":  # a movable link is checked with its joint
@@ -212,7 +212,7 @@ def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) 
             link = parents[link]
         if link in walked:
             ring = list(walked)[-1]
-            raise ModelError(f"{path}: no root link: link '{ring}' is in a ring of links, each the parent of the next")
+            raise ModelError(f"{path}: no root link: link '{ring}' is in a loop of links, each the parent of the next")
         depth = depths.get(link, 0)
         for each in reversed(walked):
             depth += 1
@@ -257,6 +257,6 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
         mimics.append(Mimic(name, source, *factors))
     if strangers:
         more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
-        text = f"{path}: mimics a joint that is not there: {strangers[0]}{more}"
+        text = f"{path}: mimic of an invalid joint is ignored: {strangers[0]}{more}"
         warnings.warn(text, ModelWarning, stacklevel=4)
     return tuple(mimics)

@@ -161,7 +161,7 @@ def _primitive(primitive: ElementTree.Element) -> np.ndarray:
     inputs = [int(each.get("offset", "0")) for each in primitive.findall("input")]
     place, width = int(_input(primitive, "VERTEX").get("offset", "0")), max(inputs) + 1
     if min(inputs) < 0 or width > 64:
-        raise MeshError("an input has no place")
+        raise MeshError("an input has no offset")
     lists = [numbers(each.text, np.int64) for each in primitive.findall("p")]
     if any(len(each) % width for each in lists):
         raise MeshError(f"indices of <{primitive.tag}> are not in groups of {width}")

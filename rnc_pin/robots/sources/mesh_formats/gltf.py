@@ -129,7 +129,7 @@ class _Scene:
         bytes_each = item.base.itemsize * _WIDTHS[kind]
         stride = view.get("byteStride", bytes_each)
         if not all(isinstance(each, int) and each >= 0 for each in (count, offset, start, size, stride)):
-            raise MeshError("a size that is no whole number")
+            raise MeshError("a size is not a whole number")
         self._points += count
         check_counts(self._points // _PASSES, 0)
         if (

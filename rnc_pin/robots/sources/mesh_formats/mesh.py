@@ -94,7 +94,7 @@ def fans(indices: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     """
     sizes = np.asarray(sizes, dtype=np.int64)
     if (sizes < 0).any() or (sizes > len(indices)).any() or int(sizes.sum()) != len(indices):
-        raise MeshError("the corners of its polygons do not add up")
+        raise MeshError("the sizes of its polygons do not match the number of indices")
     counts = np.maximum(sizes - 2, 0)
     check_counts(0, int(counts.sum()))
     start = np.repeat(np.cumsum(sizes) - sizes, counts)

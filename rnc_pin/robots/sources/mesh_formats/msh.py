@@ -19,7 +19,7 @@ def read_msh(content: bytes) -> Mesh:
     check_counts(vertices, faces)
     size = _HEAD + 4 * (3 * vertices + 3 * normals + 2 * pictures + 3 * faces)
     if normals < 0 or pictures < 0 or size != len(content):
-        raise MeshError(f"MSH of {len(content):,} bytes, and says {size:,}")
+        raise MeshError(f"MSH of {len(content):,} bytes, declared {size:,}")
     points = np.frombuffer(content, "<f4", 3 * vertices, _HEAD)
     if not faces:
         return convex_hull(points)

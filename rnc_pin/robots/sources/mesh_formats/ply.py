@@ -74,7 +74,7 @@ def _head(content: bytes) -> tuple[str, list[_Element], int]:
     end = content.find(b"end_header", 0, _LONGEST)
     start = content.find(b"\n", end, end + 16) + 1
     if not content.startswith(b"ply") or end < 0 or start == 0:
-        raise MeshError("has no head of a PLY file")
+        raise MeshError("has no PLY header")
     order: str | None = None
     elements: list[_Element] = []
     for line in content[:end].decode("ascii", "replace").splitlines():
@@ -88,7 +88,7 @@ def _head(content: bytes) -> tuple[str, list[_Element], int]:
             case ["property", kind, name]:
                 elements[-1].properties.append(_Property(name, _TYPES[kind], None))
     if order is None or any(element.size < 0 for element in elements):
-        raise MeshError("its head has no format, or a negative count")
+        raise MeshError("its header has no format, or a negative count")
     rows = sum(element.size for element in elements)
     if rows > min(_MOST_ROWS, len(content)):  # also elements without properties
         raise MeshError(f"says {rows:,} elements in {len(content):,} bytes, at most {_MOST_ROWS:,}")

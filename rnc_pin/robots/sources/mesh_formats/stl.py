@@ -28,7 +28,7 @@ def read_stl(content: bytes) -> Mesh:
         corners = _text(content)
     else:
         room = max(0, len(content) - _HEAD) // _FACET.itemsize
-        raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, and says {count:,}")
+        raise MeshError(f"STL of {len(content):,} bytes: room for {room:,} triangles, declared {count:,}")
     points, indices = merged(corners)
     return checked_mesh(points, indices.reshape(-1, 3))
 
@@ -39,5 +39,5 @@ def _text(content: bytes) -> np.ndarray:
         corners.extend(map(float, match.groups()))
         check_counts(0, len(corners) // 9)
     if len(corners) % 9:
-        raise MeshError("a facet has no three vertices")
+        raise MeshError("a facet does not have three vertices")
     return np.frombuffer(corners, dtype=float).reshape(-1, 3)

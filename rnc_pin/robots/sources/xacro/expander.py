@@ -211,13 +211,13 @@ class Expander:
             inner.blocks[parameter.name] = block
             del missing[parameter.name]
         if blocks:
-            raise ModelError(f"<{call.tag}> has no use for the block <{blocks[0].tag}>")
+            raise ModelError(f"too many blocks for <{call.tag}>: <{blocks[0].tag}> is not used")
 
     def _default(self, parameter: Parameter, scope: Scope) -> Value:
         if parameter.forwarded and parameter.name in scope:
             return scope[parameter.name]
         if parameter.default is None:
-            raise ModelError(f"no property '{parameter.name}' to hand on")
+            raise ModelError(f"no property '{parameter.name}' to forward to the macro")
         return self._value(parameter.default, scope)
 
     def _include(self, element: Element, target: Element, macros: Macros, scope: Scope) -> None:
@@ -260,7 +260,7 @@ class Expander:
         """Enter a macro or file; return the previous depth."""
         self._depth += 1
         if self._depth > _DEEPEST:
-            raise ModelError("macros or includes without end")
+            raise ModelError("macros or includes are recursive or nested too deeply")
         return self._depth - 1
 
 

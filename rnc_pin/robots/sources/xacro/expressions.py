@@ -156,7 +156,7 @@ class _Evaluation:
             _check_repetition(left, right)
         if isinstance(node.op, ast.Mod) and isinstance(left, str):
             if _WIDE.search(left):
-                raise _Refusal("a place of text that is as wide as one likes")
+                raise _Refusal("a text field of unbounded width")
             self._budget.spend(left.count("%") * admit(right))
         return self._made(compute(left, right))
 

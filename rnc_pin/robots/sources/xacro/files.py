@@ -51,7 +51,7 @@ def expand(path: Path, arguments: Mapping[str, object] | None, packages: Package
     try:
         root = expander.expand()
     except RecursionError:
-        raise ModelError(f"{path}: xacro: macros or includes without end") from None
+        raise ModelError(f"{path}: xacro: macros or includes are recursive or nested too deeply") from None
     except ModelError as error:
         place = "" if expander.place == path else f" (in {expander.place})"
         raise ModelError(f"{path}: xacro: {error}{place}") from None

@@ -118,7 +118,7 @@ class Substitution:
         while place < len(text):
             piece = _PIECES.match(text, place)
             if piece is None:
-                raise ModelError(f"no end of the expression '{text[place : place + 60]}'")
+                raise ModelError(f"expression has no closing bracket: '{text[place : place + 60]}'")
             place = piece.end()
             if piece["escape"] is not None:
                 values.append(piece[0][1:])
@@ -249,7 +249,7 @@ class _Either(Mapping[str, Value]):
 def _check_variable(name: str) -> None:
     if not any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
         remedy = "make it an argument, <xacro:arg>, and give that"
-        raise ModelError(f"environment variable '{name}' is none of those that a file may read: {remedy}")
+        raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
 
 
 def _fail(*words: Value) -> Value:

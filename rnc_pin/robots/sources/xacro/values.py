@@ -102,7 +102,7 @@ def _weight(value: Value, depth: int) -> int:
         weight = 1 + len(value) // 16
     elif isinstance(value, list | tuple | set | dict):
         if depth > _DEEP:
-            raise ModelError("lists inside one another without end")
+            raise ModelError(f"lists are nested more than {_DEEP} deep")
         weight = 1
         for item in value:
             weight += _weight(item, depth + 1)
