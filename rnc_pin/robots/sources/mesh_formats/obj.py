@@ -55,7 +55,7 @@ def _lines(content: bytes) -> Iterator[bytes]:
         end = content.find(b"\n", start)
         end = len(content) if end < 0 else end
         if end - start + len(begun) > _LONGEST:
-            raise MeshError(f"a line of more than {_LONGEST:,} letters")
+            raise MeshError(f"a line of more than {_LONGEST:,} characters")
         line = content[start:end].strip()
         start = end + 1
         if line.endswith(b"\\"):

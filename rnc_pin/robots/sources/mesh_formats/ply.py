@@ -171,7 +171,7 @@ class _Lines:
             end = self._content.find(b"\n", self._start)
             end = len(self._content) if end < 0 else end
             if end - self._start > _LONGEST:
-                raise MeshError(f"a line of more than {_LONGEST:,} letters")
+                raise MeshError(f"a line of more than {_LONGEST:,} characters")
             line = self._content[self._start : end].split()
             self._start = end + 1
             if line:

@@ -64,7 +64,7 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
     if len(text) > _LONGEST:
-        raise ModelError(f"an expression of more than {_LONGEST} letters: '{shown}'")
+        raise ModelError(f"an expression of more than {_LONGEST} characters: '{shown}'")
     try:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError):
@@ -281,7 +281,7 @@ def _check_repetition(left: Value, right: Value) -> None:
         if not isinstance(times, int):
             continue
         if isinstance(one, str) and len(one) * times > LETTERS:
-            raise _Refusal(f"a text of more than {LETTERS:,} letters")
+            raise _Refusal(f"a text of more than {LETTERS:,} characters")
         if isinstance(one, list | tuple) and admit(one) * times > ITEMS:
             raise _Refusal(f"a list of more than {ITEMS:,} items")
 

@@ -199,7 +199,7 @@ def _formatted(value: Value, spec: str, conversion: str | None) -> str:
         raise ModelError(f"specification '{spec}' of a format is not known")
     for size in sizes.groups():
         if size and (len(size) > 4 or int(size) > _WIDEST):
-            raise ModelError(f"a format of more than {_WIDEST} letters")
+            raise ModelError(f"a format of more than {_WIDEST} characters")
     if conversion is not None:
         value = _CONVERSIONS[conversion](value)
     return format(value, spec)
@@ -223,4 +223,4 @@ _GROWING: Mapping[str, Callable[..., str]] = {
 
 def _check_length(length: int) -> None:
     if length > LETTERS:
-        raise ModelError(f"a text of more than {LETTERS:,} letters")
+        raise ModelError(f"a text of more than {LETTERS:,} characters")

@@ -132,7 +132,7 @@ class Substitution:
             return values[0]
         parts = [str(each) for each in values]
         if sum(map(len, parts)) > LETTERS:
-            raise ModelError(f"a text of more than {LETTERS:,} letters")
+            raise ModelError(f"a text of more than {LETTERS:,} characters")
         return "".join(parts)
 
     def path(self, name: str) -> Path:

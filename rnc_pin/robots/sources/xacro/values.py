@@ -98,7 +98,7 @@ def _weight(value: Value, depth: int) -> int:
         weight = 1
     elif isinstance(value, str):
         if len(value) > LETTERS:
-            raise ModelError(f"a text of more than {LETTERS:,} letters")
+            raise ModelError(f"a text of more than {LETTERS:,} characters")
         weight = 1 + len(value) // 16
     elif isinstance(value, list | tuple | set | dict):
         if depth > _DEEP:
