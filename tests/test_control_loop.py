@@ -136,9 +136,9 @@ def changed_tracker(**fields):
 FOREIGN = {
     "T that is no number": (lambda state: {"T": np.full(2, np.nan)}, r"T\[0\] is nan"),
     "T without bound": (lambda state: {"T": np.array([0.0, 1e300])}, r"T\[1\] is 1e\+300, expected at most 1e\+15"),
-    "T of text": (lambda state: {"T": "full speed"}, "T is no array of numbers: 'full speed'"),
+    "T of text": (lambda state: {"T": "full speed"}, "T is not an array of numbers: 'full speed'"),
     "T of another size": (lambda state: {"T": np.zeros(3)}, r"T has shape \(3,\), expected \(2,\)"),
-    "one T": (lambda state: {"T": 1.0}, "T is no array of numbers: 1.0"),
+    "one T": (lambda state: {"T": 1.0}, "T is not an array of numbers: 1.0"),
     "text as time": (lambda state: {"time": "noon"}, "time is not a finite number: 'noon'"),
     "no time": (lambda state: {"time": np.nan}, "time is not a finite number: nan"),
     "an endless number": (lambda state: {"begin": 10**400}, "begin is not a finite number"),
@@ -152,9 +152,9 @@ FOREIGN = {
         lambda state: {"motion": VelocityEstimate(state.q, np.zeros(2), np.zeros(3))},
         r"motion\.v has shape",
     ),
-    "no estimate": (lambda state: {"motion": (1.0,)}, "motion is no estimate of a velocity"),
-    "a reason": (lambda state: {"trouble": 3}, "trouble is no text: 3"),
-    "failure": (lambda state: {"failed": "perhaps"}, "failed is neither true nor false"),
+    "no estimate": (lambda state: {"motion": (1.0,)}, "motion is not a VelocityEstimate"),
+    "a reason": (lambda state: {"trouble": 3}, "trouble is not text: 3"),
+    "failure": (lambda state: {"failed": "perhaps"}, "failed is not a boolean"),
     "gains of NaN": (changed_tracker(g=np.full(2, np.nan)), "not finite"),
     "gains of another size": (changed_tracker(g=np.zeros(3)), "the controller raises ValueError"),
     "gains that fit by chance": (changed_tracker(C=np.zeros((1, 1))), r"C has shape \(1, 1\), expected \(2, 2\)"),
@@ -452,7 +452,7 @@ def test_options_that_are_none_are_refused():
     for options, reason in (
         ({"velocity": "guessed"}, "velocity of a loop: expected one of measured, filtered, observer"),
         ({"on_trouble": "panic"}, "on_trouble of a loop: expected one of hold, brake, zero, raise"),
-        ({"limits": np.ones(5)}, "limits of a loop have to be 2 numbers"),
+        ({"limits": np.ones(5)}, "limits of a loop have to be 2 non-negative numbers"),
         ({"cutoff": -1.0, "velocity": "filtered"}, "cutoff of a loop has to be positive"),
     ):
         with pytest.raises(rnc.ConfigurationError, match=reason):

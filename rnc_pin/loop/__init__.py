@@ -1,4 +1,4 @@
-"""Controllers in a loop that somebody else runs."""
+"""Control loop for an external process: measurements in, actuator inputs out."""
 
 from rnc_pin.loop.control_loop import ControlLoop, Decision
 from rnc_pin.loop.loop_state import LoopState

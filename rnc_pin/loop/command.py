@@ -1,4 +1,4 @@
-"""The inputs that a controller's command comes to."""
+"""Actuator inputs of a controller's command."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _OVER_IT = "put a controller of forces over it, such as rnc.control.VelocityTrac
 
 
 def read_answer(answer: Any) -> tuple[Command, State]:
-    """A command and the controller's state, of what its step returned.
+    """Return the command and the new state from the answer of a controller's step.
 
     Raises:
-        InputError: it returned something else.
+        InputError: the answer is not a pair.
     """
     try:
         command, state = answer
@@ -33,8 +33,8 @@ def inputs_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -
     """Actuator inputs (p,) of a command.
 
     Raises:
-        InputError: it is none, or gives neither F nor T, or both, or of another size.
-        DivergenceError: inputs that are not finite.
+        InputError: not a command; neither F nor T, or both; or a wrong shape.
+        DivergenceError: the inputs are not finite.
         ConstraintError: the actuators cannot produce its F.
     """
     try:
@@ -42,19 +42,19 @@ def inputs_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -
     except AttributeError:
         raise InputError(_no_command(command)) from None
     if (F is None) == (T is None):
-        raise InputError("a command has to give either F or T")
+        raise InputError(f"a command has to give either F or T, found {'neither' if F is None else 'both'}")
     if T is None:
         return state.allocate(F)
     T = np.asarray(T, dtype=float)
     if T.shape != (reduced.p,):
         raise InputError(f"the T of a command has shape {T.shape}, expected ({reduced.p},)")
     if not isfinite(sum(T.tolist())):
-        raise DivergenceError("the controller asks for inputs without bound")
+        raise DivergenceError("the inputs T of a command are not finite")
     return T
 
 
 def _no_command(answer: Any) -> str:
-    """Words for what a controller gave instead of a command."""
+    """Error message for an answer that is not a command."""
     if isinstance(answer, VelocityTarget):
         return f"the controller decides velocities, not forces: {_OVER_IT}"
     return f"step of a controller has to return a Command and its state, found {named(answer)}"

@@ -1,4 +1,4 @@
-"""A controller in a loop that somebody else runs: measured q and v come in, actuator inputs go out."""
+"""Control loop for an external process: measured q and v in, actuator inputs out."""
 
 from __future__ import annotations
 
@@ -26,61 +26,66 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_A_LITTLE_MORE = 1 + 1e-9  # than a time that is a sum of steps
+_A_LITTLE_MORE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
 _SAFE = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
 
 
 class Decision(NamedTuple):
-    """What the last step came to, for a record. Arrays are not written to afterwards."""
+    """Result of the last step, for a record. Its arrays are never overwritten."""
 
     time: float
-    """The controller's [s]."""
+    """Controller time [s]."""
     state: StateEvaluation
-    """As it was measured."""
+    """Measured state."""
     measurement: Measurement
     command: Command
     asked: Float[Array, " p"]
-    """Inputs that the command asks for, before they are clipped."""
+    """Inputs of the command before clipping."""
     T: Float[Array, " p"]
 
 
 class ControlLoop:
-    """Runs a controller of this package, or any with its protocol, from measured configurations and velocities.
+    """Run a controller from measured configurations and velocities.
 
-    It keeps what has to be kept between steps: integrals of quasi-velocities, an estimate of the velocity where only q
-    is measured, the controller's own state, and the force that the actuators could not give, so that controllers stop
-    learning from it. The first step is the controller's time zero.
+    ``state`` stores the data of the loop between two steps:
 
-    A measurement that cannot be true is not taken: NaN, a wrong shape, time that stands still or runs backwards, a
-    jump. The last inputs are held for ``patience``, then the safe command is given, until there is a true one again.
-    Where the controller itself ends, at a singular configuration say, the safe command is given for good;
-    ``state.trouble`` has the reason in words.
+    * integrals of the reducing velocities,
+    * the velocity estimate, if only q is measured,
+    * the state of the controller,
+    * the inputs that the actuators could not give; adaptive controllers then stop learning (conditional integration).
+
+    The first step defines the controller's time zero.
+
+    The loop rejects an invalid measurement: NaN, a wrong shape, time that does not increase, or a jump. It holds the
+    last inputs for ``patience``, then gives the safe command until a measurement is valid again. If the controller
+    raises an error, for example at a singular configuration, the loop gives the safe command from then on.
+    ``state.trouble`` has the reason as text.
 
     Args:
-        reduced: what is believed of the machine.
-        controller: of this package or with its protocol; or a function of the first measurement that makes one, so that
-            its references start where the machine is.
-        dt: usual time between steps [s].
-        velocity: "measured"; or from configurations alone, "filtered" (two low passes: smooth, late) or "observer" (a
-            fading-memory filter: no lag while accelerations are steady).
-        cutoff: of the velocity's estimate [rad/s]; 0.3 / dt by default.
-        limits: whether inputs are clipped to the effort limits of the actuators; or limits (p,). The safe command and
-            inputs that are held are always clipped: to these limits, or with False to those of the actuators.
-        on_trouble: the safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``: reads the model's
-            inertia), "zero", or "raise" the error.
-        patience: how long the last inputs are held while measurements are no good [s]; five steps by default.
-        fastest: speed beyond which a velocity, or the way between two configurations, cannot be true [rad/s, m/s].
-        margin: smallest singular value of E below which the controller is no longer asked.
-        brake: rate at which braking takes velocities away [1/s].
+        reduced: nominal model of the plant.
+        controller: a controller of this package or of the same protocol. Or a function from the first measurement to a
+            controller, so that its references start at the measured state.
+        dt: nominal sampling period [s].
+        velocity: "measured"; or estimated from configurations: "filtered" (two low-pass filters: smooth, with lag) or
+            "observer" (a fading-memory filter: no lag at constant acceleration).
+        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
+        limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
+            command and held inputs are always clipped. With False their limits are those of the actuators.
+        on_trouble: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
+            model), "zero", or "raise" the error.
+        patience: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
+        fastest: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        margin: limit of the smallest singular value of E; below it the loop raises a SingularityError.
+        brake: decay rate of the velocities under "brake" [1/s].
 
     Attributes:
-        state: what it remembers; ``resume`` goes on from it, to the bit.
-        last: what the last step that asked the controller came to; None before.
-        at_work: who was asked last, in words, for messages.
+        state: data of the loop between two steps; ``resume`` continues from it bit for bit.
+        last: result of the last step of the controller; None before the first.
+        at_work: name of the component that was called last, for error messages.
 
     Raises:
-        ConfigurationError: an option that is none, or no controller.
+        ConfigurationError: an option has an invalid value, or the controller is not one.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -89,7 +94,7 @@ class ControlLoop:
         ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
         >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
         >>> loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), dt=0.01)
-        >>> loop.step(0.0, robot.configuration(), v=np.zeros(3)).round(2)  # a metre ahead: go
+        >>> loop.step(0.0, robot.configuration(), v=np.zeros(3)).round(2)  # the target is 1 m ahead
         array([20.,  0.])
     """
 
@@ -143,16 +148,17 @@ class ControlLoop:
         v: Float[Array, " nv"] | None = None,
         integrals: Float[Array, " r"] | None = None,
     ) -> Float[Array, " p"]:
-        """Inputs for what was measured; the array is the caller's.
+        """Return actuator inputs (p,) for a measurement. The array is a copy.
 
         Args:
-            t: when, by any clock that runs forwards [s].
-            q: configuration, in Pinocchio's order.
-            v: velocity as it was measured; it need not satisfy the constraints. Not read where it is estimated.
-            integrals: of the reducing velocities since the first step, where somebody knows them better: odometry.
+            t: time of the measurement [s], from any monotonic clock.
+            q: configuration (nq,), in Pinocchio's order.
+            v: measured velocity (nv,); it need not satisfy the constraints. Ignored if the loop estimates velocity.
+            integrals: integrals (r,) of the reducing velocities since the first step, for example from odometry. By
+                default the loop integrates.
 
         Raises:
-            RncError: with ``on_trouble="raise"``, whatever is wrong.
+            RncError: an invalid measurement or an error of the controller, with ``on_trouble="raise"``.
         """
         if self.state.failed:
             return self._safe(v)
@@ -173,11 +179,11 @@ class ControlLoop:
     def decide(
         self, t: float, state: StateEvaluation, integrals: Float[Array, " r"] | None = None
     ) -> Float[Array, " p"]:
-        """The same for a state that is known to be true and has been evaluated; errors are raised.
+        """Return actuator inputs (p,) for an evaluated state, without checks. Errors are raised.
 
         Args:
-            t: when [s].
-            state: of the loop's model, with its velocity.
+            t: time [s].
+            state: state of the loop's model, with its velocity.
             integrals: as for ``step``.
         """
         before, self.at_work = self.state, "the model"
@@ -189,7 +195,7 @@ class ControlLoop:
             measurement = measurement._replace(missing=before.missing, excess=excess)
         if self._margin > 0 and state.smallest_singular_value < self._margin:
             raise SingularityError(
-                f"the outputs are closer to singular than the margin {self._margin:g}",
+                f"smallest singular value of E is {float(state.smallest_singular_value):.3g} < {self._margin:g}",
                 q=np.array(state.q),
                 condition=float(state.condition),
                 rows=self.reduced.reducing.names,
@@ -212,13 +218,13 @@ class ControlLoop:
         return T
 
     def acted(self, T: Float[Array, " p"]) -> None:
-        """Tell what the actuators gave instead of what the last step asked for, where that is known.
+        """Report the inputs that the actuators applied, if they differ from those of the last step.
 
         Args:
-            T: that (p,).
+            T: applied inputs (p,).
 
         Raises:
-            InputError: not p finite numbers.
+            InputError: T is not p finite numbers.
         """
         if self.last is None or T is self.state.T:
             return
@@ -229,13 +235,13 @@ class ControlLoop:
         self.last = self.last._replace(T=T)
 
     def _integrated(self, t: float, state: StateEvaluation) -> np.ndarray:
-        """Integrals of the reducing velocities, by the trapezoidal rule."""
+        """Integrals (r,) of the reducing velocities, by the trapezoidal rule."""
         before = self.state
         if before.time is None or before.integrals is None or before.v2 is None:
             return np.zeros(self.reduced.r)
         return before.integrals + 0.5 * (t - before.time) * (before.v2 + state.v2)
 
-    # ------------------------------------------------------------------ what goes out in trouble
+    # ------------------------------------------------------------------ safe command
 
     def _not_taken(self, t: Any, problem: str, v: Array | None) -> Array:
         if self._on_trouble == "raise":
@@ -245,19 +251,19 @@ class ControlLoop:
         now = t if runs else last
         since = now if before.bad_since is None else before.bad_since
         if not runs and before.bad_since is not None:
-            since -= self.dt  # patience ends although the clock stands still
+            since -= self.dt  # the timeout elapses even if the clock stands still
         self.state = before._replace(bad_since=since, trouble=problem)
         if before.T is not None and not now - since > _A_LITTLE_MORE * self._patience:
             return self._clipped(before.T)
         return self._safe(v)
 
     def _clipped(self, T: Array) -> Array:
-        """Inputs that somebody else may have put into the state, within the limits; a copy."""
+        """Copy of T, clipped to the limits: a stored state may come from another loop."""
         clipped: Array = np.clip(T, -self._safe_limits, self._safe_limits)
         return clipped
 
     def _safe(self, v: Any) -> Array:
-        """The safe command."""
+        """Inputs of the safe command."""
         T = np.zeros(self.reduced.p)
         if self._on_trouble == "hold" and self.state.T is not None:
             T = self._clipped(self.state.T)
@@ -267,7 +273,7 @@ class ControlLoop:
         return T
 
     def _braked(self, v: Any) -> Array:
-        """Inputs against the motion; none where it is not known."""
+        """Braking inputs ``F = -brake diag(H) v2``; zero if q or v is unknown."""
         nothing = np.zeros(self.reduced.p)
         q, v = self.state.q, None if v is None else np.asarray(v, dtype=float)
         if q is None or v is None or v.shape != (self.reduced.n,) or not np.isfinite(v).all():
@@ -282,19 +288,19 @@ class ControlLoop:
     # ------------------------------------------------------------------ state
 
     def reset(self) -> None:
-        """Forget everything: the next step is the first."""
+        """Clear the state: the next step is the first."""
         self.state, self.last = LoopState(), None
         if not isinstance(self._given, Controller):
             self._controller = None
 
     def resume(self, state: LoopState) -> None:
-        """Go on from a state of this loop, or of one with the same controller and model.
+        """Continue from a state of this loop, or of a loop with the same controller and model.
 
         Args:
-            state: that of the other; inputs in it that are beyond this loop's limits are clipped.
+            state: state to continue from; its inputs are clipped to the limits of this loop.
 
         Raises:
-            InputError: sizes that are not this model's, or numbers that are not finite.
+            InputError: sizes differ from those of the model, or numbers are not finite.
         """
         check_state(state, self.reduced)
         self.state, self.last = state, None
@@ -311,27 +317,27 @@ class ControlLoop:
             path: of the file.
 
         Raises:
-            ConfigurationError: the controller remembers something that is neither numbers, text nor tuples of them.
+            ConfigurationError: the controller's state holds another type than numbers, text or tuples of them.
         """
         write_state(self.state, Path(path))
 
     def load(self, path: str | Path) -> None:
-        """Go on from what ``save`` wrote, to the bit; whatever is wrong with the file, the loop stays as it was.
+        """Continue bit for bit from a file that ``save`` wrote. If the file is invalid, the loop does not change.
 
-        What the controller is said to remember is tried: it takes one step from there.
+        The controller takes one trial step from the stored state.
 
         Args:
             path: of the file.
 
         Raises:
-            ConfigurationError: not such a file, one of another controller or model, or values that no loop has.
+            ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.
         """
         state, controller = restored(Path(path), self.reduced, self._made)
         self.resume(state)
         self._controller = self._controller if controller is None else controller
 
     def _made(self, measurement: Measurement) -> Controller:
-        """The controller, made of the first measurement if it has to be."""
+        """The controller; constructed from the first measurement if a function was given."""
         made: Controller = self._given(measurement) if self._controller is None else self._controller
         return made
 

@@ -1,4 +1,4 @@
-"""Which measurements can be true."""
+"""Validity checks of measurements."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.velocity import VelocityEstimate, VelocityEstimator
 from rnc_pin.robots.robot import Robot
 
-_UNIT = 0.1  # by which a (cos, sin) pair or quaternion may miss unit length before it counts as no measurement
+_UNIT = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
 
 
 class ImpossibleError(Exception):
-    """A measurement that cannot be true; says why."""
+    """Invalid measurement; the message has the reason."""
 
 
 class Taken(NamedTuple):
-    """What is taken of a measurement."""
+    """Valid measurement, with the velocity estimate."""
 
     q: Float[Array, " nq"]
-    """With pairs and quaternions of unit length."""
+    """Configuration, with (cos, sin) pairs and quaternions normalized."""
     v: Float[Array, " nv"]
-    """As it was measured, or estimated."""
+    """Measured or estimated velocity."""
     motion: VelocityEstimate | None
-    """The state of the estimate."""
+    """State of the velocity estimate; None if velocity is measured."""
 
 
 class Guard:
-    """Looks at measurements once, at a cost that does not depend on what they are.
+    """Validity check of measurements. Its cost does not depend on their values.
 
     Args:
-        robot: whose configurations they are.
-        fastest: speed beyond which a velocity, or the way between two configurations, cannot be true [rad/s, m/s].
-        estimator: makes velocities of configurations; None where they are measured.
+        robot: robot that is measured.
+        fastest: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        estimator: velocity estimator; None if velocity is measured.
     """
 
     def __init__(self, robot: Robot, fastest: float, estimator: VelocityEstimator | None) -> None:
         self._robot, self._fastest, self._estimator = robot, fastest, estimator
 
     def take(self, before: LoopState, t: float, q: Any, v: Any) -> Taken:
-        """What a measurement says.
+        """Check a measurement and return it normalized.
 
         Args:
-            before: what the loop remembers.
-            t: when [s].
-            q, v: as they came; v is not read where it is estimated.
+            before: state of the loop after the last step.
+            t: time [s].
+            q, v: raw measurement; v is ignored if the loop estimates velocity.
 
         Raises:
-            ImpossibleError: it cannot be true.
+            ImpossibleError: the measurement is invalid.
         """
         if not is_time(t):
-            raise ImpossibleError(f"time is {t!r}")
+            raise ImpossibleError(f"time is {t!r}, expected a finite number")
         elapsed = None if before.time is None else t - before.time
         if elapsed is not None and elapsed <= 0:
             raise ImpossibleError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
@@ -83,7 +83,7 @@ class Guard:
 
     def _velocity(self, v: Any) -> Array:
         if v is None:
-            raise ImpossibleError("v is missing: velocity='filtered' or 'observer' takes it from q")
+            raise ImpossibleError("v is missing: measure it, or use velocity='filtered' or 'observer'")
         v = _numbers("v", v, self._robot.nv)
         fastest = np.abs(v).max(initial=0.0)
         if not fastest < self._fastest:
@@ -92,7 +92,7 @@ class Guard:
 
 
 def is_time(t: Any) -> bool:
-    """Whether something is a finite number."""
+    """True if t is a finite number."""
     try:
         return isfinite(t)
     except (TypeError, ValueError, OverflowError):

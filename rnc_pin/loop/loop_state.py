@@ -1,4 +1,4 @@
-"""What a loop remembers."""
+"""State of a control loop."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from rnc_pin.loop.velocity import VelocityEstimate
 
 
 class LoopState(NamedTuple):
-    """Everything that a loop remembers from one step to the next.
+    """All data that a control loop keeps from one step to the next.
 
     Example:
-        >>> rnc.loop.LoopState().trouble is None  # of a loop that has not begun
+        >>> rnc.loop.LoopState().trouble is None  # before the first step
         True
     """
 
     begin: float | None = None
-    """Time of the first step [s]: the controller's time zero."""
+    """Time of the first step [s]; it is the controller's time zero."""
     time: float | None = None
-    """Of the last measurement that was taken [s]."""
+    """Time of the last valid measurement [s]."""
     q: Float[Array, " nq"] | None = None
-    """Configuration measured last."""
+    """Last measured configuration."""
     v2: Float[Array, " r"] | None = None
-    """Reducing velocities then."""
+    """Reducing velocities of the last measurement."""
     integrals: Float[Array, " r"] | None = None
-    """Of the reducing velocities since the first step."""
+    """Integrals of the reducing velocities since the first step."""
     motion: VelocityEstimate | None = None
-    """Of the velocity's estimate."""
+    """State of the velocity estimate; None if velocity is measured."""
     T: Float[Array, " p"] | None = None
-    """Inputs given last."""
+    """Last inputs."""
     missing: Float[Array, " p"] | None = None
-    """Inputs that were asked for and not given: asked less given. None where all of them were."""
+    """Input deficit: requested minus applied inputs. None if it is zero."""
     controller: State = None
-    """What the controller remembers."""
+    """State of the controller."""
     bad_since: float | None = None
-    """Time of the first of the measurements that were not taken [s]."""
+    """Time of the first invalid measurement since the last valid one [s]."""
     trouble: str | None = None
-    """Why the controller is not listened to; None while it is."""
+    """Reason for the safe command, as text; None in normal operation."""
     failed: bool = False
-    """Whether that lasts: the controller itself ended."""
+    """True after an error of the controller: the safe command is permanent."""

@@ -1,4 +1,4 @@
-"""What a loop is made of, admitted or refused in one line."""
+"""Checks of the arguments of a control loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 
 
 class LoopOptions(TypedDict, total=False):
-    """What a loop may be told besides; ``ControlLoop`` says what each means."""
+    """Keyword options of ``ControlLoop``; see there."""
 
     velocity: Literal["measured", "filtered", "observer"]
     cutoff: float | None
@@ -27,10 +27,10 @@ class LoopOptions(TypedDict, total=False):
 
 
 def admit_model(reduced: Any) -> ReducedModel:
-    """A reduced model.
+    """Return the argument if it is a reduced model.
 
     Raises:
-        ConfigurationError: it is something else.
+        ConfigurationError: it is not one.
     """
     if isinstance(reduced, ReducedModel):
         return reduced
@@ -39,13 +39,15 @@ def admit_model(reduced: Any) -> ReducedModel:
 
 
 def admit_controller(controller: Any, of_measurement: bool = False) -> Any:
-    """A controller, or with ``of_measurement`` a function that makes one of the first measurement.
+    """Return the argument if it is a controller.
+
+    With ``of_measurement`` it may also be a function from the first measurement to a controller.
 
     Raises:
         ConfigurationError: it is neither.
     """
     if isinstance(controller, type):
-        raise ConfigurationError(f"the controller is the class {controller.__name__}: make one of it")
+        raise ConfigurationError(f"the controller is the class {controller.__name__}: pass an instance of it")
     if isinstance(controller, Controller) or (of_measurement and callable(controller)):
         return controller
     raise ConfigurationError(
@@ -54,10 +56,10 @@ def admit_controller(controller: Any, of_measurement: bool = False) -> Any:
 
 
 def admit_limits(reduced: ReducedModel, limits: Any) -> np.ndarray | None:
-    """Largest inputs (p,); None where there are none.
+    """Input limits (p,); None without limits.
 
     Raises:
-        ConfigurationError: neither true, false, nor p numbers that are not negative.
+        ConfigurationError: not a boolean and not p non-negative numbers.
     """
     if isinstance(limits, bool):
         return reduced.actuation.limits if limits and np.isfinite(reduced.actuation.limits).any() else None
@@ -66,12 +68,12 @@ def admit_limits(reduced: ReducedModel, limits: Any) -> np.ndarray | None:
     except (TypeError, ValueError):
         given = np.full(1, np.nan)
     if given.shape != (reduced.p,) or not (given >= 0).all():
-        raise ConfigurationError(f"limits of a loop have to be {reduced.p} numbers that are not negative")
+        raise ConfigurationError(f"limits of a loop have to be {reduced.p} non-negative numbers")
     return given
 
 
 def check_number(option: str, value: Any, zero: bool = False) -> None:
-    """Refuse what is no positive number; infinite is, but for dt.
+    """Raise an error unless the value is a positive number. Infinity is valid, except for dt.
 
     Raises:
         ConfigurationError: names the option.
@@ -83,10 +85,10 @@ def check_number(option: str, value: Any, zero: bool = False) -> None:
 
 
 def check_choice(option: str, value: Any, valid: tuple[str, ...]) -> Any:
-    """The value, if it is one of those that are valid.
+    """Return the value if it is valid.
 
     Raises:
-        ConfigurationError: names the option and what is valid.
+        ConfigurationError: names the option and the valid values.
     """
     if value not in valid:
         raise ConfigurationError(f"{option} of a loop: expected one of {', '.join(valid)}, found {value!r}")
@@ -94,5 +96,5 @@ def check_choice(option: str, value: Any, valid: tuple[str, ...]) -> Any:
 
 
 def named(thing: Any) -> str:
-    """Words for the kind of something."""
+    """Name of the type of an object, for error messages."""
     return "None" if thing is None else f"a {type(thing).__name__}"

@@ -1,4 +1,4 @@
-"""A loop's state from a file, with what its controller remembers tried before it is believed."""
+"""Restore a loop's state from a file, after a trial step of its controller."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from rnc_pin.model.reduced_model import ReducedModel
 def restored(
     path: Path, reduced: ReducedModel, make: Callable[[Measurement], Controller]
 ) -> tuple[LoopState, Controller | None]:
-    """A state that a loop can go on from, and the controller that it is of.
+    """Return the state of a loop from a file, and its controller.
 
     Args:
-        path: of the file.
-        reduced: the model of the loop.
-        make: gives the controller of a first measurement.
+        path: path of the file.
+        reduced: model of the loop.
+        make: function from the first measurement to the controller.
 
     Raises:
-        ConfigurationError: no such file, or no state of a loop with this model and controller.
+        ConfigurationError: the file does not exist, or its state does not fit this model and controller.
     """
     made: list[Controller] = []
 
@@ -47,17 +47,17 @@ def restored(
     except ConfigurationError:
         raise
     except RncError as error:
-        raise ConfigurationError(f"{path}: no state of this loop: {error}") from None
+        raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
     if state.trouble is not None:
         state = state._replace(trouble=printable(state.trouble))
     return state, made[0] if made else None
 
 
 def _try(state: LoopState, reduced: ReducedModel, controller: Controller, initial: State) -> None:
-    """Refuse what a controller cannot go on from.
+    """Check the stored state of a controller by one step.
 
     Raises:
-        RncError: of another kind or shape, not finite, or its step fails.
+        RncError: its type or shape is wrong, it is not finite, or the step fails.
     """
     nothing = np.zeros(reduced.r)
     here = reduced.at(state.q, nothing if state.v2 is None else state.v2)
@@ -67,7 +67,7 @@ def _try(state: LoopState, reduced: ReducedModel, controller: Controller, initia
         command, after = read_answer(controller.step(elapsed, measurement, state.controller))
     except RncError:
         raise
-    except Exception as error:  # of a state of the wrong shape it raises whatever it comes across
+    except Exception as error:  # a state of the wrong shape can raise any error
         raise InputError(f"the controller raises {type(error).__name__}: {error}") from None
     check_memory(state.controller, initial, after)
     inputs_of(reduced, here, command)

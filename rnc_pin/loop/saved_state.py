@@ -1,4 +1,4 @@
-"""The state of a loop as a file: numbers, text and tuples of them, to the bit; nothing in it is executed."""
+"""Bit-exact file format of a loop's state: numbers, text and tuples of them. Reading executes no code."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.plain import Json
 from rnc_pin.whole_files import written_whole
 
-_FORMER_NAMES = {"Motion": "VelocityEstimate"}  # of types, in files of version 0.1
+_FORMER_NAMES = {"Motion": "VelocityEstimate"}  # names of types in files of version 0.1
 _STRUCTURE = "structure"
-_ROOM = 64 * 2**20  # bytes of all arrays: what a controller remembers
+_ROOM = 64 * 2**20  # largest size of all arrays of a controller's state [bytes]
 
 
 def write_state(state: Any, path: Path) -> None:
-    """Write a state; what was at the path stays until it is complete.
+    """Write a state. An existing file is replaced only when the new one is complete.
 
     Raises:
-        ConfigurationError: it holds something that is neither a number, an array, text, nor a tuple or mapping of them.
+        ConfigurationError: the state holds another type than numbers, arrays, text, and tuples or mappings of them.
     """
     arrays: dict[str, np.ndarray] = {}
     structure = json.dumps(_plain(state, arrays, "state"))
@@ -47,20 +47,20 @@ def _plain(value: Any, arrays: dict[str, np.ndarray], where: str) -> Json:
         return {"items": items, "kind": type(value).__qualname__}
     if isinstance(value, dict):
         return {"mapping": {str(key): _plain(each, arrays, f"{where}.{key}") for key, each in value.items()}}
-    raise ConfigurationError(f"{where}: is of type {type(value).__name__}, which cannot be saved")
+    raise ConfigurationError(f"{where}: a {type(value).__name__} cannot be saved")
 
 
 def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray], Any]) -> Any:
-    """Read what ``write_state`` wrote.
+    """Read a file of ``write_state``.
 
     Args:
-        path: of the file.
-        kinds: of the state as a whole, a named tuple with a field ``q``, and of others that it may hold.
-        template: makes a state of the controller's kind at a configuration: its tuples are the ones to expect.
+        path: path of the file.
+        kinds: types of named tuples. The first is the type of the whole state and has a field ``q``.
+        template: function from a configuration to an initial state of the controller; its tuple types are allowed too.
 
     Raises:
-        ConfigurationError: no such file, something else, or tuples of another controller.
-        RncError: what ``template`` raises of q.
+        ConfigurationError: the file does not exist, has another format, or holds tuples of another controller.
+        RncError: ``template`` raises it at q.
     """
     kind = kinds[0]
     try:
@@ -81,7 +81,7 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
         raise ConfigurationError(f"{path}: {error}") from None
     except RncError:
         raise
-    except Exception:  # of broken files the structure is anything
+    except Exception:  # a broken file can hold any structure
         raise ConfigurationError(f"{path}: not the state of a loop") from None
     if not isinstance(state, kind):
         raise ConfigurationError(f"{path}: not the state of a loop")
@@ -89,7 +89,7 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
 
 
 def _collect(value: Any, known: dict[str, type]) -> None:
-    """The kinds of tuples in a value."""
+    """Add the tuple types of a value to ``known``."""
     if isinstance(value, tuple | list):
         if isinstance(value, tuple):
             known[type(value).__qualname__] = type(value)
@@ -113,5 +113,5 @@ def _value(content: Any, arrays: dict[str, np.ndarray], known: dict[str, type]) 
     items = [_value(each, arrays, known) for each in content["items"]]
     kind = known.get(content["kind"])
     if kind is None:
-        raise ConfigurationError(f"the state of another controller: it holds a '{content['kind']}'")
+        raise ConfigurationError(f"the state is that of another controller: it holds a '{content['kind']}'")
     return tuple(items) if kind is tuple else kind(*items)

@@ -1,4 +1,4 @@
-"""Checks of a loop's state before the loop goes on from it: it may come from a stranger's file."""
+"""Checks of a loop's state before the loop resumes from it. The state may come from an untrusted file."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rnc_pin.model.admission import Admission
 from rnc_pin.model.reduced_model import ReducedModel
 
 _LARGEST = 1e15
-"""Of any number: no time, velocity or input of a machine is larger."""
+"""Largest valid absolute value of a time, velocity or input."""
 
 
 def check_state(state: LoopState, reduced: ReducedModel) -> None:
-    """Refuse a state that no loop of this model can have; ``check_memory`` looks at what the controller remembers.
+    """Check the types, shapes and values of a loop's state. ``check_memory`` checks the controller's state.
 
     Args:
-        state: what a loop remembers.
-        reduced: the model of the loop.
+        state: state of a loop.
+        reduced: model of the loop.
 
     Raises:
-        InputError: names the field, and what was expected.
+        InputError: names the field and the expected value.
     """
     if not isinstance(state, LoopState):
         raise InputError(f"expected a LoopState, found {type(state).__name__}")
@@ -38,7 +38,7 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     fields += [("T", state.T, reduced.p), ("missing", state.missing, reduced.p), ("q", state.q, nq)]
     if state.motion is not None:
         if not isinstance(state.motion, VelocityEstimate):
-            raise InputError(f"motion is no estimate of a velocity: {_shown(state.motion)}")
+            raise InputError(f"motion is not a VelocityEstimate: {_shown(state.motion)}")
         fields += [("motion.q", state.motion.q, nq), ("motion.v", state.motion.v, nv)]
         fields += [("motion.other", state.motion.other, nv)]
     for name, value, size in fields:
@@ -50,14 +50,14 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
         if q is not None:
             admission.configuration(q)
     if state.trouble is not None and not isinstance(state.trouble, str):
-        raise InputError(f"trouble is no text: {_shown(state.trouble)}")
+        raise InputError(f"trouble is not text: {_shown(state.trouble)}")
     if not isinstance(state.failed, bool):
-        raise InputError(f"failed is neither true nor false: {_shown(state.failed)}")
+        raise InputError(f"failed is not a boolean: {_shown(state.failed)}")
 
 
 def _check_vector(name: str, value: Any, size: int) -> None:
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-        raise InputError(f"{name} is no array of numbers: {_shown(value)}")
+        raise InputError(f"{name} is not an array of numbers: {_shown(value)}")
     if value.shape != (size,):
         raise InputError(f"{name} has shape {value.shape}, expected ({size},)")
     wrong = np.flatnonzero(~(np.abs(value) <= _LARGEST))
@@ -66,17 +66,17 @@ def _check_vector(name: str, value: Any, size: int) -> None:
 
 
 def check_memory(found: Any, initial: Any, after: Any, where: str = "controller") -> None:
-    """Refuse what a controller cannot remember.
+    """Check the stored state of a controller against two valid states.
 
     Args:
-        found: what it is said to remember.
-        initial: what it remembers at first.
-        after: what it remembers after one step from ``found``. Where this has another shape than ``initial``, as
-            histories have, the first axis may have any length.
-        where: names the place, for messages.
+        found: stored state.
+        initial: initial state of the controller.
+        after: state after one step from ``found``. If its shape differs from that of ``initial``, it is a history: the
+            first axis may have any length.
+        where: name of the field, for error messages.
 
     Raises:
-        InputError: another kind or shape, or a number that is not finite.
+        InputError: the type or shape differs, or a number is not finite.
     """
     models = [each for each in (initial, after) if each is not None]
     if found is None or (not models and not isinstance(found, tuple | dict | np.ndarray | float | int | str)):
@@ -102,7 +102,7 @@ def _check_kind(found: Any, models: list[Any], where: str) -> None:
 
 
 def _item(model: Any, key: Any) -> Any:
-    """Of a model what stands at a place; None where it has no such place."""
+    """Return ``model[key]``; None if there is no such item."""
     if isinstance(model, dict):
         return model.get(key)
     return model[key] if isinstance(model, tuple) and key < len(model) else None
@@ -113,7 +113,8 @@ def _check_numbers(found: Any, initial: Any, after: Any, where: str) -> None:
     models = [each for each in given if not isinstance(each, str | tuple | dict)]
     if given and not models:
         raise InputError(f"{where} is a number or an array, expected a {type(given[0]).__name__}")
-    unknown = any(each is initial and np.isnan(each).any() for each in models)  # NaN may stand for that at first
+    # An initial state may use NaN for unknown values.
+    unknown = any(each is initial and np.isnan(each).any() for each in models)
     if not unknown and not _is_number(found):
         raise InputError(f"{where} is not finite")
     shapes = [np.shape(each) for each in models]
@@ -125,7 +126,7 @@ def _check_numbers(found: Any, initial: Any, after: Any, where: str) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a number, or an array of them, is finite."""
+    """True if the value is a finite number or an array of them."""
     if isinstance(value, np.ndarray | np.generic):
         return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
     try:

@@ -1,4 +1,4 @@
-"""Velocities of a machine that tells positions only; on the configuration manifold, with time steps of any length."""
+"""Velocity estimation from configurations, on the configuration manifold, with variable time steps."""
 
 from __future__ import annotations
 
@@ -12,38 +12,44 @@ from numpy import ndarray as Array
 
 
 class VelocityEstimate(NamedTuple):
-    """What an estimate remembers."""
+    """State of a velocity estimator."""
 
     q: Float[Array, " nq"]
     v: Float[Array, " nv"]
-    """The estimate."""
+    """Estimated velocity."""
     other: Float[Array, " nv"]
-    """Of a filter its inner stage [rad/s, m/s], of an observer the acceleration [rad/s^2, m/s^2]."""
+    """Filter: output of its first stage [rad/s, m/s]. Observer: estimated acceleration [rad/s^2, m/s^2]."""
 
 
 class VelocityEstimator(ABC):
-    """Makes velocities of configurations.
+    """Estimator of velocities from configurations.
 
     Args:
-        model: whose configurations they are.
-        cutoff: [rad/s]
+        model: Pinocchio model of the configurations.
+        cutoff: cutoff frequency [rad/s].
     """
 
     def __init__(self, model: pin.Model, cutoff: float) -> None:
         self._model, self.cutoff = model, cutoff
 
     def start(self, q: Float[Array, " nq"]) -> VelocityEstimate:
-        """At rest."""
+        """Return the initial estimate at q: zero velocity."""
         nothing = np.zeros(self._model.nv)
         return VelocityEstimate(q, nothing, nothing)
 
     @abstractmethod
     def step(self, motion: VelocityEstimate, q: Float[Array, " nq"], elapsed: float) -> VelocityEstimate:
-        """After another measurement, a time [s] later."""
+        """Return the estimate after a new measurement q.
+
+        Args:
+            motion: last estimate.
+            q: measured configuration (nq,).
+            elapsed: time since the last measurement [s].
+        """
 
 
 class FilteredVelocity(VelocityEstimator):
-    """Differences through two first-order filters of one cutoff, each exact over the step. They lag by 2 / cutoff."""
+    """Finite differences through two first-order low-pass filters, each exact over the step. The lag is 2 / cutoff."""
 
     def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
         share = -np.expm1(-self.cutoff * elapsed)
@@ -52,11 +58,11 @@ class FilteredVelocity(VelocityEstimator):
 
 
 class VelocityObserver(VelocityEstimator):
-    """A position, velocity and acceleration that follow what is measured: no lag while accelerations are steady.
+    """Observer of position, velocity and acceleration, without lag at constant acceleration.
 
-    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969):
-    the parabola that fits the past best when its weight fades by ``theta = exp(-cutoff dt)`` a sample. No inertia is
-    read. The estimated position stays inside; controllers see the measured one.
+    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
+    parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
+    The observer does not use the inertia. Controllers get the measured position, not the estimated one.
     """
 
     def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
