@@ -194,8 +194,9 @@ class ControlLoop:
             excess = apply(state.input_matrix, before.missing)
             measurement = measurement._replace(missing=before.missing, excess=excess)
         if self._margin > 0 and state.smallest_singular_value < self._margin:
+            smallest = float(state.smallest_singular_value)
             raise SingularityError(
-                f"smallest singular value of E is {float(state.smallest_singular_value):.3g} < {self._margin:g}",
+                f"the smallest singular value of E is {smallest:.3g}, below the margin {self._margin:g}",
                 q=np.array(state.q),
                 condition=float(state.condition),
                 rows=self.reduced.reducing.names,

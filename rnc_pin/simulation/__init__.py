@@ -1,4 +1,4 @@
-"""Running controllers against models."""
+"""Simulation of controllers in closed loop with a plant."""
 
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.gripping import GripNeeded, grip_along, within_grip

@@ -1,4 +1,4 @@
-"""Integration to a tolerance on the configuration manifold."""
+"""Adaptive integration on the configuration manifold."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.exponential import ExponentialCoordinates
 
-_SHORT = 1e-9  # of the whole duration: a step that gets nowhere
-_PATIENCE = 50  # such steps in a row
+_SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
+_PATIENCE = 50  # largest number of consecutive steps that are too short
 
 TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 Settle = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class AdaptiveIntegrator:
-    """SciPy's eighth-order Dormand-Prince method with step-size control, in a chart that goes along.
+    """SciPy's eighth-order Dormand-Prince method with step-size control, in local coordinates.
 
-    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start; the next chart is laid at
-    its end. So quaternions keep their length, no chart is ever left, and what ``settle`` does to a state goes
-    into the next step.
+    Each step runs in the coordinates ``q = q_k (+) u`` about the configuration at its start. The next chart is centred
+    at its end. Quaternions therefore keep unit length, and no step leaves its chart. The next step starts from the
+    result of ``settle``.
 
     Args:
-        robot: whose configurations they are.
-        rate: ``rate(t, q, y) -> (v, ydot)``; y is everything else that moves, in a linear space.
-        rtol, atol: relative and absolute tolerance of a step; positions have the absolute one only,
-            since u starts at zero.
-        settle: may put another (q, y) that means the same state in the place of one at the end of a step.
+        robot: robot of the configurations.
+        rate: ``rate(t, q, y) -> (v, ydot)``; y holds all other states, in a linear space.
+        rtol, atol: relative and absolute tolerance of a step. Only the absolute one applies to positions, because u
+            starts at zero.
+        settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
     """
 
     def __init__(self, robot: Robot, rate: TimedRate, rtol: float, atol: float, settle: Settle | None = None) -> None:
@@ -40,12 +40,12 @@ class AdaptiveIntegrator:
         self._rate, self._rtol, self._atol, self._settle = rate, rtol, atol, settle
 
     def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-        """The state (t, q, y) at each of the increasing ``times``; the first is that of q0 and y0.
+        """Yield the state (t, q, y) at each of the increasing ``times``; the first is (q0, y0).
 
-        Between the ends of steps the method's own seventh-order interpolation is used.
+        Between the ends of steps, the method's seventh-order interpolation applies.
 
         Raises:
-            DivergenceError: steps become too short to get anywhere, as where a motion runs into a singularity.
+            DivergenceError: steps become too short, for example near a singularity.
         """
         q, nv = np.array(q0, dtype=float), self._nv
 
@@ -63,7 +63,7 @@ class AdaptiveIntegrator:
             short = short + 1 if solver.step_size is None or solver.step_size < shortest else 0
             if solver.status == "failed" or short > _PATIENCE:
                 raise DivergenceError(
-                    "no step is short enough: the motion runs into a singularity, or the "
+                    "the step size is too small: the motion runs into a singularity, or the "
                     f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",
                     time=float(solver.t),
                 )

@@ -1,4 +1,4 @@
-"""Arguments of ``simulate``, refused in one line before anything runs."""
+"""Checks of the arguments of ``simulate``, before the run starts."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MACHINE = ("reset", "read", "apply", "advance")
 
 
 def check_parts(reduced: Any, controller: Any, plant: Any, stop: Any, machine: Any, loop: Any, observer: Any) -> None:
-    """Refuse what a run cannot be made of.
+    """Raise an error for an argument of the wrong type.
 
     Raises:
-        ConfigurationError: names the argument and what was expected.
+        ConfigurationError: names the argument and the expected type.
     """
     admit_model(reduced)
     admit_controller(controller)

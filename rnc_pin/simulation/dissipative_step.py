@@ -1,4 +1,4 @@
-"""Steps of a plant with viscous damping and dry friction."""
+"""Integration steps of a plant with viscous damping and dry friction."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from rnc_pin.simulation.exponential_runge_kutta import ExponentialRungeKutta4, L
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.moving_plant import MovingPlant
 
-_SHORT = 1e-6  # share of a step below which a row that stops has stopped
-_INSTANT = 1e-6  # horizon of the friction at an instant [s]
+_SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
+_INSTANT = 1e-6  # horizon for instantaneous friction forces [s]
 
 
 class DissipativeStep:
-    """Integration steps with friction: rows stick or slide for a step, which ends early where one comes to rest.
+    """Integration step with friction: each row sticks or slides, and the step ends early if a row comes to rest.
 
-    While rows slide and stick the motion is smooth, and an exponential Runge-Kutta method integrates it, damping
-    included. Rows that stick are kept at rest exactly, at every stage, by the impulses that the inertia asks for. Work
-    counts the kinetic energy that each impulse takes, so that ``energy - work`` stays constant.
+    Between these events the motion is smooth. An exponential Runge-Kutta method integrates it, including damping.
+    Impulses keep sticking rows at rest exactly, at every stage. Work includes the kinetic energy that each impulse
+    removes, so that ``energy - work`` stays constant.
 
     Args:
-        moving: what moves.
+        moving: plant to integrate.
         friction: dry friction.
     """
 
@@ -35,18 +35,18 @@ class DissipativeStep:
 
     @property
     def needed(self) -> bool:
-        """Whether anything dissipates."""
+        """True if damping or friction is active."""
         return self._moving.damping is not None or len(self.friction.limits) > 0
 
     def rubbing(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
-        """Generalized forces (nv,) of dry friction at an instant."""
+        """Generalized forces (nv,) of dry friction at a state."""
         state = self._moving.at(q, y)
         linear, w_dot = self._linear(state, T)
         chosen = self.friction.choose(state, w_dot, linear, _INSTANT)
         return chosen.forces @ self.friction.rows(state)
 
     def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """State after a time h under inputs T.
+        """Return the state after a time h under inputs T.
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
@@ -75,11 +75,11 @@ class DissipativeStep:
             left -= first
 
     def _against(self, chosen: FrictionForces) -> np.ndarray:
-        """Forces until the first row comes to rest."""
+        """Friction forces (k,) until the first row comes to rest."""
         return np.where(np.isinf(chosen.stops), chosen.forces, -self.friction.limits * np.sign(chosen.speeds))
 
     def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Y after rows (k,) were brought to rest; the energy that this takes is work of friction."""
+        """Return y with the selected rows (k,) at rest. The lost kinetic energy is work of friction."""
         after = self.friction.stopped(state, which)
         if after is state:
             return y
@@ -113,10 +113,10 @@ class DissipativeStep:
         linear: LinearPart,
         h: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """One step without events.
+        """Integrate one step without events.
 
-        The integrator sees work less the kinetic energy ``|a|^2 / 2`` of the frozen inertia: damping cancels in that
-        difference, which would otherwise be a quadrature of decays faster than the step.
+        The integrator uses work minus the kinetic energy ``|a|^2 / 2`` of the frozen inertia. Damping cancels in that
+        difference; otherwise the integral of work would contain decays faster than the step.
         """
         r, moving = len(linear.decay), self._moving
 
@@ -139,7 +139,7 @@ class DissipativeStep:
         return q, end
 
     def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
-        """The linear part of the motion at a state, and accelerations (r,) without dry friction."""
+        """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
         R, H, damping = state.R, state.H, self._moving.damping
         if damping is None:
             modes = scipy.linalg.solve_triangular(np.linalg.cholesky(H), np.eye(len(H)), lower=True).T
@@ -155,7 +155,7 @@ class DissipativeStep:
         others = np.vstack(
             [
                 self._moving.integral_rows(state) @ R @ modes,
-                modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power beside that of changing speed
+                modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power minus the rate of kinetic energy
             ]
         )
         return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot

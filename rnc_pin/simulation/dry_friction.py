@@ -1,4 +1,4 @@
-"""Coulomb friction with stiction: forces that leave the least kinetic energy at the end of a step."""
+"""Coulomb friction with stiction: forces that minimize the kinetic energy at the end of a step."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.exponential_runge_kutta import LinearPart, phi_functions
 
-_AT_REST = 1e-9  # speed that counts as rest, as a share of what friction takes away in the step
+_AT_REST = 1e-9  # speed that counts as rest, relative to the speed that friction removes in the step
 _RANK = 1e-12
 
 
 class FrictionForces(NamedTuple):
-    """Friction during a step, one entry for each row (k,).
+    """Friction during a step, one entry per row (k,).
 
     Attributes:
-        forces: constant during the step [N or N m].
-        sticking: rows that do not move at the end of the step.
-        speeds: at its start [m/s or rad/s].
-        stops: time after which a row that moves comes to rest; infinite where it does not [s].
+        forces: friction forces, constant during the step [N or N m].
+        sticking: True for rows at rest at the end of the step.
+        speeds: speeds at the start of the step [m/s or rad/s].
+        stops: time at which a moving row comes to rest [s]; infinite if it does not.
     """
 
     forces: np.ndarray
@@ -33,23 +33,23 @@ class FrictionForces(NamedTuple):
 
     @property
     def resting(self) -> np.ndarray:
-        """Rows that stick from the start on."""
+        """True for rows (k,) that stick during the whole step."""
         return self.sticking & np.isinf(self.stops)
 
 
 class DryFriction:
-    """Friction that acts along rows of velocities: joints, and actuators.
+    """Dry friction along velocity rows: joints and actuators.
 
-    A force f of a row with speed s has ``|f| <= limit``, and ``f = -limit sign(s)`` while the row moves. Of the forces
-    within their limits those act that leave the least kinetic energy at the end of a step. That is the solution of the
-    complementarity problem of stick and slip at the level of velocities, for rows that constraints couple as well.
+    A force f of a row with speed s has ``|f| <= limit``, and ``f = -limit sign(s)`` while the row moves. The forces
+    minimize the kinetic energy at the end of a step, within these limits. They solve the stick-slip complementarity
+    problem at velocity level, also for rows that constraints couple.
 
     Args:
-        reduced: the model.
-        joints: whether joints have the friction of the robot's file.
+        reduced: reduced model.
+        joints: True for the joint friction of the robot's file.
 
     Raises:
-        ConstraintError: friction would act on a momentum that is said to be conserved.
+        ConstraintError: friction acts on a momentum that the model declares conserved.
     """
 
     def __init__(self, reduced: ReducedModel, joints: bool) -> None:
@@ -64,27 +64,27 @@ class DryFriction:
         self._actuators = False
 
     def set_actuators(self, limit: float) -> None:
-        """Let friction of this size work against every actuator [N or N m]."""
+        """Set the dry friction limit of every actuator [N or N m]."""
         self._actuators = limit > 0
         self.limits = np.concatenate([self._limits, np.full(self._p, limit)]) if self._actuators else self._limits
 
     def rows(self, state: StateEvaluation) -> np.ndarray:
-        """Rows (k, nv) that give the speeds."""
+        """Jacobian (k, nv) of the speeds."""
         return np.vstack([self._rows, state.B.T]) if self._actuators else self._rows
 
     def inputs(self, forces: np.ndarray) -> np.ndarray | float:
-        """Of the forces (k,) those at the actuators, (p,)."""
+        """Actuator part (p,) of the forces (k,)."""
         return forces[len(self._joints) :] if self._actuators else 0.0
 
     def external(self, forces: np.ndarray) -> np.ndarray | None:
-        """Of the forces (k,) those at the joints, (nv,); None where there are none."""
+        """Generalized joint forces (nv,) of the forces (k,); None without joint friction."""
         return forces[: len(self._joints)] @ self._rows if len(self._joints) else None
 
     def choose(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
-        """Forces during a step.
+        """Compute friction forces for a step.
 
         Args:
-            state: at its start.
+            state: state at the start of the step.
             w_dot: accelerations of the chart's velocities without friction, (r,).
             linear: linear part of the motion.
             h: duration of the step [s].
@@ -93,7 +93,7 @@ class DryFriction:
         growth = phi_functions(-h * linear.decay, 1)[1]
         modes = (rows @ state.R @ linear.modes).T
         speeds = rows @ state.v
-        bent = rows @ (state.v_dot(w_dot) - state.R @ w_dot)  # as rows turn against the chart
+        bent = rows @ (state.v_dot(w_dot) - state.R @ w_dot)  # the rows rotate relative to the chart
         free = speeds + h * (bent + modes.T @ (growth * (linear.inverse @ w_dot)))
         pushed = np.sqrt(growth)[:, None] * modes
         forces, sticking = _least_energy(pushed, free / h, limits)
@@ -103,7 +103,7 @@ class DryFriction:
         a_dot = linear.inverse @ w_dot + modes @ against
 
         def later(t: float) -> np.ndarray:
-            """Speeds after a time while rows slide."""
+            """Speeds (k,) after a time t while rows slide."""
             return speeds + t * (bent + modes.T @ (phi_functions(-t * linear.decay, 1)[1] * a_dot))
 
         stops = np.where(~at_rest & sticking, h, np.inf)
@@ -112,7 +112,7 @@ class DryFriction:
         return FrictionForces(forces, sticking, speeds, stops)
 
     def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
-        """The state after impulses that bring some rows (k,) to rest; others move as the inertia lets them."""
+        """Return the state after impulses that bring the selected rows (k,) to rest."""
         if not which.any():
             return state
         R, rows = state.R, self.rows(state)[which]
@@ -123,19 +123,19 @@ class DryFriction:
 
 
 def _least_energy(pushed: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Forces f (k,) within limits that minimise ``f^T P^T P f / 2 + f^T free``, and which are below their limits.
+    """Forces f (k,) within limits that minimize ``f^T P^T P f / 2 + f^T free``, and a mask of those below their limits.
 
     Args:
-        pushed: P, (r, k).
-        free: (k,).
-        limits: (k,), positive.
+        pushed: matrix P (r, k).
+        free: linear coefficients (k,).
+        limits: largest forces (k,), positive.
     """
     scaled = pushed * limits
     size = np.abs(scaled).max(initial=0.0)
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
     scaled, wanted = scaled / size, free * limits / size**2
-    shares = -np.sign(wanted)  # every row slides: right most of the time, and seen at a glance
+    shares = -np.sign(wanted)  # first guess: every row slides
     if not (shares * (scaled.T @ (scaled @ shares) + wanted) < 0).all():
         target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
         found = lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)

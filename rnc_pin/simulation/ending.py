@@ -1,4 +1,4 @@
-"""What ended a run, as an error of ours."""
+"""Errors that end a run."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from rnc_pin.errors import DivergenceError, LimitError, PartialRun, RncError, Si
 from rnc_pin.simulation.run_info import Outcome
 
 _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERGED, LimitError: Outcome.LIMIT}
-_LONGEST = 300  # letters of what somebody else's error says
+_LONGEST = 300  # largest number of characters from the message of a foreign error
 
 
 def raise_with(so_far: Callable[[RncError], PartialRun], error: Exception, culprit: str, t: float) -> NoReturn:
-    """Raise what ended a run, with the run so far in its ``trajectory``; to be called where it has been caught.
+    """Raise the error that ended a run, with the run so far in its ``trajectory``. Call it in the ``except`` clause.
 
     Args:
-        so_far: the run, given how it ended.
-        error: what was raised.
-        culprit: who was at work, in words.
-        t: when [s].
+        so_far: function from the error to the run so far.
+        error: error that was caught.
+        culprit: name of the component that raised it.
+        t: time [s].
 
     Raises:
-        RncError: the error itself where it is one of ours, else a SimulationError with the error as its cause.
+        RncError: the error itself if it is an RncError, else a SimulationError with the error as its cause.
     """
     told = _told(error, culprit, t)
     told.trajectory = so_far(told)
@@ -32,12 +32,12 @@ def raise_with(so_far: Callable[[RncError], PartialRun], error: Exception, culpr
 
 
 def outcome_of(error: RncError) -> Outcome:
-    """How a run ended that ended with an error."""
+    """Outcome of a run that ended with an error."""
     return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
 
 
 def _told(error: Exception, culprit: str, t: float) -> RncError:
-    """An error that can carry the run so far."""
+    """Convert an error to an RncError, which can carry the run so far."""
     if isinstance(error, RncError):
         if isinstance(error, SingularityError | DivergenceError) and error.time is None:
             error.time = t

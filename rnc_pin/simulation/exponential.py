@@ -1,4 +1,4 @@
-"""Coordinates ``q = q0 (+) u`` about a configuration, and how they move."""
+"""Exponential coordinates ``q = q0 (+) u`` about a configuration, and their rates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.special import zeta
 
 from rnc_pin.robots.robot import Robot
 
-_SERIES_BELOW = 1.0  # [rad]: the closed forms cancel below, the series converges within 2 pi
+_SERIES_BELOW = 1.0  # [rad]: below it the closed forms lose digits by cancellation; the series converges within 2 pi
 _TERMS = np.arange(1, 15)
 _BERNOULLI = 2 * zeta(2.0 * _TERMS) / (2 * np.pi) ** (2 * _TERMS)  # |B_2k| / (2k)!
 _SECOND = (2 - _TERMS) * _BERNOULLI
@@ -18,15 +18,15 @@ _FOURTH = ((1 - _TERMS) * _BERNOULLI)[1:]
 
 
 class ExponentialCoordinates:
-    """The exponential coordinates of a robot's configurations, joint by joint.
+    """Exponential coordinates of a robot's configurations, joint by joint.
 
-    With v the velocity at ``q0 (+) u`` in the joint's own axes, ``udot = J(u)^-1 v``, J the right Jacobian of the
+    With v the velocity at ``q0 (+) u`` in the joint's local frame, ``udot = J(u)^-1 v``, J the right Jacobian of the
     exponential. For SE(2), SO(3) and SE(3) alike, ``J^-1 = I + ad/2 + a ad^2 + b ad^4``, with a and b functions of the
-    angle of u (Bullo and Murray 1995). Pinocchio's ``dIntegrate`` is not used: in 4.1 it is off by 4e-7 for a
-    free-flyer that moves along while it turns by 1e-4 rad.
+    angle of u (Bullo and Murray 1995). Pinocchio's ``dIntegrate`` is not used: in 4.1 its error is 4e-7 for a
+    free-flyer that translates while it rotates by 1e-4 rad.
 
     Args:
-        robot: whose configurations they are.
+        robot: robot of the configurations.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -42,7 +42,7 @@ class ExponentialCoordinates:
 
     def rate(self, q: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """``udot`` (nv,) at ``q (+) u``."""
-        if self._others:  # a joint that robots from files do not have: whatever Pinocchio makes of it
+        if self._others:  # a joint type that robot files do not have: use Pinocchio's own derivative
             return np.linalg.solve(pin.dIntegrate(self._model, q, u, pin.ArgumentPosition.ARG1), v)
         if not self._curved:
             return v

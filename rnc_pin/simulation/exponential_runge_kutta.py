@@ -1,4 +1,4 @@
-"""Exponential Runge-Kutta on the configuration manifold: damping of any size is integrated by matrix exponentials."""
+"""Exponential Runge-Kutta on the configuration manifold: matrix exponentials integrate damping of any size."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.exponential import ExponentialCoordinates
 from rnc_pin.simulation.lie_runge_kutta import Rate, check_reach
 
-_SERIES_BELOW = 1.0  # the recurrence of the phi functions cancels below
+_SERIES_BELOW = 1.0  # below it the recurrence of the phi functions loses digits by cancellation
 _TERMS = 18
 _SERIES = [[1.0 / factorial(k + last) for k in reversed(range(_TERMS))] for last in range(5)]
 
 
 class LinearPart(NamedTuple):
-    """What is linear in the velocities w and frozen during a step: their decay, and what follows them.
+    """Linear part L of the motion, frozen during a step: decay of the velocities w, and the states that they drive.
 
     Attributes:
         modes: (r, r), ``w = modes @ a``; kinetic energy is ``|a|^2 / 2`` at the start of the step.
         inverse: (r, r), ``a = inverse @ w``.
-        decay: rates (r,) [1/s], none negative: ``adot = -decay a`` beside what is smooth.
-        u: (nv, r), rate of the configuration's coordinates for each mode.
-        others: (s, r), rate of the other integrals for each mode.
+        decay: decay rates (r,) [1/s], not negative: ``adot = -decay a`` plus nonlinear terms.
+        u: (nv, r), rate of the configuration's coordinates per mode.
+        others: (s, r), rate of the other integrals per mode.
     """
 
     modes: np.ndarray
@@ -36,14 +36,14 @@ class LinearPart(NamedTuple):
 
 
 class ExponentialRungeKutta4:
-    """The method ETD4RK (Cox and Matthews 2002, eq. 26 to 29) in the coordinates ``q = q0 (+) u`` of one step.
+    """Method ETD4RK (Cox and Matthews 2002, eq. 26 to 29) in the coordinates ``q = q0 (+) u`` of one step.
 
-    The state is (u, y) with ``y = [w, others]``, ``zdot = L z + N(z)``. L is frozen at the start of the step and holds
-    the damping, so that a step has no bound that depends on it. Motion under constant forces is exact for a constant L,
-    the steady speed included; otherwise the order is four, while ``decay h`` is moderate.
+    The state is (u, y) with ``y = [w, others]``, ``zdot = L z + N(z)``. L is frozen at the start of the step.
+    L contains the damping, so damping does not limit the step size. For a constant L, motion under constant forces is
+    exact, including the steady speed. Otherwise the order is four while ``decay h`` is moderate.
 
     Args:
-        robot: whose configurations they are.
+        robot: robot of the configurations.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -53,17 +53,17 @@ class ExponentialRungeKutta4:
     def step(
         self, rate: Rate, linear: LinearPart, q: np.ndarray, y: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State after a time h.
+        """Return the state after a time h.
 
         Args:
             rate: ``rate(q, y) -> (v, ydot)``.
-            linear: the linear part, at (q, y).
+            linear: linear part at (q, y).
             q: configuration (nq,).
-            y: velocities w (r,), and everything else that moves (s,), in a linear space.
+            y: velocities w (r,), then all other states (s,), in a linear space.
             h: step [s].
 
         Raises:
-            DivergenceError: a step that goes farther than any chart reaches.
+            DivergenceError: the step is longer than the chart.
         """
         n, r = len(linear.u), len(linear.decay)
         follow = np.vstack([linear.u, linear.others])
@@ -108,7 +108,8 @@ class ExponentialRungeKutta4:
 def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
     """Functions ``phi_0(x) = exp(x)``, ``phi_k+1(x) = (phi_k(x) - 1/k!) / x`` up to ``last``, for x <= 0.
 
-    Upwards the recurrence cancels near zero, so there the last function is a series and the others follow downwards.
+    Near zero the upward recurrence loses digits by cancellation. There a series gives the last function, and the
+    downward recurrence gives the others.
     """
     far = x < -_SERIES_BELOW
     near = np.where(far, 0.0, x)

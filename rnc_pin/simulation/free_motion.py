@@ -1,4 +1,4 @@
-"""Motion without a sampled controller, integrated to a tolerance."""
+"""Motion without a sampled controller, by adaptive integration."""
 
 from __future__ import annotations
 
@@ -41,38 +41,38 @@ def free_motion(
     stop: Stop = BEYOND_BOUNDS,
     meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
-    """Let a reduced system move by itself, under constant inputs, or under a continuous feedback.
+    """Simulate a reduced system without input, under constant inputs, or under a continuous feedback.
 
-    An adaptive eighth-order method on the configuration manifold, in charts of the system's own: for motions to be
-    exact over minutes, also through configurations at which the model's outputs are singular. What it lets
-    holonomic rows drift, of the order of the tolerance, is removed after every step. A controller
-    that samples and holds belongs into ``simulate``, whose fixed step it fits.
+    An adaptive eighth-order method integrates on the configuration manifold, in charts of the constraints only. Motions
+    stay accurate over minutes, also through configurations at which the model's outputs are singular. After every step
+    a projection removes the drift of holonomic rows, which is of the order of the tolerance. For a sampled controller
+    with zero-order hold, use ``simulate``.
 
     Args:
-        reduced: the model.
+        reduced: reduced model.
         q0: initial configuration (nq,).
         v2_0: initial reduced velocity (r,).
         duration: [s].
-        dt: spacing of the samples that are kept [s]; steps are as long as the tolerances let them be.
+        dt: sampling period of the trajectory [s]; the tolerances determine the integration steps.
         inputs: actuator inputs (p,), or ``inputs(t, q, v2) -> (p,)``, continuous; none by default.
         rtol, atol: relative and absolute tolerance of a step.
-        plant: what a real machine has beside the model: ``Plant(joint_damping=True)``.
-        stop: what ends the motion early, looked at once a sample that is kept.
-        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
+        plant: effects that the model does not include: ``Plant(joint_damping=True)``.
+        stop: conditions that end the motion early, checked once per sample.
+        meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
 
     Raises:
-        RncError: whatever ends the motion early, with the run so far in ``error.trajectory``: a SingularityError or
-            DivergenceError; a SimulationError where the feedback raises, with what it raised as its cause.
-        InputError: wrong shapes, times or tolerances that are not positive, or an initial configuration that does not
-            satisfy the holonomic rows.
-        ConfigurationError: ``meta`` has something else than is expected under a key that is known.
+        RncError: the motion ends early, with the run so far in ``error.trajectory``: a SingularityError or
+            DivergenceError; or a SimulationError, whose cause is an error that the feedback raised.
+        InputError: wrong shapes; times or tolerances are not positive; or the initial configuration violates the
+            holonomic rows.
+        ConfigurationError: ``meta`` has a value of the wrong type under a known key.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
         >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
         >>> run = rnc.free_motion(reduced, robot.configuration(), v2_0=[0.0, 1.0], duration=20.0, dt=0.5)
-        >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # a sleigh that is spun ends up going straight
+        >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # rotation becomes straight motion
         (True, True)
     """
     provenance = provenance_of(meta)
@@ -81,7 +81,9 @@ def free_motion(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
     if plant.joint_friction:
-        raise InputError("dry friction is not smooth, so free_motion has none; simulate has: joint_friction=True there")
+        raise InputError(
+            "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
+        )
     moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
     feedback = inputs if callable(inputs) else None
     constant = moving.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
@@ -94,7 +96,7 @@ def free_motion(
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
             return moving.rate(constant if feedback is None else at(t, moving.seen(q, y)))(q, y)
-        except (SingularityError, DivergenceError):  # a step that leads out of the present chart is too long
+        except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
             return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +106,7 @@ def free_motion(
 
     q = assembled_start(reduced, np.array(q0, dtype=float))
     start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0)
-    _ = start.flow(at(0.0, start))  # shapes and singularities speak before the solver does
+    _ = start.flow(at(0.0, start))  # raise errors of shape or singularity before the integration
     y = moving.start(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times), moving.carries)

@@ -1,4 +1,4 @@
-"""Whether wheels hold on along a motion, and how much slower it has to be for them to."""
+"""Friction demand of wheels along a motion, and the time scale at which they do not slip."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _OUTER_GAIN = 2.0  # [1/s]
 
 @dataclass(frozen=True)
 class GripNeeded:
-    """What a motion needs of the ground.
+    """Friction demand of a motion.
 
     Attributes:
-        used: largest share of the grip that a contact uses; more than 1 slips.
-        contact: which.
-        time: when [s].
-        slower: factor by which the same motion would have to take longer for every contact to hold: 1 where it holds as
-            it is, infinite where it does not even hold at rest.
-        lift_off: the first contact of all that the motion would lift off the ground; None where all hold.
+        used: largest friction use of a contact: demanded force over available friction. Above 1 the contact slips.
+        contact: name of that contact.
+        time: time of the largest use [s].
+        slower: smallest time scale (duration factor) at which no contact slips. It is 1 if no contact slips now, and
+            infinite if one slips even at rest.
+        lift_off: first contact that lifts off the ground; None if none does.
     """
 
     used: float
@@ -42,13 +42,11 @@ class GripNeeded:
     lift_off: LiftOff | None = None
 
     def complaints(self) -> list[str]:
-        """What speaks against the motion, in words; nothing where the grip will do."""
+        """Reasons why the ground cannot support the motion, as text; empty if there are none."""
         lifted = [] if self.lift_off is None else [str(self.lift_off)]
         if self.used <= 1.0 + _CLOSE:
             return lifted
-        slower = (
-            f"{self.slower:.3g} times slower it would do" if np.isfinite(self.slower) else "at no speed it would do"
-        )
+        slower = f"slow it down {self.slower:.3g} times" if np.isfinite(self.slower) else "it slips at any speed"
         return [
             f"the reference needs {self.used:.3g} times the grip that '{self.contact}' has, at t = {self.time:.2f} s; "
             f"{slower}",
@@ -57,19 +55,19 @@ class GripNeeded:
 
 
 def grip_along(reduced: ReducedModel, grip: Grip, times: np.ndarray, path: np.ndarray) -> GripNeeded:
-    """What a motion needs that is known by configurations, as ``kinematic_rollout`` or ``preflight`` gives it.
+    """Friction demand of a sampled motion, such as the result of ``kinematic_rollout`` or ``preflight``.
 
-    Rates and accelerations are central differences. Slower by s, rates are smaller by s and accelerations by its
-    square; so are the forces but for those of gravity.
+    Velocities and accelerations are central differences. A time scale s divides velocities by s and accelerations by
+    s^2. It divides all forces by s^2, except those of gravity.
 
     Args:
-        reduced: the model.
+        reduced: reduced model.
         grip: friction and loads.
-        times: evenly spaced (N,), at least five [s].
+        times: evenly spaced times (N,), at least five [s].
         path: configurations (N, nq).
 
     Raises:
-        ConstraintError: no inputs give these accelerations.
+        ConstraintError: the actuators cannot produce these accelerations.
     """
     inner, v2, v2_dot = rates_along(reduced, times, path)
 
@@ -87,7 +85,7 @@ def grip_along(reduced: ReducedModel, grip: Grip, times: np.ndarray, path: np.nd
 def rates_along(
     reduced: ReducedModel, times: np.ndarray, path: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Configurations (N - 2, nq) inside a path, with reduced velocities and accelerations (N - 2, r) by differences."""
+    """Inner configurations (N - 2, nq) of a path, reduced velocities and accelerations (N - 2, r) by differences."""
     model, dt = reduced.robot.model, float(times[1] - times[0])
     v = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
     inner = path[1:-1]
@@ -96,7 +94,7 @@ def rates_along(
 
 
 def _least(used: Callable[[float], float], guess: float) -> float:
-    """The smallest factor with which no more than everything is used: the guess, where inertia alone is at work."""
+    """Smallest time scale s with ``used(s) <= 1``. The guess is exact if only inertial forces act."""
     if not guess <= _SLOWEST:
         guess = _SLOWEST
     low, high = 1.0, guess
@@ -121,22 +119,22 @@ def within_grip(
     dt: float = 0.02,
     controller: Callable[[TaskReference], KinematicController] | None = None,
 ) -> TaskReference:
-    """A reference slowed down as a whole until every contact holds along its roll-out.
+    """Slow down a reference by one time scale until no contact slips along its roll-out.
 
     Args:
-        reduced: the model.
-        task: its outputs.
-        reference: desired x21 and x1; it ends at some time.
+        reduced: reduced model.
+        task: task of the outputs.
+        reference: desired x21 and x1, of finite duration.
         q0: initial configuration (nq,).
         grip: friction and loads.
         dt: step of the roll-out [s].
-        controller: what follows it; class 1 by default.
+        controller: function from the reference to the kinematic controller that follows it; class 1 by default.
 
     Returns:
-        The reference as it was where it holds.
+        The slowed reference; the given one if no contact slips.
 
     Raises:
-        InfeasibleError: no slowing down is enough; what an initial error asks for does not slow down.
+        InfeasibleError: no time scale is enough. The response to an initial error does not slow down.
     """
     slower, slowed = 1.0, reference
     for _ in range(_TRIES):

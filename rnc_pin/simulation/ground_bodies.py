@@ -1,4 +1,4 @@
-"""Bodies that move on the ground, as seen from above: what carries wheels, runners and balls, and every planar base."""
+"""Bodies that move on the ground, in top view: bodies with wheels, runners or balls, and all planar bases."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
-_UPRIGHT = 0.7  # vertical part of a unit vector from which on it counts as vertical
-_BESIDE = 0.02  # how far from its steering axis a runner may touch the ground and be no trailer [m]
-_SAME = 1e-6  # of points [m] and unit vectors
+_UPRIGHT = 0.7  # smallest vertical component of a unit vector that counts as vertical
+_BESIDE = 0.02  # largest distance between a runner's contact and its steering axis; beyond, it is a trailer [m]
+_SAME = 1e-6  # tolerance of equal points [m] and unit vectors
 
 
 class _Contact(NamedTuple):
-    """Where a body touches the ground, at one configuration."""
+    """Ground contact of a body at one configuration."""
 
     joint: int
     point: np.ndarray
-    """(3,) [m]"""
+    """Contact point (3,) in the world [m]."""
     lateral: np.ndarray | None
-    """Horizontal unit vector (3,) along which it does not slip; None for a ball."""
+    """Horizontal unit vector (3,) of the direction without slip; None for a ball."""
     beside: float
-    """How far from its steering axis it may be [m]."""
+    """Largest distance to the steering axis [m]."""
 
 
 class GroundBody(NamedTuple):
-    """A body with the point and the direction by which it is drawn.
+    """Body with a reference point and a heading, for drawing.
 
     Attributes:
-        name: of the body.
-        joint: that carries it.
-        point: on it, (3,) in the axes of the joint [m].
-        left: unit vector (3,) in the axes of the joint; NaN for a ball, which has no heading.
+        name: name of the body.
+        joint: index of its joint.
+        point: reference point (3,) in the joint frame [m].
+        left: unit vector (3,) to the left in the joint frame; NaN for a ball, which has no heading.
     """
 
     name: str
@@ -49,16 +49,16 @@ class GroundBody(NamedTuple):
     left: np.ndarray
 
     def poses(self, at: PositionKinematics) -> Float[Array, "*batch 3"]:
-        """x, y [m] and heading [rad] at configurations."""
+        """Position x, y [m] and heading [rad] at configurations, (..., 3)."""
         rotation, translation = at.joint_placement(self.joint)
         place, left = translation + rotation @ self.point, rotation @ self.left
         return np.stack([place[..., 0], place[..., 1], np.arctan2(-left[..., 0], left[..., 1])], axis=-1)
 
 
 def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
-    """Bodies of a system that move on the ground, from the base on.
+    """Bodies of a system that move on the ground, ordered from the base.
 
-    A body is what remains of a vehicle without its wheels and steering: chassis and trailers, not the forks between.
+    Chassis and trailers are such bodies; wheels, steering and forks are not.
     """
     robot = reduced.robot
     model, data, neutral = robot.model, robot.model.createData(), robot.configuration()
@@ -78,13 +78,13 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
 
 
 def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[Array, "*batch g"]:
-    """x, y and heading of each body, one after the other, at configurations."""
+    """Positions x, y and headings of all bodies at configurations, (..., 3 k) for k bodies."""
     poses = [body.poses(at) for body in bodies]
     return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
 
 
 def _contact(rows: Rows, robot: Robot, at: PositionKinematics) -> _Contact | None:
-    """The contact that rows describe; None where they describe none that a vehicle stands on."""
+    """Contact of constraint rows; None if they do not describe a contact that supports a vehicle."""
     kind = rows.kind
     if isinstance(rows, RollingRows):
         frame = rows.frame
@@ -103,7 +103,7 @@ def _contact(rows: Rows, robot: Robot, at: PositionKinematics) -> _Contact | Non
 
 
 def _carrier(model: pin.Model, data: pin.Data, contact: _Contact) -> int:
-    """The joint of the vehicle's body above a wheel, its fork and its steering."""
+    """Joint of the vehicle body above a wheel, its fork and its steering."""
     joint = contact.joint
     while _is_wheel_or_steering(model, data, joint, contact) and _turns(model, data, model.parents[joint]):
         joint = model.parents[joint]
@@ -116,19 +116,19 @@ def _is_wheel_or_steering(model: pin.Model, data: pin.Data, joint: int, contact:
         return "Spherical" in kind.shortname()
     column = _jacobian(model, data, joint)[:, kind.idx_v]
     axis = column[3:]
-    if np.linalg.norm(axis) < _UPRIGHT:  # it slides
+    if np.linalg.norm(axis) < _UPRIGHT:  # prismatic
         return False
     away = (contact.point - data.oMi[joint].translation)[:2]
     return abs(axis[2]) < _UPRIGHT or float(np.linalg.norm(away)) <= contact.beside
 
 
 def _turns(model: pin.Model, data: pin.Data, joint: int) -> bool:
-    """Whether a body can turn about the vertical."""
+    """True if a body can rotate about the vertical."""
     return joint > 0 and float(np.abs(_jacobian(model, data, joint)[5]).max()) > _UPRIGHT
 
 
 def _jacobian(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
-    """(6, nv), which Pinocchio makes (6,) for a robot with one degree of freedom."""
+    """Joint Jacobian (6, nv). Pinocchio returns (6,) for one degree of freedom."""
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     return np.asarray(jacobian).reshape(6, model.nv)
 
@@ -141,7 +141,7 @@ def _body(
     there: PositionKinematics,
 ) -> GroundBody:
     (rotation, translation), (turned, moved) = here.joint_placement(joint), there.joint_placement(joint)
-    points, fixed = [], []  # in the axes of the joint: where it is carried, and the axles that are not steered
+    points, fixed = [], []  # in the joint frame: contact points, and axles without steering
     for one, other in contacts:
         point = rotation.T @ (one.point - translation)
         if np.linalg.norm(point - turned.T @ (other.point - moved)) < _SAME:
@@ -159,20 +159,20 @@ def _body(
 
 
 def _own_left(rotation: np.ndarray) -> np.ndarray:
-    """The direction to the left of a body that looks along its own x axis, or along y where x is vertical."""
+    """Left unit vector of a body that faces along its own x axis, or along y if x is vertical."""
     ahead = rotation[:, 0] if abs(rotation[2, 0]) < _UPRIGHT else rotation[:, 1]
     left = np.cross([0.0, 0.0, 1.0], ahead)
     return rotation.T @ (left / np.linalg.norm(left))
 
 
 def _toward(left: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """The same vector or its opposite (3,): ahead is where x and y of the body are positive."""
+    """Return the vector (3,) or its opposite, so that forward points along positive x or y of the body."""
     ahead = rotation.T @ np.cross(rotation @ left, [0.0, 0.0, 1.0])
     return left if ahead[int(np.argmax(np.abs(ahead)))] >= 0 else -left
 
 
 def _name(robot: Robot, joint: int) -> str:
-    """The first body on a joint, or the joint itself where none is named."""
+    """Name of the first body on a joint; that of the joint if it has no body."""
     frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
     bodies = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
     return bodies[0] if bodies else robot.model.names[joint]

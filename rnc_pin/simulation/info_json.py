@@ -1,6 +1,6 @@
-"""``RunInfo`` as plain content and back: what stands under ``meta`` in the file of a run.
+"""Conversion between ``RunInfo`` and JSON content, stored under ``meta`` in the file of a run.
 
-Keys are fixed, because files are read by others too. Whatever is not there is not written.
+The keys are fixed, because other programs read the files too. None values are omitted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _OF_ITS_ORIGIN = ("scenario", "seed", "config", "folder", "controller", "task", 
 
 
 def info_to_plain(info: RunInfo) -> dict[str, Json]:
-    """A run's information as the file has it."""
+    """Convert the information of a run to JSON content."""
     outputs = info.outputs
     kinds = {"x1": outputs.x1, "x2": outputs.x2}
     others = {name: list(getattr(outputs, name)) for name in _OTHERS}
@@ -39,7 +39,7 @@ def info_to_plain(info: RunInfo) -> dict[str, Json]:
 
 
 def provenance_to_plain(origin: Provenance) -> dict[str, Json]:
-    """Where a run comes from, as the file has it."""
+    """Convert the origin of a run to JSON content."""
     task, path = origin.task, origin.path
     content: dict[str, Json] = {
         "scenario": origin.scenario,
@@ -59,14 +59,14 @@ def provenance_to_plain(origin: Provenance) -> dict[str, Json]:
 
 
 def provenance_of(content: Provenance | Mapping[str, Json] | None) -> Provenance:
-    """Where a run comes from, as a caller says it: typed, as plain content, or not at all.
+    """Return the origin of a run from a ``Provenance``, JSON content or None.
 
-    What a run says of itself, such as names and outcome, is left out, so that the ``meta`` of one run may be given to
-    another.
+    Keys that describe the run itself, such as names and outcome, are ignored. So the ``meta`` of one run can be passed
+    to another.
 
     Raises:
-        ConfigurationError: something under a key that is known is not what is expected there.
-        InputError: something that cannot be written as JSON.
+        ConfigurationError: a known key has a value of the wrong type.
+        InputError: a value cannot be written as JSON.
     """
     if isinstance(content, Provenance):
         return content
@@ -89,10 +89,10 @@ def provenance_of(content: Provenance | Mapping[str, Json] | None) -> Provenance
 
 
 def info_from_plain(content: Json) -> RunInfo:
-    """A run's information from what a file has.
+    """Convert JSON content to the information of a run.
 
     Raises:
-        ConfigurationError: it does not name the outputs, or something in it is not what is expected there.
+        ConfigurationError: the names of the outputs are missing, or a value has the wrong type.
     """
     parts = ("names", "units", "angular")
     if not isinstance(content, Mapping) or not all(isinstance(content.get(part), Mapping) for part in parts):
@@ -124,22 +124,22 @@ def info_from_plain(content: Json) -> RunInfo:
 
 
 class _Reader:
-    """Typed values from a mapping; what does not fit is named.
+    """Typed access to a mapping. Errors name the key.
 
     Args:
         content: the mapping.
-        where: what stands before its keys when they are named.
+        where: prefix of its keys in error messages.
     """
 
     def __init__(self, content: Mapping[str, Json], where: str = "") -> None:
         self._content, self._where = content, where
 
     def optional(self, key: str, read: Callable[[Json], _Value]) -> _Value | None:
-        """What stands under a key, or None where nothing does."""
+        """Return the value of a key, or None if it is absent."""
         return None if self._content.get(key) is None else self.required(key, read)
 
     def required(self, key: str, read: Callable[[Json], _Value]) -> _Value:
-        """What stands under a key."""
+        """Return the value of a key."""
         value = self._content.get(key)
         try:
             return read(value)
@@ -149,7 +149,7 @@ class _Reader:
 
 
 class _Unexpected(Exception):
-    """Says what was expected."""
+    """Wrong type; the message has the expected one."""
 
 
 def _text(value: Json) -> str:

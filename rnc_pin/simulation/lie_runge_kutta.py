@@ -13,17 +13,17 @@ from rnc_pin.simulation.exponential import ExponentialCoordinates
 
 Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-_FARTHEST = 100.0**2  # square of a step [rad or m] that no motion takes
+_FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 
 
 class LieRungeKutta4:
-    """The classical method in the coordinates ``q = q0 (+) u`` of one step (Munthe-Kaas 1999).
+    """Classical Runge-Kutta method in the coordinates ``q = q0 (+) u`` of one step (Munthe-Kaas 1999).
 
-    The coordinates move by the exact right Jacobian of the exponential (``ExponentialCoordinates``), so planar,
-    spherical and free-flying joints keep the order four, and quaternions their length.
+    The rates of the coordinates use the exact right Jacobian of the exponential (``ExponentialCoordinates``). So the
+    order is four for planar, spherical and free-flying joints too, and quaternions keep unit length.
 
     Args:
-        robot: whose configurations they are.
+        robot: robot of the configurations.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -33,17 +33,17 @@ class LieRungeKutta4:
     def step(
         self, rate: Rate, q: np.ndarray, y: np.ndarray, h: float, first: tuple[np.ndarray, np.ndarray] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State after a time h.
+        """Return the state after a time h.
 
         Args:
             rate: ``rate(q, y) -> (v, ydot)``.
             q: configuration (nq,).
-            y: everything else that moves, in a linear space.
+            y: all other states, in a linear space.
             h: step [s].
-            first: the rate at (q, y), where it is known already.
+            first: rate at (q, y), if already known.
 
         Raises:
-            DivergenceError: a step that goes farther than any chart reaches.
+            DivergenceError: the step is longer than the chart.
         """
         slope, y_slope = rate(q, y) if first is None else first
         u_sum, y_sum = slope, y_slope
@@ -58,14 +58,14 @@ class LieRungeKutta4:
 
 
 def check_reach(u: np.ndarray, h: float) -> None:
-    """Refuse a step that goes farther than any chart reaches.
+    """Raise an error if a step is longer than the chart.
 
     Args:
-        u: coordinates that it leads to (nv,) [rad or m].
-        h: its duration [s].
+        u: coordinates (nv,) at the end of the step [rad or m].
+        h: duration of the step [s].
 
     Raises:
-        DivergenceError: it goes too far, or is not finite.
+        DivergenceError: the step is too long or not finite.
     """
-    if not u.dot(u) < _FARTHEST:  # nor is infinity or NaN
+    if not u.dot(u) < _FARTHEST:  # also false for infinity and NaN
         raise DivergenceError(f"one step of {h:g} s would move by {np.sqrt(u.dot(u)):.3g} rad or m")

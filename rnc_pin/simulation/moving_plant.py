@@ -1,4 +1,4 @@
-"""What moves: a plant in charts of its own."""
+"""Equations of motion of the plant, in velocity charts that do not depend on the outputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Slope = tuple[np.ndarray, np.ndarray]
 
 
 def integrated(reduced: ReducedModel) -> np.ndarray:
-    """Of which reducing outputs an integral has to be kept, (r,)."""
+    """Mask (r,) of the reducing outputs whose velocity has to be integrated."""
     x2 = reduced.reducing
     whole = np.zeros(x2.size, dtype=bool)
     for block, where, *_ in x2.places:
@@ -29,21 +29,24 @@ def integrated(reduced: ReducedModel) -> np.ndarray:
 
 
 class MovingPlant:
-    """A system whose state is (q, v), with what a real machine has.
+    """Constrained system with state (q, v), with optional damping and actuator limits.
 
-    Beside q it integrates ``y = [w, integrals, work]``: the velocities of its present chart (r,), integrals of the
-    model's reducing velocities (r,) where an output needs one (quasi-velocities have no other value, a continuous joint
-    would forget full turns), and the work done.
+    The integration state is q and ``y = [w, integrals, work]``:
+
+    * w (r,): velocities of the current chart,
+    * integrals (r,) of the model's reducing velocities, for outputs that need one. A quasi-velocity has no other value,
+      and a continuous joint loses full turns without it,
+    * work of all forces.
 
     Args:
-        reduced: the model whose outputs are looked at.
-        plant: what takes part beside the model itself.
+        reduced: model with the outputs.
+        plant: effects that the model does not include.
 
     Attributes:
-        damping: viscous coefficients (nv,) that act; None where nothing is damped.
+        damping: viscous damping coefficients (nv,); None without damping.
 
     Raises:
-        ConstraintError: damping would act on a momentum that is said to be conserved.
+        ConstraintError: damping acts on a momentum that the model declares conserved.
     """
 
     def __init__(self, reduced: ReducedModel, plant: Plant = NOTHING_BESIDE) -> None:
@@ -65,7 +68,7 @@ class MovingPlant:
     # ------------------------------------------------------------------ states
 
     def start(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Y at the beginning."""
+        """Return the initial y, in a chart centred at q."""
         self._chart = VelocityChart(self.reduced.reduction_data, q)
         return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
 
@@ -74,22 +77,22 @@ class MovingPlant:
         return y[self._r : 2 * self._r]
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """The state in the present chart."""
+        """State in the current chart."""
         return self._chart.at(q, y[: self._r])
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
-        """Rows (r, nv) of what is integrated besides, zero where nothing is."""
+        """Jacobian (r, nv) of the integrals; rows without an integral are zero."""
         rows = np.zeros((self._r, self.reduced.n))
         if self._carried.size:
             rows[self._where] = self._carried.jacobian(state.position)
         return rows
 
     def seen(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """The state as the model's outputs see it."""
+        """State in the reduction of the model."""
         return self.at(q, y).in_reduction(self.reduced.reduction_data)
 
     def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
-        """The state as the model's outputs see it, and y in a chart that suits it."""
+        """Return the state in the reduction of the model, and y in a well-conditioned chart."""
         here = self.at(q, y)
         if self._chart.is_left(here):
             v = here.v
@@ -100,15 +103,15 @@ class MovingPlant:
     # ------------------------------------------------------------------ motion
 
     def damping_force(self, state: StateEvaluation) -> np.ndarray | None:
-        """Generalized force (nv,) of damping; None where nothing is damped."""
+        """Generalized force (nv,) of damping; None without damping."""
         return None if self.damping is None else -self.damping * state.v
 
     def saturate(self, T: np.ndarray) -> np.ndarray:
-        """Inputs that the actuators can give."""
+        """Inputs clipped to the actuator limits."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
     def first_slope(self, state: StateEvaluation, T: np.ndarray) -> Slope:
-        """How (q, y) begins to change at a state that the model's outputs have seen: nothing is evaluated again."""
+        """Time derivative of (q, y) at a state that is already evaluated in the reduction of the model."""
         v, v2_dot, power = state.flow(T, self.damping)
         return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
 
@@ -118,12 +121,12 @@ class MovingPlant:
         external: np.ndarray | None = None,
         held: Callable[[StateEvaluation], StateEvaluation] | None = None,
     ) -> Rate:
-        """How (q, y) changes under constant forces, for an integrator.
+        """Return the time derivative of (q, y) under constant forces, as a function for an integrator.
 
         Args:
             T: actuator inputs (p,).
-            external: generalized forces (nv,) beside inputs and damping.
-            held: gives a state without the motion that something holds; by default nothing is held.
+            external: generalized forces (nv,) in addition to inputs and damping.
+            held: projects a state, for example to stop rows that stick; none by default.
         """
 
         def rate(q: np.ndarray, y: np.ndarray) -> Slope:

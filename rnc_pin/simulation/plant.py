@@ -1,4 +1,4 @@
-"""What a real machine has and controllers are not told."""
+"""Options of the simulated plant: effects that controllers do not model."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Plant:
-    """What takes part in a run beside the model itself; nothing by default.
+    """Effects of the plant that the reduced model does not include; none by default.
 
     Args:
-        joint_damping: viscous damping of the robot's file acts on its joints.
-        actuator_limits: inputs are clipped to the effort limits of the robot's file, and to those of the actuators.
-
-        joint_friction: dry friction of the robot's file acts on its joints, with stiction; in ``simulate`` only.
+        joint_damping: joints have the viscous damping of the robot's file.
+        actuator_limits: inputs are clipped to the effort limits of the robot's file and of the actuators.
+        joint_friction: joints have the dry friction of the robot's file, with stiction; only in ``simulate``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,4 +1,4 @@
-"""Before anything moves: how close a reference comes to a singular configuration, and what it lifts off the ground."""
+"""Check of a reference before a run: distance to singular configurations, friction demand and lift-off."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from rnc_pin.simulation.gripping import GripNeeded, grip_along, rates_along
 from rnc_pin.simulation.rollout import kinematic_rollout
 
 _K3 = 2.0
-_FEWEST = 5  # configurations that accelerations can be told from
+_FEWEST = 5  # smallest number of configurations for accelerations by differences
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A smallest singular value along a reference.
+    """Smallest singular value along a reference.
 
     Attributes:
-        value: of the stack E with unit rows, or of A4.
-        time: when it is reached [s].
-        q: where, (nq,).
+        value: smallest singular value of the stack E with unit rows, or of A4.
+        time: time of the minimum [s].
+        q: configuration (nq,) of the minimum.
     """
 
     value: float
@@ -37,17 +37,17 @@ class Margin:
 
 @dataclass(frozen=True)
 class Margins:
-    """What a preflight found.
+    """Result of a preflight.
 
     Attributes:
-        stack: of ``E = [A; J2]``: whether x2 parametrises the motion.
-        A4: whether the redundant outputs can move the vertical ones; None where nothing asks them to.
-        singular: the error that ended the roll-out early, with its time, or None.
-        time: times of the roll-out (N,) [s].
-        q: its configurations (N, nq).
-        grip: what wheels need of the ground; None where nobody asked, or the roll-out ended early.
-        lift_off: the first contact that would lift off the ground; None where all hold, where the roll-out ended
-            early, and where the actuators cannot give the motion.
+        stack: margin of ``E = [A; J2]``; at zero, x2 does not parametrize the motion.
+        A4: margin of A4; at zero, the redundant outputs cannot move the vertical ones. None without such a task.
+        singular: error that ended the roll-out early, with its time; None if it did not.
+        time: times (N,) of the roll-out [s].
+        q: configurations (N, nq) of the roll-out.
+        grip: friction demand of the wheels; None without ``grip``, or if the roll-out ended early.
+        lift_off: first contact that lifts off the ground. None if none does, if the roll-out ended early, or if the
+            actuators cannot produce the motion.
     """
 
     stack: Margin
@@ -59,9 +59,9 @@ class Margins:
     lift_off: LiftOff | None = None
 
     def complaints(self, threshold: float = 0.01) -> list[str]:
-        """What speaks against the reference, in words; nothing where all margins are above the threshold."""
+        """Reasons against the reference, as text; empty if all margins are above the threshold."""
         if self.singular is not None:
-            return [f"the reference leads into a singular configuration: {self.singular}"]
+            return [f"the reference reaches a singular configuration: {self.singular}"]
         return [
             f"the reference comes close to a singular configuration: smallest singular value of {what} is "
             f"{margin.value:.2g} at t = {margin.time:.2f} s"
@@ -83,16 +83,16 @@ def preflight(
     dt: float = 0.02,
     grip: Grip | None = None,
 ) -> Margins:
-    """Follow a reference by kinematics alone, without dynamics, and watch the singular values.
+    """Roll out a reference by kinematics, without dynamics, and return the singular value margins.
 
     Args:
-        reduced: the model.
-        task: its outputs.
+        reduced: reduced model.
+        task: task of the outputs.
         reference: desired x21 and x1.
         q0: initial configuration (nq,).
-        duration: [s]; by default until the reference rests.
+        duration: duration of the roll-out [s]; by default until the reference is at rest.
         dt: step of the roll-out [s].
-        grip: friction of the ground, to see what wheels need of it.
+        grip: friction of the ground, for the friction demand of the wheels.
 
     Raises:
         SingularityError: the initial configuration is singular.
@@ -105,9 +105,9 @@ def preflight(
         >>> task = rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
         >>> q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
         >>> x1, (x, y, _) = reduced.outputs(q0)
-        >>> outwards = rnc.planning.MinimumJerk([x, y], [1.3 * x, 1.3 * y], duration=4.0)  # the arm almost stretched
+        >>> outwards = rnc.planning.MinimumJerk([x, y], [1.3 * x, 1.3 * y], duration=4.0)  # the arm is almost straight
         >>> margins = rnc.preflight(reduced, task, rnc.planning.TaskReference(outwards, rnc.planning.Hold(x1)), q0)
-        >>> round(margins.stack.value, 3), round(margins.stack.time, 1)  # how close to singular, and when
+        >>> round(margins.stack.value, 3), round(margins.stack.time, 1)  # smallest singular value, and its time
         (0.025, 4.0)
     """
     controller = RedundancyController(task, reference.primary, reference.vertical, k3=_K3, k21=_K3)
@@ -123,16 +123,16 @@ def margins_along(
     task: Task | None = None,
     grip: Grip | None = None,
 ) -> Margins:
-    """The same for any kinematic controller.
+    """Preflight of any kinematic controller.
 
     Args:
-        reduced: the model.
-        controller: whose rates are followed exactly.
+        reduced: reduced model.
+        controller: controller whose velocities the roll-out follows exactly.
         q0: initial configuration (nq,).
-        duration: [s].
+        duration: duration of the roll-out [s].
         dt: step of the roll-out [s].
-        task: its A4 is watched too; None where the controller does not invert it.
-        grip: friction of the ground, to see what wheels need of it.
+        task: task whose A4 is checked too; None if the controller does not invert A4.
+        grip: friction of the ground, for the friction demand of the wheels.
 
     Raises:
         SingularityError: the initial configuration is singular.
@@ -160,7 +160,7 @@ def margins_along(
             needed = grip_along(reduced, grip, times, path)
             lifted = needed.lift_off
         else:
-            with suppress(ConstraintError):  # the actuators cannot give this motion, so forces are not known
+            with suppress(ConstraintError):  # forces are unknown if the actuators cannot produce the motion
                 lifted = lift_off_along(reduced, times[1:-1], *rates_along(reduced, times, path))
     stack = smallest(np.asarray(reduced.smallest_singular_value(path)))
     return Margins(stack, margin, singular, times, path, needed, lifted)

@@ -1,4 +1,4 @@
-"""Rows of a run, filled sample by sample; what follows from them is computed at the end, in blocks."""
+"""Recorder of a run: samples are stored one by one, derived quantities are computed at the end in blocks."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
 _NOTHING = np.zeros(0)
-_BLOCK = 1000  # samples, at most
-_ROOM = 16e6  # for the matrices of a block [bytes]
-_MATRICES = 8  # of the size of the inertia, (n, n), that a sample takes on the way
+_BLOCK = 1000  # largest number of samples in a block
+_ROOM = 16e6  # memory for the matrices of a block [bytes]
+_MATRICES = 8  # temporary (n, n) matrices per sample
 
 
 class Record:
-    """A run under way.
+    """Recorder of a run.
 
     Args:
-        reduced: the model.
-        capacity: most samples.
-        carries: of which reducing outputs the integrals mean something, (r,).
+        reduced: reduced model.
+        capacity: largest number of samples.
+        carries: mask (r,) of the reducing outputs with a valid integral.
         contacts: names of the contacts whose friction is recorded.
     """
 
@@ -42,7 +42,7 @@ class Record:
         self, reduced: ReducedModel, capacity: int, carries: np.ndarray, contacts: tuple[str, ...] = ()
     ) -> None:
         self.reduced, self.capacity, self.count, self._contacts = reduced, capacity, 0, contacts
-        self._versions = versions()  # before the run: what fails here costs no results
+        self._versions = versions()  # before the run, so that an error here loses no results
         k, r = reduced.vertical.size, reduced.r
         sizes = {
             "time": (), "q": (reduced.robot.nq,), "v": (reduced.n,), "v2": (r,), "v2_desired": (r,), "x1": (k,),
@@ -50,18 +50,18 @@ class Record:
             "estimates": (0,), "prediction_error": (0,), "v_measured": (0,), "friction_used": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
-        self._first_word: int | None = None  # sample of the first goal: before it nothing could be measured
+        self._first_word: int | None = None  # first sample with a goal
         self._integrals, self._carries = np.zeros((capacity, r)), carries
-        self._models: list[tuple[int, ReducedModel | None]] = []  # what moves, from which sample on
+        self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
 
     def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
-        """Tell of the sample to be added next what moves.
+        """Set the plant model and external forces of the next sample.
 
         Args:
-            model: the reduced model that moves; None where no model is known, and the controller's stands for it.
-            external: generalized forces (nv,) beside the inputs, if any.
+            model: reduced model of the plant; None if it is unknown. The controller's model then replaces it.
+            external: generalized forces (nv,) in addition to the inputs, if any.
         """
         if not self._models or self._models[-1][1] is not model:
             self._models.append((self.count, model))
@@ -81,7 +81,7 @@ class Record:
         v_measured: np.ndarray = _NOTHING,
         friction_used: np.ndarray = _NOTHING,
     ) -> None:
-        """One sample; the arrays by keyword are empty where there is nothing to tell."""
+        """Add one sample. ``v_measured`` and ``friction_used`` are empty if there is no data."""
         a, i = self.arrays, self.count
         a["time"][i], a["q"][i], a["v"][i], a["v2"][i], a["T"][i], a["work"][i] = t, state.q, state.v, state.v2, T, work
         a["x1"][i], a["x2"][i] = state.outputs(integrals)
@@ -109,13 +109,13 @@ class Record:
     def finish(
         self, dt: float, provenance: Provenance, outcome: Outcome = Outcome.COMPLETED, message: str | None = None
     ) -> Trajectory:
-        """The run as a whole.
+        """Return the trajectory.
 
         Args:
-            dt: spacing of the samples [s].
-            provenance: where the run comes from.
-            outcome: how it ended.
-            message: why, if it ended early.
+            dt: sampling period [s].
+            provenance: origin of the run.
+            outcome: outcome of the run.
+            message: reason of an early end, if any.
         """
         reduced = self.reduced
         a = {name: array[: self.count] for name, array in self.arrays.items()}
@@ -174,7 +174,7 @@ class Record:
         return derived
 
     def _normal_names(self) -> tuple[str, ...]:
-        """Contacts whose normal forces are known: those of the model, where a reduced model moves."""
+        """Names of the contacts with known normal forces; empty if the plant is not a reduced model."""
         if not any(model is not None for _, model in self._models):
             return ()
         if self._normal is None:
@@ -182,7 +182,7 @@ class Record:
         return self._normal.names
 
     def _stretches(self, samples: int) -> Iterator[tuple[int, int, ReducedModel]]:
-        """First sample, end and model of each stretch in which one model moves."""
+        """Yield first sample, end and plant model of each interval with one plant model."""
         told = self._models or [(0, None)]
         ends = [start for start, _ in told[1:]] + [samples]
         for (start, model), end in zip(told, ends, strict=True):
@@ -200,9 +200,9 @@ def _block(
     external: np.ndarray | None,
     bodies: Sequence[GroundBody],
 ) -> dict[str, np.ndarray]:
-    """Outputs as the controller's model sees them; forces and energy are those of the plant."""
+    """Derived quantities of a block: outputs of the controller's model, forces and energy of the plant."""
     seen = StateEvaluation.at(reduced.reduction_data, q, v=v)
-    # Forces at the contacts do not ask which outputs are looked at, nor whether those are singular.
+    # Contact forces do not depend on the choice of outputs, nor on their singularities.
     own = seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v)
     moved = own.in_reduction(plant.reduction_data.in_entries(best_entries(own.A[0], plant.r), free=True))
     regular = seen.regular
@@ -227,7 +227,7 @@ def _block(
 
 
 def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Of values (N, k) of what the plant has those of the wanted names; NaN for names that it does not have."""
+    """Select columns of values (N, k) by name; NaN for unknown names."""
     if wanted == known:
         return values
     columns = {name: column for column, name in enumerate(known)}
@@ -237,15 +237,15 @@ def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
     if np.shape(value) != shape:
-        raise InputError(f"the {name} of a command has shape {np.shape(value)}, expected {shape}")
+        raise InputError(f"{name} of a command has shape {np.shape(value)}, expected {shape}")
 
 
 def _blocks(samples: int, numbers: int) -> Iterator[slice]:
-    """Pieces of a run that are computed at once, so that its end takes no more memory the longer it is.
+    """Yield blocks of samples, so that memory does not grow with the length of the run.
 
     Args:
-        samples: of the run.
-        numbers: that a sample takes on the way.
+        samples: number of samples.
+        numbers: temporary numbers per sample.
     """
     length = max(1, min(_BLOCK, int(_ROOM / (8 * max(numbers, 1)))))
     for start in range(0, samples, length):
@@ -253,7 +253,7 @@ def _blocks(samples: int, numbers: int) -> Iterator[slice]:
 
 
 def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Where values (N, k) should be by their rates, (N, k), by the trapezoidal rule."""
+    """First values plus the integral of the rates (N, k), by the trapezoidal rule."""
     whole = np.empty_like(values)
     whole[:1] = 0.0
     for block in _blocks(len(values) - 1, 4 * values.shape[1]):
@@ -266,7 +266,7 @@ def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.n
 
 
 def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray, dt: float) -> None:
-    """Where only a rate was desired, put its integral from the start (trapezoidal rule)."""
+    """Fill missing desired outputs with the integral of their desired rates (trapezoidal rule)."""
     if not len(x2):
         return
     columns = np.isnan(x2_desired).all(axis=0) & ~np.isnan(v2_desired).any(axis=0)
@@ -277,7 +277,7 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
 
 
 def output_names(reduced: ReducedModel) -> OutputNames:
-    """What the columns of a model's runs are called, and what they live on."""
+    """Names, units and coordinate types of the columns in runs of a model."""
     return OutputNames(
         x1=_columns(reduced.vertical),
         x2=_columns(reduced.reducing),
@@ -296,7 +296,7 @@ def _columns(outputs: OutputStack) -> Columns:
 
 
 def versions() -> dict[str, str]:
-    """Versions that a result depends on."""
+    """Versions of the software that a result depends on."""
     return {
         "rnc_pin": __version__,
         "pin": pin.__version__,

@@ -1,4 +1,4 @@
-"""The reduced model as a machine."""
+"""Plant that integrates the reduced model."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 
 
 class ReducedPlant:
-    """A machine that obeys its constraints exactly, and is measured exactly.
+    """Plant that satisfies its constraints exactly, with exact measurements.
 
-    It moves by a fourth-order Lie-group integrator in charts of its own, regular wherever the constraints have constant
-    rank. What the integrator lets holonomic rows drift, wheels off the ground or loops apart, is removed whenever time
-    has passed, along a correction that has no momentum in the motion that is left.
+    A fourth-order Lie-group integrator runs in charts of the constraints, which are regular if the constraints have
+    constant rank. After each ``advance`` a projection removes the drift of holonomic rows, such as wheel height and
+    loop closure. The correction has zero momentum along the admissible velocities.
 
     Args:
-        reduced: the model.
-        plant: what takes part beside it.
-        substeps: integration steps each time that ``advance`` is called.
+        reduced: reduced model.
+        plant: effects that the model does not include.
+        substeps: integration steps per call of ``advance``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -49,20 +49,20 @@ class ReducedPlant:
         self._seen: StateEvaluation | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Start again; of v what violates the constraints is left out."""
+        """Set the state; the part of v that violates the constraints is removed."""
         self._q, self._y = q, self._moving.start(q, v)
         self.applied, self._seen = np.zeros(self.reduced.p), None
 
     @property
     def state(self) -> StateEvaluation:
-        """The state as the model's outputs see it.
+        """State in the reduction of the model.
 
         Raises:
-            DivergenceError: it has left all bounds.
+            DivergenceError: the state is not finite.
         """
         if self._seen is None:
             if not np.isfinite(self._y).all():
-                raise DivergenceError("velocities have no bound")
+                raise DivergenceError("plant velocities are not finite")
             self._seen, self._y = self._moving.settled(self._q, self._y)
         return self._seen
 
@@ -73,7 +73,7 @@ class ReducedPlant:
 
     @property
     def work(self) -> float:
-        """Work of actuators and of constraints that move, less what damping and friction took [J]."""
+        """Work of actuators and rheonomic constraints, minus the dissipation of damping and friction [J]."""
         return float(self._y[-1])
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -81,16 +81,16 @@ class ReducedPlant:
         return self.state.q.copy(), self.state.v.copy()
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold these inputs (p,), or what the actuators can give of them: ``applied``."""
+        """Hold the inputs (p,), clipped to the actuator limits; ``applied`` has the result."""
         self.applied = self._moving.saturate(T)
 
     def set_actuator_friction(self, limit: float) -> None:
-        """Let dry friction of this size work against every actuator [N or N m]; ``applied`` does not count it."""
+        """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
         self._dissipative.friction.set_actuators(limit)
 
     @property
     def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) of damping and friction now; None where nothing dissipates."""
+        """Current generalized forces (nv,) of damping and friction; None without them."""
         if not self._dissipative.needed:
             return None
         damped = self._moving.damping_force(self.state)
@@ -100,10 +100,10 @@ class ReducedPlant:
         return force
 
     def advance(self, dt: float) -> None:
-        """Let time pass [s].
+        """Integrate over a time dt [s].
 
         Raises:
-            DivergenceError: velocities or accelerations have no bound.
+            DivergenceError: velocities or accelerations are not finite.
         """
         state, q, y, h = self.state, self._q, self._y, dt / self._substeps
         if self._dissipative.needed:
@@ -113,6 +113,6 @@ class ReducedPlant:
             rate, first = self._moving.rate(self.applied), self._moving.first_slope(state, self.applied)
             for substep in range(self._substeps):
                 q, y = self._integrator.step(rate, q, y, h, None if substep else first)
-        if self.reduced.assembly.size and np.isfinite(q).all():  # else diverged, which the next look says
+        if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
             q = self.reduced.assembly.project(q)
         self._q, self._y, self._seen = q, y, None

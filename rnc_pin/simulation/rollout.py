@@ -1,4 +1,4 @@
-"""Kinematics alone: what a velocity target does when it is followed exactly."""
+"""Kinematic roll-out: motion that follows a velocity target exactly, without dynamics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
 class Rollout(NamedTuple):
-    """Where a velocity target leads."""
+    """Sampled motion of a kinematic roll-out."""
 
     time: np.ndarray
     """(N,) [s]"""
@@ -24,19 +24,19 @@ class Rollout(NamedTuple):
 def kinematic_rollout(
     reduced: ReducedModel, target: KinematicController, q0: np.ndarray, duration: float, dt: float = 0.02
 ) -> Rollout:
-    """Times (N,) and configurations (N, nq) under ``v2 = v2d``, without dynamics.
+    """Integrate the kinematics under ``v2 = v2d``, without dynamics. Return times (N,) and configurations (N, nq).
 
     Args:
-        reduced: the model.
+        reduced: reduced model.
         target: kinematic controller.
         q0: initial configuration (nq,).
-        duration: [s].
-        dt: step [s]; the dynamics play no part, so it can be coarse.
+        duration: duration [s].
+        dt: step [s]; it can be large, because there are no dynamics.
 
     Raises:
-        SingularityError, DivergenceError: the reference runs into a singular configuration, or asks for rates without
-            bound next to one; says when, with the roll-out so far in ``error.trajectory``.
-        SimulationError: the target raises; the same, with what it raised as the cause.
+        SingularityError, DivergenceError: the reference reaches a singular configuration, or its rates grow without
+            bound near one. The error has the time, and the roll-out so far in ``error.trajectory``.
+        SimulationError: the target raises an error, which becomes the cause; ``error.trajectory`` as above.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -45,7 +45,7 @@ def kinematic_rollout(
         >>> swing = rnc.planning.MinimumJerk(np.zeros(3), [0.5, 0.0, 0.0], duration=1.0)
         >>> target = rnc.control.ReducingOutputController(reduced, swing)
         >>> times, path = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=1.0)
-        >>> path[-1, :2].round(2)  # the platform gives way to the arm
+        >>> path[-1, :2].round(2)  # the platform reacts to the arm
         array([-0.47,  0.5 ])
     """
     integrator = LieRungeKutta4(reduced.robot)
@@ -61,7 +61,7 @@ def kinematic_rollout(
 
     try:
         for sample in range(1, round(duration / dt) + 1):
-            # Targets depend on v2 through their rates only, so the last one known will do.
+            # Targets use v2 only for their rates, so the last known v2 is sufficient.
             measured, state_next = target.step(t, reduced.measure(q, v2, y), state)
             v2 = measured.v2
             q, y = integrator.step(rate, q, y, dt)

@@ -1,4 +1,4 @@
-"""What a run is a run of, beside its numbers. In a file it is JSON: see ``info_json``."""
+"""Metadata of a run: names, units, origin and outcome. In a file they are JSON: see ``info_json``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rnc_pin.plain import Json
 
 
 class Outcome(StrEnum):
-    """How a run ended.
+    """Outcome of a run.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -31,13 +31,13 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Columns:
-    """The vertical or the reducing outputs of a run, column by column.
+    """Metadata of the columns of the vertical or the reducing outputs.
 
     Attributes:
-        names, units: of the outputs; of a quasi-velocity the unit of its integral.
-        angular: which are angles.
-        rotations: columns in which a rotation vector begins.
-        quasi: which are integrals of quasi-velocities; none in files of older versions.
+        names, units: names and units of the outputs; for a quasi-velocity, the unit of its integral.
+        angular: True for angles.
+        rotations: first columns of rotation vectors.
+        quasi: True for integrals of quasi-velocities; empty in files of older versions.
     """
 
     names: tuple[str, ...] = ()
@@ -48,13 +48,13 @@ class Columns:
 
     @property
     def coordinates(self) -> Coordinates:
-        """What the outputs live on."""
+        """Coordinate types of the outputs, such as angles and rotation vectors."""
         return Coordinates(self.angular, self.rotations)
 
 
 @dataclass(frozen=True)
 class OutputNames:
-    """What the columns of a run's arrays are called.
+    """Names of the columns of a run's arrays.
 
     Attributes:
         x1, x2: vertical and reducing outputs.
@@ -62,10 +62,10 @@ class OutputNames:
         multipliers: kept constraint rows.
         contact_forces: all constraint rows.
         v: velocities of the robot.
-        friction_used: contacts that grip by friction.
-        normal_forces: contacts that carry.
+        friction_used: contacts with friction.
+        normal_forces: contacts with a normal force.
         ground_poses: bodies that move on the ground.
-        T_units: "N" or "N m" of each actuator, empty where it is not known; none in files of older versions.
+        T_units: "N" or "N m" per actuator, "" if unknown; the tuple is empty in files of older versions.
     """
 
     x1: Columns = Columns()
@@ -80,13 +80,13 @@ class OutputNames:
     T_units: tuple[str, ...] = ()
 
     def of(self, kind: str) -> Columns:
-        """Those of "x1" or of "x2"."""
+        """Columns of "x1" or "x2"."""
         return {"x1": self.x1, "x2": self.x2}[kind]
 
 
 @dataclass(frozen=True)
 class TaskNames:
-    """Reducing outputs that the task names, and those that it leaves free."""
+    """Names of the primary and the redundant outputs of a task."""
 
     primary: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
@@ -94,12 +94,12 @@ class TaskNames:
 
 @dataclass(frozen=True)
 class PlannedPath:
-    """The path that was planned before a run.
+    """Path that was planned before a run.
 
     Attributes:
-        frame: that was to drive it.
-        trailer: frame that was to follow, if any.
-        poses: x, y and heading [m, m, rad].
+        frame: frame that drives the path.
+        trailer: frame of the trailer that follows, if any.
+        poses: x, y and heading of each pose [m, m, rad].
     """
 
     frame: str
@@ -109,18 +109,18 @@ class PlannedPath:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a run comes from, as whoever starts it says.
+    """Origin of a run, as given by its caller.
 
     Attributes:
-        scenario: its name.
-        seed: of whatever was drawn.
-        config: the scenario as its file has it.
-        folder: that paths in ``config`` are relative to; None for a scenario that is built in.
-        controller: the controller and its gains.
-        task: how the reducing outputs are divided.
-        path: that was planned.
-        estimates, predicted: units by name of what the controller learns, and of what it predicts.
-        more: anything else worth keeping.
+        scenario: name of the scenario.
+        seed: seed of the random numbers.
+        config: content of the scenario file.
+        folder: base folder of relative paths in ``config``; None for a built-in scenario.
+        controller: controller and its gains.
+        task: primary and redundant outputs.
+        path: planned path.
+        estimates, predicted: units by name, of the estimated parameters and of the predicted quantities.
+        more: other data, under keys of the caller.
     """
 
     scenario: str | None = None
@@ -137,16 +137,16 @@ class Provenance:
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What a run is a run of, and how it ended.
+    """Metadata and outcome of a run.
 
     Attributes:
         outputs: names of the columns.
-        goals: outputs that had a goal all the time, from when the controller first could measure.
+        goals: outputs with a goal at every sample, from the first valid measurement on.
         dt: sampling period [s].
-        versions: of the software that the numbers depend on.
-        provenance: where the run comes from.
-        outcome: how it ended.
-        message: why it ended early, if it did.
+        versions: versions of the software that the results depend on.
+        provenance: origin of the run.
+        outcome: outcome of the run.
+        message: reason of an early end, if any.
     """
 
     outputs: OutputNames = OutputNames()

@@ -1,4 +1,4 @@
-"""A machine as a simulation sees it: what is true beside what sensors say."""
+"""Adapter between a plant and a simulation: true state and measured state."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ _NOTHING = np.zeros(0)
 
 
 class SeenMachine:
-    """Any machine, looked at through the outputs of a model.
+    """Adapter of a plant: its state in the outputs of a model.
 
-    Of what a machine may say besides, this is read: ``actual()``, configuration and velocity where ``read()`` gives
-    what sensors say; ``applied``, the inputs that act; ``work`` done so far; ``friction_used()``, of ``wheel_names``;
-    ``reduced``, the model that moves, where it is one; ``external``, generalized forces beside the inputs.
+    These attributes of a plant are optional:
+
+    * ``actual()``: true configuration and velocity, if ``read()`` returns sensor values,
+    * ``applied``: applied inputs,
+    * ``work``: work since the start,
+    * ``friction_used()``: friction use of the contacts ``wheel_names``,
+    * ``reduced``: reduced model of the plant,
+    * ``external``: generalized forces in addition to the inputs.
 
     Args:
-        machine: that moves.
-        reduced: the model.
+        machine: the plant.
+        reduced: reduced model of the controller.
     """
 
     def __init__(self, machine: Machine, reduced: ReducedModel) -> None:
@@ -33,27 +38,27 @@ class SeenMachine:
         self.friction_names: tuple[str, ...] = tuple(getattr(machine, "wheel_names", ()))
 
     def look(self) -> StateEvaluation:
-        """The state as it is; once a sample, for sensors are read.
+        """Read the sensors and return the true state. Call it once per sample.
 
         Raises:
-            DivergenceError: it has left all bounds.
+            DivergenceError: the state is not finite.
         """
         if self._exact is not None:
             return self._exact.state
         self._sensed = self.machine.read()
         q, v = self.machine.actual() if hasattr(self.machine, "actual") else self._sensed
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
-            raise DivergenceError("the machine's state has no bound")
+            raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v)
 
     def decide(self, loop: ControlLoop, t: float) -> np.ndarray:
-        """What a loop makes of what was seen."""
+        """Return the inputs (p,) of a loop for the last measurement."""
         if self._exact is not None:
             return loop.decide(t, self._exact.state, self._exact.integrals)
         return loop.step(t, *self._sensed)
 
     def act(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
-        """Give the machine inputs; those that act, which the loop is told as well."""
+        """Apply inputs to the plant, report the applied ones to the loop, and return them."""
         self.machine.apply(T)
         acting: np.ndarray = getattr(self.machine, "applied", T)
         loop.acted(acting)
@@ -61,26 +66,26 @@ class SeenMachine:
 
     @property
     def v_measured(self) -> np.ndarray:
-        """What sensors say, (nv,); none where they are exact."""
+        """Measured velocity (nv,); empty if measurements are exact."""
         return self._sensed[1]
 
     @property
     def work(self) -> float:
-        """Done so far [J]; NaN where the machine does not say."""
+        """Work since the start [J]; NaN if the plant does not provide it."""
         return float(getattr(self.machine, "work", np.nan))
 
     @property
     def model(self) -> ReducedModel | None:
-        """The reduced model that moves; None where the machine is none."""
+        """Reduced model of the plant; None if it has none."""
         return self._reduced if self._exact is not None else getattr(self.machine, "reduced", None)
 
     @property
     def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) beside the inputs; None where there are none."""
+        """Generalized forces (nv,) in addition to the inputs; None without them."""
         return getattr(self.machine, "external", None)
 
     @property
     def friction_used(self) -> np.ndarray:
-        """Share of the grip that each contact uses, (w,)."""
+        """Friction use (w,) of the contacts: friction force over its limit."""
         tell = getattr(self.machine, "friction_used", None)
         return _NOTHING if tell is None or not self.friction_names else np.asarray(tell())

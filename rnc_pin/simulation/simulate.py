@@ -1,4 +1,4 @@
-"""A sampled controller with zero-order hold, over the continuous reduced model or any other machine."""
+"""Simulation of a sampled controller with zero-order hold and a continuous plant."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
 from rnc_pin.simulation.trajectory import Trajectory
 
 _MOST_SAMPLES = 10_000_000
-_ASSEMBLED = 1e-4  # residual of holonomic rows up to which an initial configuration counts as rounded, not as wrong
+_ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
 
 
 class Sample(NamedTuple):
-    """What an observer is told once a sample. Arrays are not written to afterwards."""
+    """Argument of an observer, once per sample. Its arrays are never overwritten."""
 
     time: float
     """[s]"""
     measurement: Measurement
     command: Command
     T: np.ndarray
-    """Actuator inputs that act (p,)."""
+    """Applied actuator inputs (p,)."""
 
 
 Observer = Callable[[Sample], None]
@@ -49,10 +49,10 @@ _MODEL, _LOOP = "the model", "the loop"
 
 
 def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
-    """How many samples a run has, its start among them.
+    """Number of samples of a run, including its start.
 
     Raises:
-        InputError: a duration or period that is not positive, less than one sample, or more than fit into memory.
+        InputError: the duration or period is not positive, or there are too few or too many samples.
     """
     numbers = all(isinstance(each, int | float | np.integer | np.floating) for each in (duration, dt, substeps))
     if not numbers or not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
@@ -84,42 +84,41 @@ def simulate(
     observer: Observer | None = None,
     meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
-    """Run a controller against the reduced model, or against another machine.
+    """Simulate a controller in closed loop with the reduced model, or with another plant.
 
-    The controller sees a measurement every ``dt`` and its inputs are held in between, while the system moves by a
-    fourth-order Lie-group integrator in charts of its own, regular wherever the constraints have constant rank: only
-    what the controller looks at can be singular. What the integrator lets holonomic rows drift, wheels off the ground
-    or loops apart, is removed at every sample, along a correction that has no momentum in the motion that is left.
+    The controller gets a measurement every ``dt``, and a zero-order hold keeps its inputs in between. A fourth-order
+    Lie-group integrator runs in charts of the constraints, which are regular if the constraints have constant rank.
+    So only the outputs of the controller can be singular. At every sample a projection removes the drift of holonomic
+    rows, such as wheel height and loop closure. The correction has zero momentum along the admissible velocities.
 
     Args:
-        reduced: the model.
-        controller: anything with the protocol of ``rnc_pin.control``.
+        reduced: reduced model.
+        controller: controller with the protocol of ``rnc_pin.control``.
         q0: initial configuration (nq,).
-        duration: [s]; the last sample is at the nearest whole number of ``dt``.
+        duration: duration [s], rounded to a multiple of ``dt``.
         dt: sampling period [s].
-        v2_0: initial reduced velocity (r,); at rest by default.
-        substeps: integration steps in a sampling period.
-        plant: what a real machine has beside the model: ``Plant(joint_damping=True, actuator_limits=True)``.
-        stop: what ends the run early: ``Stop(position_limits=True)``.
-        machine: what moves instead of the reduced model: another simulator, a model that differs from what the
-            controller believes, sensors with faults. ``plant`` and ``substeps`` are of our own and mean nothing then.
-        loop: options of the ``ControlLoop`` that the controller runs in. By default inputs are clipped to their limits
-            where ``plant`` says so, and errors are raised; around another machine there is a safe command instead.
-        controller_state: resume from this state instead of a fresh one.
-        observer: called with every ``Sample``.
-        meta: kept with the trajectory: where the run comes from, as ``Provenance`` or as a mapping that JSON can say.
+        v2_0: initial reduced velocity (r,); zero by default.
+        substeps: integration steps per sampling period.
+        plant: effects that the model does not include: ``Plant(joint_damping=True, actuator_limits=True)``.
+        stop: conditions that end the run early: ``Stop(position_limits=True)``.
+        machine: plant instead of the reduced model: another simulator, a model that differs from the nominal one, or
+            sensors with faults. ``plant`` and ``substeps`` have no effect on it.
+        loop: options of the ``ControlLoop`` of the controller. By default inputs are clipped if ``plant`` has actuator
+            limits. Errors are raised, but with ``machine`` the loop gives a safe command instead.
+        controller_state: initial state of the controller; a new one by default.
+        observer: function that is called with every ``Sample``.
+        meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
 
     Returns:
-        The run. Ctrl-C ends it early, with outcome "interrupted", and so does a second and a third.
+        The run. Ctrl-C ends it early, with outcome "interrupted"; further Ctrl-C do not lose it.
 
     Raises:
-        RncError: whatever ends the run early, with the run so far in ``error.trajectory``: a SingularityError,
-            DivergenceError or LimitError; a ConstraintError where the actuators cannot produce what the controller asks
-            for; a SimulationError where the controller or the observer raises, with what it raised as its cause.
-        InputError: wrong shapes, a duration or period that is not positive, or an initial configuration that does not
-            satisfy the holonomic rows (``ReducedModel.assembled`` gives one that does).
-        ConfigurationError: an argument that is not what is expected, or ``meta`` has something else than is expected
-            under a key that is known.
+        RncError: the run ends early, with the run so far in ``error.trajectory``: a SingularityError, DivergenceError
+            or LimitError; a ConstraintError if the actuators cannot produce the command; or a SimulationError, whose
+            cause is an error that the controller or the observer raised.
+        InputError: wrong shapes; the duration or period is not positive; or the initial configuration violates the
+            holonomic rows (``ReducedModel.assembled`` returns one that satisfies them).
+        ConfigurationError: an argument has the wrong type, or ``meta`` has a value of the wrong type under a known key.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -180,25 +179,29 @@ def simulate(
             culprit = control.at_work if culprit is _LOOP else culprit
             raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
         if control.state.failed and outcome is Outcome.COMPLETED:
-            outcome, message = Outcome.FAILED, f"the safe command was given since: {control.state.trouble}"
+            outcome, message = Outcome.FAILED, f"the loop gave the safe command until the end: {control.state.trouble}"
         return record.finish(dt, provenance, outcome, message)
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
-    """The initial configuration without its rounding, or a refusal."""
+    """Initial configuration without rounding errors of the holonomic rows.
+
+    Raises:
+        InputError: the residual of a holonomic row is larger than rounding.
+    """
     if not reduced.assembly.size:
         return q0
     if np.abs(reduced.position_residual(q0)).max() > _ASSEMBLED:
         name, residual = reduced.assembly.worst(q0)
         raise InputError(
             f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
-            "reduced.assembled(q0), or system.assembled(q0), gives the nearest one that does not"
+            "reduced.assembled(q0) or system.assembled(q0) returns the nearest one that satisfies it"
         )
     return reduced.assembled(q0)
 
 
 def _decided(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
-    """What the loop's last step saw and asked for; where it gave the safe command, what was wanted before."""
+    """Measurement and command of the loop's last step. For a safe command, the goals are those of the step before."""
     if loop.last is None:
         return state.measure(loop.state.integrals), Command(T=loop.state.T)
     if loop.state.trouble is not None:

@@ -1,4 +1,4 @@
-"""When a run ends before its time."""
+"""Conditions that end a run early."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class Stop:
-    """What ends a run early, looked at once a sample.
+    """Conditions that end a run early, checked once per sample.
 
     Args:
-        speed: a reduced velocity beyond this counts as diverged [of the outputs' rates].
-        position_limits: a joint that leaves the range of the robot's file ends the run.
+        speed: largest reduced velocity, in the units of the outputs' rates; a larger one counts as diverged.
+        position_limits: True ends the run if a joint leaves its position limits in the robot's file.
 
     Raises:
-        InputError: the speed is not positive.
+        InputError: speed is not positive.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -37,18 +37,18 @@ class Stop:
 
     def __post_init__(self) -> None:
         if not self.speed > 0:
-            raise InputError(f"the speed at which a run stops has to be positive, found {self.speed}")
+            raise InputError(f"speed of a Stop has to be positive, found {self.speed}")
 
 
 BEYOND_BOUNDS = Stop()
 
 
 class Watch:
-    """A stop that knows the robot.
+    """Check of stop conditions for a robot.
 
     Args:
-        stop: when.
-        robot: whose joints have ranges.
+        stop: stop conditions.
+        robot: robot with the position limits.
     """
 
     def __init__(self, stop: Stop, robot: Robot) -> None:
@@ -62,15 +62,15 @@ class Watch:
                     self._ranges.append((name, joint.idx_q, low, high))
 
     def check(self, t: float, state: StateEvaluation) -> None:
-        """Go on, or not.
+        """Raise an error if a state meets a stop condition.
 
         Args:
             t: simulated time [s].
-            state: one state.
+            state: state with one configuration.
 
         Raises:
-            DivergenceError: a reduced velocity is beyond the limit, or has no bound.
-            LimitError: a joint left its range.
+            DivergenceError: a reduced velocity exceeds the limit, or is not finite.
+            LimitError: a joint is outside its position limits.
         """
         fastest = np.abs(state.v2).max()
         if not fastest < self._speed:

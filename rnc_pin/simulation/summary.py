@@ -1,4 +1,4 @@
-"""The figures of a run that fit on one screen."""
+"""Summary of a run: errors and invariants."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rnc_pin.simulation.trajectory import Trajectory
 
 
 class Learning(TypedDict, total=False):
-    """What a controller that estimates made of it; "late" is the second half of the run."""
+    """Results of an adaptive controller; "late" means the second half of the run."""
 
     final_estimates: list[float]
     late_prediction_error_rms: float
@@ -20,7 +20,7 @@ class Learning(TypedDict, total=False):
 
 
 class Compared(Learning):
-    """How a run ended and how far it was off, [m or rad, magnitudes] by output: what is told of a comparison, too."""
+    """Outcome and absolute errors [m or rad] by output, of a run or of a comparison run."""
 
     outcome: str
     message: NotRequired[str]
@@ -32,7 +32,7 @@ class Compared(Learning):
 
 
 class LiftedOff(TypedDict):
-    """A contact that the model holds down: its normal force when that is first below zero, and its lowest [N]."""
+    """Contact with a negative normal force: its first negative value and its minimum [N]."""
 
     contact: str
     time: float
@@ -41,11 +41,10 @@ class LiftedOff(TypedDict):
 
 
 class Summary(Compared):
-    """That and the invariants of a run, ready for JSON.
+    """Errors and invariants of a run, as JSON content.
 
-    ``energy_drift`` is the largest change of energy that no work explains, relative to the largest kinetic exchange of
-    the run; None where the plant tells no work. ``lift_off`` is None where every contact holds, and where normal forces
-    are not known.
+    ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run. It is None
+    if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     """
 
     scenario: str | None
@@ -65,7 +64,7 @@ class Summary(Compared):
 
 
 def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Desired minus actual over time, (N,) for each output that had a goal; NaN before that was told."""
+    """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal."""
     errors: dict[str, np.ndarray] = {}
     for kind in ("x2", "x1"):
         desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
@@ -81,7 +80,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
 
     Args:
         trajectory: the run.
-        wall_time: how long it took to compute [s], if that is to be told.
+        wall_time: computing time [s]; None omits it.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")

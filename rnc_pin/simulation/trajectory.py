@@ -1,4 +1,4 @@
-"""What a run leaves behind."""
+"""Result of a run: sampled signals and metadata."""
 
 from __future__ import annotations
 
@@ -23,18 +23,17 @@ from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.whole_files import written_whole
 
 _PLOTTERS = "rnc_pin.plotters"
-"""Entry points ``plotter(run, title, comparisons) -> figure`` by backend: a run knows no pictures, and whatever is
-installed may add some."""
+"""Entry point group of plotting backends, ``plotter(run, title, comparisons) -> figure``. Packages may add some."""
 _OWN_PLOTTERS = {
     "matplotlib": "rnc_pin.visualization.plots:plot_run",
     "plotly": "rnc_pin.visualization.interactive:interactive_figure",
 }
-"""Those of this package, for a source folder on ``PYTHONPATH``: it has no metadata that names them."""
+"""Backends of this package, for a source folder on ``PYTHONPATH``, which has no entry point metadata."""
 
 
 @dataclass(frozen=True, repr=False)
 class Trajectory(SummaryMixin):
-    """A run, sampled at N times. Arrays are as in the file that ``save`` writes.
+    """Run sampled at N times, with the same arrays as the file of ``save``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -44,12 +43,12 @@ class Trajectory(SummaryMixin):
         Trajectory: completed, 1 s in 11 samples
         >>> run.q.shape, run.time[-1].item()
         ((11, 4), 1.0)
-        >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # nothing pushes it
+        >>> bool(np.ptp(run.energy) < 1e-9 * run.energy[0])  # no input, so energy is constant
         True
     """
 
     time: Float[Array, " N"]
-    """[s]"""
+    """Time [s]."""
     q: Float[Array, "N nq"]
     """Configurations."""
     v: Float[Array, "N nv"]
@@ -59,68 +58,68 @@ class Trajectory(SummaryMixin):
     v2_desired: Float[Array, "N r"]
     """NaN where the controller had no goal."""
     x1: Float[Array, "N k"]
-    """Vertical outputs; angles do not jump."""
+    """Vertical outputs; angles are continuous (unwrapped)."""
     v1: Float[Array, "N k"]
     """Rates of the vertical outputs, ``J1 v``."""
     x1_desired: Float[Array, "N k"]
     """NaN where the controller had no goal."""
     x2: Float[Array, "N r"]
-    """Reducing outputs; integrals of v2 where they are quasi-velocities. Angles do not jump."""
+    """Reducing outputs; integrals of v2 for quasi-velocities. Angles are continuous (unwrapped)."""
     x2_desired: Float[Array, "N r"]
-    """Where only a rate was desired, its integral."""
+    """Desired reducing outputs; the integral of the desired rate if there is only a rate."""
     F: Float[Array, "N r"]
-    """Reduced force that acted."""
+    """Applied reduced force."""
     T: Float[Array, "N p"]
     """Actuator inputs."""
     multipliers: Float[Array, "N m"]
-    """Of the kept constraint rows; NaN where other rows had to be chosen."""
+    """Lagrange multipliers of the kept constraint rows; NaN at samples that needed other rows."""
     contact_forces: Float[Array, "N c"]
-    """Of all constraint rows, dropped ones included: the smallest where they are not unique."""
+    """Forces of all constraint rows, including dropped ones; minimum norm if they are not unique."""
     energy: Float[Array, " N"]
-    """Of the plant, with its own masses [J]."""
+    """Energy of the plant, with the plant's masses [J]."""
     work: Float[Array, " N"]
-    """Work of actuators, of constraints that move and of faults, less what damping and friction took [J].
+    """Work of actuators, rheonomic constraints and faults, minus the dissipation of damping and friction [J].
 
     ``energy - work`` is constant.
     """
     constraint_residual: Float[Array, " N"]
-    """Largest entry of ``A v - mu``, of the velocity as it is: of the order of rounding on our own plant."""
+    """Largest absolute entry of ``A v - mu`` at the true velocity; for ``ReducedPlant`` of the order of rounding."""
     slip: Float[Array, "N m"]
     """``A v - mu`` of the kept constraint rows [m/s or rad/s]."""
     position_residual: Float[Array, " N"]
-    """Largest violation of a holonomic row [m or rad]; zero where there is none."""
+    """Largest violation of a holonomic row [m or rad]; zero without such rows."""
     singular_value: Float[Array, " N"]
     """Smallest singular value of the stack E with unit rows."""
     estimates: Float[Array, "N s"]
-    """Parameters that the controller learnt; no columns where it learns none by name."""
+    """Parameter estimates of the controller; no columns without named parameters."""
     prediction_error: Float[Array, "N e"]
-    """Measured less predicted rates of the vertical outputs, where the controller predicts them."""
+    """Measured minus predicted rates of the vertical outputs, if the controller predicts them."""
     v_measured: Float[Array, "N w"]
-    """Full velocities as sensors gave them; no columns where they are exact."""
+    """Measured full velocities; no columns if measurements are exact."""
     friction_used: Float[Array, "N c2"]
-    """Share of the grip that each contact uses, 1 where it slips; no columns where nothing grips by friction."""
+    """Friction use of each contact: friction force over its limit, 1 during slip; no columns without friction."""
     normal_forces: Float[Array, "N c3"]
-    """With which the ground pushes up each contact [N]; below zero the model holds it down, and it would lift off.
+    """Normal force of the ground on each contact [N]. The model allows negative values; a real contact lifts off.
 
-    No columns where nothing carries, or where another machine than a reduced model moves.
+    No columns without such contacts, or if the plant is not a reduced model.
     """
     ground_poses: Float[Array, "N g"]
-    """x, y [m] and heading [rad] of each body that moves on the ground; no columns where none does."""
+    """Position x, y [m] and heading [rad] of each body that moves on the ground; no columns without such bodies."""
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
 
     @property
     def meta(self) -> dict[str, Json]:
-        """The information as the file has it: plain content under fixed keys. A copy."""
+        """Copy of ``info`` as JSON content with fixed keys, as in the file."""
         return info_to_plain(self.info)
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended."""
+        """Outcome of the run."""
         return self.info.outcome
 
     def coordinates(self, kind: str) -> Coordinates:
-        """What the outputs of a kind, "x1" or "x2", live on."""
+        """Coordinate types of the outputs "x1" or "x2", such as angles and rotation vectors."""
         return self.info.outputs.of(kind).coordinates
 
     def plot(
@@ -129,18 +128,18 @@ class Trajectory(SummaryMixin):
         comparisons: Mapping[str, Trajectory] | None = None,
         backend: str = "matplotlib",
     ) -> Any:
-        """Outputs, errors, inputs and distance from singularity over time.
+        """Plot outputs, errors, inputs and distance from singularity over time.
 
         Args:
-            title: above the plots.
+            title: title above the plots.
             comparisons: other runs by label, dashed.
-            backend: "matplotlib" for print, "plotly" for a page to zoom in (the extra ``interactive``).
+            backend: "matplotlib" for print, "plotly" for an interactive page (needs the extra ``interactive``).
 
         Returns:
-            A figure of that library.
+            Figure of the plotting library.
 
         Raises:
-            ConfigurationError: another backend, or one that is not installed.
+            ConfigurationError: the backend is unknown or not installed.
             InputError: the run has fewer than two samples.
         """
         plotters = {name: EntryPoint(name, value, _PLOTTERS) for name, value in _OWN_PLOTTERS.items()}
@@ -150,7 +149,7 @@ class Trajectory(SummaryMixin):
         return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` at a path that ``load`` reads; nothing half-written is left on failure."""
+        """Write a compressed ``.npz`` file for ``load``. An error leaves no partial file."""
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
         with written_whole(path) as partial, partial.open("wb") as file:
@@ -158,14 +157,14 @@ class Trajectory(SummaryMixin):
 
     @classmethod
     def load(cls, path: str | Path, largest: int | None = None) -> Trajectory:
-        """Read what ``save`` wrote.
+        """Read a file of ``save``.
 
         Args:
-            path: of the ``.npz`` file.
-            largest: bytes of arrays that it may hold; 256 MiB or twenty times the file, the larger one, by default.
+            path: path of the ``.npz`` file.
+            largest: largest size of the arrays [bytes]; by default 256 MiB or 20 times the file, whichever is larger.
 
         Raises:
-            ConfigurationError: there is no such file, it is not a trajectory, or it is too large.
+            ConfigurationError: the file does not exist, is not a trajectory, or is too large.
         """
         path = Path(path)
         names = [*_array_names(), "meta"]
@@ -184,7 +183,7 @@ class Trajectory(SummaryMixin):
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
         except (_Unfit, ArchiveError) as error:
             raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
-        except (MemoryError, RecursionError, ValueError):  # of what ``meta`` holds, or of its letters
+        except (MemoryError, RecursionError, ValueError):  # invalid content or encoding of ``meta``
             raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
 
     def _summary(self) -> ObjectSummary:
@@ -213,7 +212,7 @@ class Trajectory(SummaryMixin):
 
 
 class _Unfit(ValueError):
-    """A file whose contents do not make a trajectory."""
+    """Error of a file that does not contain a trajectory."""
 
 
 def _array_names() -> list[str]:
@@ -248,5 +247,5 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
         raise _Unfit("its time runs backwards")
 
 
-_LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # not in files of older versions
+_LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # absent in files of older versions
 _SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

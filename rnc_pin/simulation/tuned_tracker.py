@@ -1,4 +1,4 @@
-"""A velocity tracker with gains that suit the way it will go."""
+"""Velocity tracker with gains scaled to the inertia along its reference."""
 
 from __future__ import annotations
 
@@ -26,28 +26,29 @@ def tuned_tracker(
     delay: float = 0.0,
     dead_zone: float | np.ndarray = 0.0,
 ) -> VelocityTracker:
-    """The adaptive velocity tracker over a kinematic controller, ready for ``simulate``.
+    """Construct the adaptive velocity tracker of a kinematic controller, for ``simulate``.
 
-    The kinematics are rolled out first, without dynamics; the gains are scaled to the inertia met on the way. The
-    tracker itself reads nothing of the model.
+    A kinematic roll-out, without dynamics, gives the configurations of the motion. The gains are scaled to the inertia
+    at these configurations. The tracker itself does not use the model.
 
     Args:
-        reduced: the model.
-        kinematic: what wants velocities.
+        reduced: reduced model.
+        kinematic: kinematic controller that gives the desired velocities.
         q0: initial configuration (nq,).
-        duration: of the roll-out [s], as long as the references move.
-        dt: sampling period that the gains are for [s], that of ``simulate``.
-        along: another kinematic controller to roll out, where ``kinematic`` has yet to learn its way.
-        step: of the roll-out [s].
-        bandwidth: of the velocity loop [rad/s]; by default the largest that the sampling allows.
-        adaptation: how fast it adapts, ``beta / k`` [1/s]; 30 where gravity is large for what it acts on.
-        held: tell the tracker what its actuators hold up at the start, as they would report at rest.
-        delay: from a measurement until a force answers it, sampling apart [s]: it bounds the bandwidth.
-        dead_zone: velocity error below which nothing is learnt; a number, or one for each reducing output.
+        duration: duration of the roll-out [s]; use that of the references.
+        dt: sampling period [s], the same as for ``simulate``.
+        along: kinematic controller for the roll-out instead of ``kinematic``, if that one is adaptive.
+        step: step of the roll-out [s].
+        bandwidth: bandwidth of the velocity loop [rad/s]; by default the largest that the sampling allows.
+        adaptation: adaptation rate ``beta / k`` [1/s]; use 30 if gravity is large compared with the inertia.
+        held: True starts the tracker with gravity compensation: the force that holds the system at rest at q0, as the
+            actuators would report it.
+        delay: delay between a measurement and its force, without the sampling [s]. It limits the bandwidth.
+        dead_zone: velocity error below which adaptation stops; a number, or one per reducing output.
 
     Raises:
-        InfeasibleError: no gains suit both the inertia and the sampling.
-        SingularityError: the references lead through a singular configuration, with the time.
+        InfeasibleError: no gains fit both the inertia and the sampling.
+        SingularityError: the references reach a singular configuration; the error has the time.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,4 +1,4 @@
-"""The plant's own reducing velocities: regular wherever the constraints have constant rank."""
+"""Velocity coordinates of the plant, regular if the constraints have constant rank."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import scipy.linalg
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_FAR = 3.0  # growth of the squared size of R at which another chart is laid: some velocity leans by 60 degrees
+_FAR = 3.0  # growth of |R|^2 at which the chart is replaced: some velocity is then 60 degrees off the basis
 
 
 class VelocityChart:
-    """Reducing velocities ``w = W v``, W an orthonormal basis of the velocities that the constraints allow at some q.
+    """Reducing velocities ``w = W v``, with W an orthonormal basis of the admissible velocities at the centre q.
 
-    There ``R = W^T``. W is constant, so its rows have no rate; where R has grown another chart is laid, and the full
-    velocity goes over unchanged. A chart is laid by what A says alone: no output of a controller plays a part, and it
-    fails only where the constraints lose rank.
+    At q, ``R = W^T``. W is constant, so its rows have no time derivative. If R grows, a new chart replaces this one,
+    and the full velocity does not change. A chart depends on A only, not on the outputs of a controller. It is
+    singular only where the constraints lose rank.
 
     Args:
-        parts: of any reduction of the system.
-        q: where the chart is laid, (nq,).
+        parts: data of any reduction of the system.
+        q: centre of the chart (nq,).
     """
 
     def __init__(self, parts: ReductionData, q: np.ndarray) -> None:
@@ -31,10 +31,10 @@ class VelocityChart:
         self.reduction_data = parts.in_velocities(self.W)
 
     def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:
-        """The system at a state in this chart."""
+        """Return the state at (q, w) of this chart."""
         return StateEvaluation.at(self.reduction_data, q, w)
 
     def is_left(self, state: StateEvaluation) -> bool:
-        """Whether a state of this chart deserves one of its own."""
+        """True if a state needs a new chart."""
         size = state.R.ravel("K")
         return not size.dot(size) < self.reduction_data.r + _FAR
