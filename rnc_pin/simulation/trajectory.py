@@ -119,7 +119,7 @@ class Trajectory(SummaryMixin):
         return self.info.outcome
 
     def coordinates(self, kind: str) -> Coordinates:
-        """Coordinate types of the outputs "x1" or "x2", such as angles and rotation vectors."""
+        """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""
         return self.info.outputs.of(kind).coordinates
 
     def plot(
@@ -149,7 +149,7 @@ class Trajectory(SummaryMixin):
         return plotters[backend].load()(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed ``.npz`` file for ``load``. An error leaves no partial file."""
+        """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
         with written_whole(path) as partial, partial.open("wb") as file:
