@@ -68,4 +68,7 @@ def check_reach(u: np.ndarray, h: float) -> None:
         DivergenceError: the step is too long or not finite.
     """
     if not u.dot(u) < _FARTHEST:  # also false for infinity and NaN
-        raise DivergenceError(f"one step of {h:g} s would move by {np.sqrt(u.dot(u)):.3g} rad or m")
+        moved, limit = np.sqrt(u.dot(u)), np.sqrt(_FARTHEST)
+        raise DivergenceError(
+            f"one step of {h:g} s would move by {moved:.3g} rad or m, limit {limit:g}: reduce the step"
+        )

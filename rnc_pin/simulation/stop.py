@@ -29,7 +29,7 @@ class Stop:
         ...     rnc.free_motion(reduced, robot.configuration(), [5.0, 0.0], 1.0, stop=rnc.Stop(speed=2.0))
         ... except rnc.DivergenceError as error:
         ...     print(error)
-        diverged at t = 0.000 s: reduced velocities reached 5
+        diverged at t = 0.000 s: reduced velocities reached 5, limit 2
     """
 
     speed: float = 1e3
@@ -74,7 +74,7 @@ class Watch:
         """
         fastest = np.abs(state.v2).max()
         if not fastest < self._speed:
-            raise DivergenceError(f"reduced velocities reached {fastest:.3g}", time=t)
+            raise DivergenceError(f"reduced velocities reached {fastest:.3g}, limit {self._speed:g}", time=t)
         for name, index, low, high in self._ranges:
             if not low <= state.q[index] <= high:
                 raise LimitError(
