@@ -76,7 +76,7 @@ class ControlLoop:
             model), "zero", or "raise" the error.
         patience: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
         fastest: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
-        margin: limit of the smallest singular value of E; below it the loop raises a SingularityError.
+        margin: smallest singular value of E below which the loop fails with a SingularityError instead of a step.
         brake: decay rate of the velocities under "brake" [1/s].
 
     Attributes:

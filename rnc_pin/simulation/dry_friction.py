@@ -112,7 +112,7 @@ class DryFriction:
         return FrictionForces(forces, sticking, speeds, stops)
 
     def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
-        """Return the state after impulses that bring the selected rows (k,) to rest."""
+        """Return the state after impulses that stop the selected rows (k,); the inertia determines the other rows."""
         if not which.any():
             return state
         R, rows = state.R, self.rows(state)[which]

@@ -50,7 +50,7 @@ class Record:
             "estimates": (0,), "prediction_error": (0,), "v_measured": (0,), "friction_used": (0,),
         }  # fmt: skip
         self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
-        self._first_word: int | None = None  # first sample with a goal
+        self._first_word: int | None = None  # first sample with a goal, that is with a valid measurement
         self._integrals, self._carries = np.zeros((capacity, r)), carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None

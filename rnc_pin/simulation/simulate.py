@@ -110,7 +110,7 @@ def simulate(
         meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
 
     Returns:
-        The run. Ctrl-C ends it early, with outcome "interrupted"; further Ctrl-C do not lose it.
+        The run. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same effect.
 
     Raises:
         RncError: the run ends early, with the run so far in ``error.trajectory``: a SingularityError, DivergenceError
