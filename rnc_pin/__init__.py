@@ -1,6 +1,6 @@
 """rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio.
 
-What the package exports is listed in ``__init__.pyi`` and imported when it is first used.
+``__init__.pyi`` lists the exports. Each is imported at its first use.
 """
 
 import lazy_loader as lazy

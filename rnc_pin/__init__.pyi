@@ -1,4 +1,4 @@
-"""What ``rnc_pin`` exports: read by type checkers and editors, and by ``__init__.py`` to import each name lazily."""
+"""Exports of ``rnc_pin``. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
 
 from . import analysis, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
 from .analysis import (

@@ -1,4 +1,4 @@
-"""``python -m rnc_pin`` is ``rnc-pin``."""
+"""``python -m rnc_pin``: the same as ``rnc-pin``."""
 
 from rnc_pin.app.cli import main
 

@@ -1,7 +1,7 @@
-"""Archives of arrays, ``.npz``, from strangers: sizes are checked before memory is taken, and nothing is unpickled.
+"""Safe reader of untrusted ``.npz`` archives: it checks sizes before it allocates memory, and unpickles nothing.
 
-A zip directory and the header of an array may both lie, so each array is read to the size that its header says, and has
-to end there.
+A zip directory and the header of an array may both be wrong. So each array is read up to the size in its header, and
+has to end there.
 """
 
 from __future__ import annotations
@@ -18,36 +18,37 @@ import numpy as np
 from rnc_pin.regular_files import open_regular
 
 ROOM = 256 * 2**20
-"""Bytes of arrays that any file may hold."""
+"""Size limit of the arrays of a small file [bytes]."""
 RATIO = 20
-"""Times its own size that a larger file may hold: runs are compressed to 80 % of their size, bombs to a thousandth."""
+"""Size limit of the arrays of a larger file, relative to its own size. Runs compress to 80 %, zip bombs to 0.1 %."""
 
-_TEXT_ROOM = 32 * 2**20  # bytes of one text, four a letter
+_TEXT_ROOM = 32 * 2**20  # bytes of one text array, 4 per character
 _MOST_ARRAYS = 10_000
 _MOST_AXES = 8
 _CHUNK = 2**20
 _LONGEST_HEADER = 2**16 + 10
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others take memory that their own headers ask for
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods allocate what their headers request
 
 
 class ArchiveError(Exception):
-    """An archive that is broken, or larger than it may be; says why."""
+    """The archive is broken or too large; the message says why."""
 
 
 def read_npz(
     path: Path, names: Collection[str] | None = None, text: Collection[str] = (), largest: int | None = None
 ) -> dict[str, np.ndarray]:
-    """Read arrays of numbers, and some of text.
+    """Read numeric arrays and text arrays.
 
     Args:
-        path: of the file.
-        names: of the arrays to read; those that the file does not have are left out. All by default.
-        text: names of those that are text.
-        largest: bytes of all arrays together; ``ROOM`` or ``RATIO`` times the file, the larger one, by default.
+        path: the file.
+        names: arrays to read; names that are not in the file are skipped. All arrays by default.
+        text: names of the text arrays.
+        largest: size limit of all arrays together [bytes]. By default the larger of ``ROOM`` and ``RATIO`` times the
+            file size.
 
     Raises:
-        FileNotFoundError: no such file.
-        ArchiveError: no archive, broken, or too large.
+        FileNotFoundError: the file does not exist.
+        ArchiveError: the file is not an archive, is broken, or is too large.
     """
     try:
         with open_regular(path) as file:
@@ -59,13 +60,13 @@ def read_npz(
         raise
     except OSError as error:
         if error.errno in (errno.EINVAL, errno.EISDIR):
-            raise ArchiveError("no plain file") from None
+            raise ArchiveError("not a regular file") from None
         raise ArchiveError(f"cannot be read: {error.strerror}" if error.strerror else "cannot be read") from None
     except MemoryError:
         raise ArchiveError("larger than memory") from None
     except ArchiveError:
         raise
-    except Exception:  # of broken files zipfile, zlib and NumPy raise whatever they come across
+    except Exception:  # zipfile, zlib and NumPy raise various exceptions on broken files
         raise ArchiveError("cannot be read as .npz") from None
 
 
@@ -76,7 +77,7 @@ class _Header(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes that it promises."""
+        """Size that the header declares [bytes]."""
         return self.dtype.itemsize * prod(self.shape)
 
 
@@ -93,14 +94,14 @@ def _arrays(
         if names is not None and name not in names:
             continue
         if name in chosen:
-            raise ArchiveError(f"holds '{name}' twice")
+            raise ArchiveError(f"duplicate array '{name}'")
         if member.compress_type not in _METHODS:
-            raise ArchiveError(f"'{name}' is compressed in a way that is not read")
+            raise ArchiveError(f"'{name}' has an unsupported compression method")
         with archive.open(member) as file:
             header = _header(file, name, name in text)
         total += max(header.size, prod(header.shape))
         if total > largest or (name in text and header.size > _TEXT_ROOM):
-            raise ArchiveError(f"its arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
+            raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
         if member.file_size > header.size + _LONGEST_HEADER:
             raise ArchiveError(f"'{name}' does not end where its header says")
         chosen[name] = member
@@ -108,8 +109,8 @@ def _arrays(
 
 
 def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
-    if np.lib.format.read_magic(file) != (1, 0):  # later ones have headers of any length, for records of many names
-        raise ArchiveError(f"'{name}' is no array of numbers")
+    if np.lib.format.read_magic(file) != (1, 0):  # later versions allow headers of any length
+        raise ArchiveError(f"'{name}' is not an array of numbers")
     header = _Header(*np.lib.format.read_array_header_1_0(file))
     if header.dtype.kind not in ("U" if is_text else "fiub"):
         raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
@@ -121,7 +122,7 @@ def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text: bool) -> np.ndarray:
     with archive.open(member) as file:
         shape, by_columns, dtype = header = _header(file, name, is_text)
-        # Not taken at once: the header may promise what the file does not have.
+        # Read in chunks: the header may declare more than the file has.
         content = bytearray()
         while len(content) < header.size:
             chunk = file.read(min(_CHUNK, header.size - len(content)))

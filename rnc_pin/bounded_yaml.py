@@ -1,4 +1,4 @@
-"""Safe YAML whose cost is bounded: what aliases and merges stand for is counted before anything is made of it."""
+"""Safe YAML loader with bounded cost: it counts the values behind aliases and merges before it constructs any."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MERGE = "tag:yaml.org,2002:merge"
 
 
 class BoundedLoader(yaml.SafeLoader):
-    """Safe YAML that refuses what would not end; of a key given twice it keeps the last, as PyYAML does."""
+    """Safe YAML loader that rejects unbounded documents. It keeps the last of duplicate keys, as PyYAML does."""
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
@@ -23,7 +23,7 @@ class BoundedLoader(yaml.SafeLoader):
 
 
 class UniqueKeyLoader(BoundedLoader):
-    """Bounded YAML that refuses a key given twice."""
+    """Bounded YAML loader that rejects duplicate keys."""
 
 
 def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
@@ -34,7 +34,7 @@ def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, 
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, Hashable):
             if key in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is there twice", key_node.start_mark)
+                raise yaml.constructor.ConstructorError(None, None, f"duplicate key '{key}'", key_node.start_mark)
             seen.add(key)
     return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
 
@@ -43,28 +43,28 @@ UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, 
 
 
 def load_bounded(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
-    """What a text says.
+    """Parse YAML text.
 
     Raises:
-        yaml.YAMLError: it is not YAML, a value is not of the kind that its tag says, or it stands for too much.
+        yaml.YAMLError: the text is not YAML, a value does not match its tag, or the size exceeds a limit.
     """
     if len(text) > _LONGEST:
-        raise yaml.YAMLError(f"longer than {_LONGEST:,} letters")
+        raise yaml.YAMLError(f"longer than {_LONGEST:,} characters")
     try:
         return yaml.load(text, Loader=loader)
     except RecursionError:
-        raise yaml.YAMLError("lists or mappings inside one another without end") from None
+        raise yaml.YAMLError("lists or mappings are nested too deeply") from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        # PyYAML's own constructors raise these for `!!bool "text"` and its like.
-        raise yaml.YAMLError(f"a value is not what its tag says: {error or type(error).__name__}") from None
+        # PyYAML's constructors raise these for values such as `!!bool "text"`.
+        raise yaml.YAMLError(f"a value does not match its tag: {error or type(error).__name__}") from None
 
 
 def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
-    """How many values a node stands for, each alias counted as what it stands for."""
+    """Return the number of values of a node after alias expansion."""
     if id(node) in known:
         return known[id(node)]
     if id(node) in open_nodes:
-        raise yaml.constructor.ConstructorError(None, None, "recursive: it is inside itself", node.start_mark)
+        raise yaml.constructor.ConstructorError(None, None, "recursive: the node contains itself", node.start_mark)
     open_nodes.add(id(node))
     parts = [] if isinstance(node, yaml.ScalarNode) else node.value
     total = 1
@@ -72,7 +72,7 @@ def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
         for each in part if isinstance(part, tuple) else (part,):
             total += _count(each, known, open_nodes)
     if total > _MOST:
-        problem = f"stands for more than {_MOST:,} values"
+        problem = f"expands to more than {_MOST:,} values"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
     open_nodes.discard(id(node))
     known[id(node)] = total

@@ -1,4 +1,4 @@
-"""Errors that users meet: one root, one line each, the data attached."""
+"""Exceptions of the package: one base class, one-line messages, and the data as attributes."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ if TYPE_CHECKING:
 
 
 _LONGEST_LINE = 4000
-_LONGEST_NAME, _MOST_NAMES = 100, 2000  # compared with others: it takes the square of the one, times the other
+_LONGEST_NAME, _MOST_NAMES = 100, 2000  # limits of the name comparison, whose cost is length^2 * count
 
 
 class PartialRun(Protocol):
-    """What errors carry of a motion that they ended: a ``Trajectory`` or, of kinematics alone, a ``Rollout``."""
+    """Motion until an error: a ``Trajectory``, or a ``Rollout`` if only kinematics was computed."""
 
     @property
     def time(self) -> np.ndarray:
-        """(N,) [s]"""
+        """Sample times (N,) [s]."""
         ...
 
     @property
     def q(self) -> np.ndarray:
-        """(N, nq)"""
+        """Configurations (N, nq)."""
         ...
 
 
 class RncError(Exception):
-    """Root of every error this package raises on purpose.
+    """Base class of all errors that this package raises on purpose.
 
     Attributes:
-        trajectory: where a simulation or a roll-out raised it, the motion until then; else None.
+        trajectory: motion until the error, if a simulation or a roll-out raised it; else None.
 
     Example:
         >>> try:
@@ -49,11 +49,11 @@ class RncError(Exception):
         return printable(self._words())
 
     def _words(self) -> str:
-        """What is wrong; names from files may stand in it as they are."""
+        """Return the message; it may contain unescaped names from files."""
         return super().__str__()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Workers hand errors back as pickles; one that cannot be unpickled would hang the pool that waits for it."""
+        """Support pickling: a worker pool hangs if it cannot unpickle the error of a worker."""
         return _rebuilt, (type(self), self.args), self.__dict__
 
 
@@ -62,7 +62,7 @@ def _rebuilt(kind: type[RncError], arguments: tuple[object, ...]) -> RncError:
 
 
 class ModelWarning(UserWarning):
-    """A robot's file says something that is left out of the model, is read as it is meant, or that no machine can be.
+    """The robot file has an entry that is ignored, corrected, or physically impossible.
 
     Example:
         >>> import warnings
@@ -72,7 +72,7 @@ class ModelWarning(UserWarning):
 
 
 class ModelError(RncError):
-    """A file, joint or frame is not there, or a model cannot be simulated.
+    """A file, joint or frame does not exist, or a model cannot be simulated.
 
     Example:
         >>> try:
@@ -84,7 +84,7 @@ class ModelError(RncError):
 
 
 class ConstraintError(RncError):
-    """Constraints, outputs or actuators that do not fit together.
+    """Constraints, outputs or actuators are inconsistent.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -97,7 +97,7 @@ class ConstraintError(RncError):
 
 
 class ConfigurationError(RncError):
-    """A scenario file, option or argument is wrong: says where and what was expected.
+    """A scenario file, option or argument is invalid. The message gives the place and the expected value.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -111,7 +111,7 @@ class ConfigurationError(RncError):
 
 
 class InfeasibleError(ConfigurationError):
-    """What is asked for is well formed but cannot be done: no gains suit it, or it leads through singularities.
+    """The request is valid but infeasible: no suitable gains exist, or the motion passes a singularity.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -138,7 +138,7 @@ class InputError(RncError, ValueError):
 
 
 class SimulationError(RncError):
-    """A run cannot go on.
+    """A simulation cannot continue.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
@@ -152,10 +152,10 @@ class SimulationError(RncError):
 
 
 class DivergenceError(SimulationError):
-    """The state left every sensible bound.
+    """The state diverged: it is not finite, or it exceeds a limit.
 
     Attributes:
-        what: which bound, in words.
+        what: the exceeded limit, in words.
         time: simulation time [s], or None outside a simulation.
 
     Example:
@@ -178,7 +178,7 @@ class DivergenceError(SimulationError):
 
 
 class LimitError(SimulationError):
-    """A joint ran into its position limit while limits were enforced.
+    """A joint left its position range while limits were enforced.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")
@@ -194,10 +194,10 @@ class LimitError(SimulationError):
 
 
 class SingularityError(SimulationError):
-    """The stack ``E = [A; J2]`` cannot be inverted: the outputs do not parametrise the motion here.
+    """The stacked matrix ``E = [A; J2]`` is singular: the outputs do not parametrize the motion at this configuration.
 
     Attributes:
-        what: what cannot be done, in words.
+        what: the failed operation, in words.
         q: the configuration, (nq,).
         condition: 2-norm condition number of ``E`` with rows scaled to unit length.
         rows: names of the rows that are (nearly) linearly dependent.
@@ -240,7 +240,7 @@ class SingularityError(SimulationError):
 
 
 def printable(text: str, longest: int = _LONGEST_LINE) -> str:
-    """A text in one line of bounded length, with what terminals would obey spelled out: names come from files."""
+    """Return text as one line of bounded length with escaped control characters: names come from files."""
     if len(text) > longest:
         text = f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
     line = " ".join(text.split())
@@ -250,10 +250,10 @@ def printable(text: str, longest: int = _LONGEST_LINE) -> str:
 
 
 def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | None:
-    """The valid name that is most likely meant, or None.
+    """Return the most similar valid name, or None.
 
-    A short word is often the part that a person remembers: ``wheel`` for ``wheel_left_joint``. So names that begin with
-    it come first; with ``spelling``, those spelt nearly alike before those that have it in them, and others after.
+    A short word is often a remembered part of the name: ``wheel`` for ``wheel_left_joint``. So names that begin with it
+    come first. With ``spelling``, names of similar spelling come next, then names that contain it, then the others.
     """
     choices = list(itertools.islice((each for each in valid if len(each) <= _LONGEST_NAME), _MOST_NAMES))
     if len(name) > _LONGEST_NAME:
@@ -269,9 +269,9 @@ def closest(name: str, valid: Iterable[str], spelling: bool = True) -> str | Non
 
 
 def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
-    """Words that point from a wrong name to the valid ones: ``; did you mean 'b'?``.
+    """Return a hint from an unknown name to the valid ones: ``; did you mean 'b'?``.
 
-    An ``ending`` that all names share is shown but not compared, or it would make any two look alike.
+    The common ``ending`` of all names is shown but not compared, since it would make any two names similar.
     """
     choices = [str(choice) for choice in valid]
     if not choices:
@@ -284,5 +284,5 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
 
 
 def few(names: Sequence[str], most: int = 3) -> str:
-    """The first names and how many more there are: ``a, b, c and 4 more``."""
+    """Return the first names and the number of the others: ``a, b, c and 4 more``."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

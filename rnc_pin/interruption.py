@@ -1,4 +1,4 @@
-"""Ctrl-C taken where nothing is lost by it: between steps of a run, and not while results are gathered or written."""
+"""Ctrl-C between the steps of a run; it is deferred while results are collected or written, so that none is lost."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Handler = Callable[[int, FrameType | None], object]
 
 @contextmanager
 def requests_to_end(handler: Handler, instead_of: Handler | signal.Handlers) -> Iterator[None]:
-    """Handle Ctrl-C, SIGTERM and the end of the terminal inside.
+    """Handle SIGINT (Ctrl-C), SIGTERM and SIGHUP (closed terminal) inside.
 
     Args:
-        handler: of those signals.
-        instead_of: what handles them by now; signals that somebody else handles, and threads beside the main one, are
-            left alone.
+        handler: handler of those signals.
+        instead_of: expected current handler. Signals with another handler do not change, nor do threads other than
+            the main one.
     """
     main = threading.current_thread() is threading.main_thread()
     ours = [number for number in _SIGNALS if main and signal.getsignal(number) is instead_of]
@@ -36,12 +36,12 @@ def requests_to_end(handler: Handler, instead_of: Handler | signal.Handlers) -> 
 
 @dataclass
 class _Held:
-    """What became of interruptions.
+    """State of deferred interruptions.
 
     Attributes:
-        open: whether one is raised at once.
-        wanted: one came while that was not so.
-        taken: one was raised; what comes after it asks for the same.
+        open: True if an interruption is raised at once.
+        wanted: an interruption came while ``open`` was False.
+        taken: an interruption was raised; later ones have no further effect.
     """
 
     open: bool = False
@@ -57,7 +57,7 @@ class _Held:
         raise KeyboardInterrupt
 
     def take_wanted(self) -> None:
-        """Raise what came before and was not acted upon."""
+        """Raise an earlier interruption that was deferred."""
         if self.wanted and not self.taken:
             self.taken = True
             raise KeyboardInterrupt
@@ -68,13 +68,13 @@ _held: _Held | None = None
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let interruptions wait for the next ``interruptible`` inside, or for the end if there is none.
+    """Defer interruptions to the next ``interruptible`` inside, or to the end if there is none.
 
-    Once one has been raised inside, further ones are taken for impatience. Signals that somebody else handles, and
-    threads beside the main one, are left alone.
+    After one interruption was raised inside, further ones are ignored. Signals with another handler do not change, nor
+    do threads other than the main one.
 
     Raises:
-        KeyboardInterrupt: at the end, where one came that nothing inside has taken.
+        KeyboardInterrupt: at the end, if an interruption came and was not raised inside.
     """
     global _held
     if threading.current_thread() is not threading.main_thread():
@@ -101,10 +101,10 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Inside ``uninterrupted``: take interruptions here.
+    """Accept interruptions here, inside ``uninterrupted``.
 
     Raises:
-        KeyboardInterrupt: at the beginning, where one is waiting; inside, as they come.
+        KeyboardInterrupt: at the beginning if one was deferred; inside, as they come.
     """
     held = _held
     if held is None or threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Plain content: what JSON and YAML files can say."""
+"""Plain data: values that JSON and YAML can represent."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json
 
 
 def plain(content: object, what: str) -> Json:
-    """A copy with mappings as dicts and sequences as lists, all the way down.
+    """Return a deep copy with mappings as dicts and sequences as lists.
 
     Args:
-        content: to be copied.
-        what: it is, for the error.
+        content: value to copy.
+        what: its name in errors.
 
     Raises:
-        InputError: it holds something that JSON has no word for.
+        InputError: a value has no JSON representation.
     """
     if content is None or isinstance(content, bool | int | float | str):
         return content
@@ -32,17 +32,17 @@ def plain(content: object, what: str) -> Json:
 
 
 def plain_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
-    """The same of a mapping."""
+    """Return ``plain`` of each value of a mapping."""
     return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
 
 
 def significant(value: float, digits: int = 2) -> float:
-    """A number as somebody would write it, with so many digits."""
+    """Round a number to significant digits."""
     return float(f"{value:.{digits}g}")
 
 
 def json_text(content: object) -> str:
-    """JSON of plain content; numbers that JSON has no word for, infinities and NaN, are null."""
+    """Return plain data as JSON text; infinities and NaN become null."""
     return json.dumps(_finite(content), indent=2, allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""Things print themselves: a headline and a few lines in a terminal, a small table in a notebook."""
+"""Object summaries: a title and a few lines in a terminal, a small table in a notebook."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-_MOST = 8  # items that a line of text shows
+_MOST = 8  # items per line of text
 _CELL = 'style="text-align: left; vertical-align: top"'
 
 
 class Item(NamedTuple):
-    """A name, and what there is to say about it."""
+    """Name with a note."""
 
     name: str
     note: str = ""
@@ -25,33 +25,33 @@ class Item(NamedTuple):
 
 
 Line = tuple[str, Sequence[Item]]
-"""A label, and what stands under it."""
+"""Label with its items."""
 
 
 class ObjectSummary(NamedTuple):
-    """What a thing says of itself: a headline, and under each label some items."""
+    """Summary of an object: a title, and labels with items."""
 
     title: str
     lines: Sequence[Line] = ()
 
     def text(self) -> str:
-        """For a terminal: long lists end in how many more there are."""
+        """Return text for a terminal; long lists are shortened and end in the number of omitted items."""
         return "\n".join([self.title, *(f"  {label}: {_listed(listed)}" for label, listed in self.lines)])
 
     def html(self) -> str:
-        """For a notebook: a table with all items."""
+        """Return HTML for a notebook: a table with all items."""
         rows = "".join(_rows(label, listed) for label, listed in self.lines)
         return f"<div><b>{escape(self.title)}</b></div><table>{rows}</table>"
 
 
 class SummaryMixin(ABC):
-    """Prints its portrait, as text and in notebooks as a table."""
+    """Mixin that prints the summary of an object: as text, and in notebooks as a table."""
 
     @abstractmethod
     def _summary(self) -> ObjectSummary: ...
 
     def _full_summary(self) -> ObjectSummary:
-        """What notebooks show, where there is room for more."""
+        """Return the summary for notebooks, which may be longer."""
         return self._summary()
 
     def __repr__(self) -> str:
@@ -62,7 +62,7 @@ class SummaryMixin(ABC):
 
 
 class ReprMixin:
-    """Prints its class and its settings in one line: public attributes, unless it says otherwise."""
+    """Mixin that prints the class and its settings in one line; by default the public attributes."""
 
     def _settings(self) -> Mapping[str, object]:
         return {name: value for name, value in vars(self).items() if not name.startswith("_")}
@@ -72,12 +72,12 @@ class ReprMixin:
 
 
 def items(names: Sequence[str], notes: Sequence[str] | None = None) -> tuple[Item, ...]:
-    """Names with their notes."""
+    """Return names with their notes."""
     return tuple(map(Item, names)) if notes is None else tuple(map(Item, names, notes))
 
 
 def counted(count: int, what: str) -> str:
-    """``1 actuator``, ``2 actuators``."""
+    """Return a count with its noun: ``1 actuator``, ``2 actuators``."""
     return f"{count} {what}{'s'[: count != 1]}"
 
 

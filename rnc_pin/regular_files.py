@@ -1,4 +1,4 @@
-"""Files of strangers are read whole: only regular ones, of a size that a description can have."""
+"""Safe reading of untrusted files: only regular files of limited size."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import BinaryIO
 
 LARGEST = 64 * 2**20
-"""Bytes of the largest file that is read as text or XML."""
+"""Size limit of text and XML files [bytes]."""
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """A file, opened to be read.
+    """Open a regular file for reading.
 
     Raises:
-        OSError: cannot be read, or is no regular file: a pipe would hang, a device never end.
+        OSError: the file cannot be read or is not regular. A pipe would block, and a device may never end.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would wait for a writer
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would block
     try:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISDIR(mode):
@@ -32,7 +32,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file; a name that no file can have is none."""
+    """Return True if the path is a regular file; False for an invalid file name."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -40,10 +40,10 @@ def is_file(path: Path) -> bool:
 
 
 def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
-    """The content of a file.
+    """Read the content of a file.
 
     Raises:
-        OSError: cannot be read, is no regular file, or is too large.
+        OSError: the file cannot be read, is not regular, or is too large.
     """
     with open_regular(path) as file:
         if os.fstat(file.fileno()).st_size > largest:

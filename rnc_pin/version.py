@@ -1,4 +1,4 @@
-"""Which release this is, looked up when somebody asks."""
+"""Release of the installed package, determined at import of this module."""
 
 from importlib.metadata import PackageNotFoundError, version
 
@@ -11,4 +11,4 @@ def _installed() -> str:
 
 
 __version__ = _installed()
-"""Release of the installed package; "unknown" where a source folder on ``PYTHONPATH`` has no metadata."""
+"""Release of the installed package; "unknown" for a source folder on ``PYTHONPATH``, which has no metadata."""

@@ -1,4 +1,4 @@
-"""Files and folders are written beside their place and put there when they are whole."""
+"""Atomic writing: files and folders are written to a temporary path and moved into place when complete."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from contextlib import contextmanager
 from pathlib import Path
 
 BEGINNING = ".rnc_pin_"
-"""Of the name of what is not whole yet."""
+"""Prefix of temporary names."""
 
 
 @contextmanager
 def written_whole(path: Path, replace: bool = True) -> Iterator[Path]:
-    """Where to write a file, which is put into place at the end; nothing is left of one that fails.
+    """Yield a temporary path for a file, and move the file into place at the end; a failure leaves no file.
 
-    A link in its place is replaced itself, and what it points to is not touched.
+    A link at ``path`` is replaced itself; its target does not change.
 
     Args:
-        path: of the file.
-        replace: what is there by then; else that is an error.
+        path: the file.
+        replace: replace an existing file; else that is an error.
 
     Raises:
-        OSError: it cannot be written, or something is there; says the file's own name.
+        OSError: the file cannot be written or exists; the error names ``path``.
     """
     partial = path.with_name(BEGINNING + secrets.token_hex(4) + path.suffix)
     try:
@@ -42,16 +42,16 @@ def written_whole(path: Path, replace: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def written_folder(path: Path, replace: bool = True) -> Iterator[Path]:
-    """Where to write the files of a folder, which are put into place at the end; what else is there stays.
+    """Yield a temporary folder, and move its files into place at the end; other files in the folder stay.
 
     Args:
-        path: of the folder, which is made with those above it.
-        replace: files of the same names; else they are an error.
+        path: the folder, created with its parents.
+        replace: replace files of the same names; else they are an error.
 
     Raises:
-        OSError: it cannot be written, or a file is there.
+        OSError: the folder cannot be written, or a file exists.
     """
-    path = Path(os.path.abspath(path))  # "." has no name to put another in the place of
+    path = Path(os.path.abspath(path))  # "." has no name to derive a temporary one from
     path.parent.mkdir(parents=True, exist_ok=True)
     staging = path.with_name(BEGINNING + secrets.token_hex(4))
     staging.mkdir()
@@ -73,7 +73,7 @@ def _put(source: Path, target: Path, replace: bool) -> None:
         os.replace(source, target)
         return
     try:
-        os.link(source, target)  # unlike a renaming, it fails where something is
+        os.link(source, target)  # unlike rename, link fails if the target exists
     except FileExistsError:
         raise _is_there(target) from None
     except OSError:  # a file system without links

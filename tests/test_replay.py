@@ -92,7 +92,7 @@ def test_files_are_whole_and_nothing_of_others_is_written(option, run, call, tmp
         os.mkfifo(named)
         status, _, error = call("replay", run, option, place, "--force")
         assert (status, error.count("\n")) == (2, 1)
-        assert "is no plain file" in error
+        assert "is not a regular file" in error
         named.unlink()
 
     link, names = os.link, os.listdir(tmp_path)

@@ -21,6 +21,6 @@ def check_new_file(option: str, path: Path, force: bool) -> None:
     if os.path.lexists(path) and not force:  # a link that leads nowhere too
         raise ConfigurationError(f"{option} {path}: exists; choose another name or add --force")
     if os.path.exists(path) and not os.path.isfile(path):
-        raise ConfigurationError(f"{option} {path}: is no plain file; choose another name")
+        raise ConfigurationError(f"{option} {path}: is not a regular file; choose another name")
     if not os.path.isdir(path.absolute().parent):
         raise ConfigurationError(f"{option} {path}: there is no folder {path.absolute().parent}")
