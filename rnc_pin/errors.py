@@ -194,7 +194,7 @@ class LimitError(SimulationError):
 
 
 class SingularityError(SimulationError):
-    """The stacked matrix ``E = [A; J2]`` is singular: the outputs do not parametrize the motion at this configuration.
+    """The stacked matrix ``E = [A; J2]`` is singular: the outputs do not parametrise the motion at this configuration.
 
     Attributes:
         what: the failed operation, in words.

@@ -356,7 +356,7 @@ def test_inspect_answers_every_question_on_one_page(call):
         "momentum(platform) nonholonomic",
         "no combination of rows is integrable",
         "reach completely nonholonomic",
-        "every force on the motions can be realised",
+        "every reduced force can be realised",
         "redundancy class 1",
         "singular where momentum(platform), tip_x, tip_y",
         "singular where redundant motions cannot move platform, e.g. at platform =",
@@ -407,7 +407,7 @@ def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(
     assert len(report["dropped_rows"]) == 3
     status, out, _ = call("inspect", file, "--samples", 4)
     assert status == 0
-    assert "not every force on the motions can be realised" in told(out)
+    assert "not every reduced force can be realised" in told(out)
     assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
     assert "1 integrable combination" in out
 
@@ -542,7 +542,7 @@ USAGE = {
     "option of an unknown key": (["run", "space-robot", "--set", "sede=1"], "did you mean 'seed'?"),
     "file as folder": (["run", "space-robot", "--out", "/dev/null"], "--out /dev/null: is a file"),
     "no such trajectory": (["replay", "nowhere.npz"], "no file 'nowhere.npz'"),
-    "page in no folder": (["replay", "RUN", "--html", "nowhere/page.html"], "there is no folder"),
+    "page in no folder": (["replay", "RUN", "--html", "nowhere/page.html"], "does not exist"),
     "page that is a folder": (["replay", "RUN", "--html", ".", "--force"], "--html .:"),
     "sweep of no runs": (["sweep", "space-robot", "--runs", "0", "--out", "x"], "'--runs'"),
     "sweep of some runs": (["sweep", "space-robot", "--runs", "some", "--out", "x"], "'--runs'"),

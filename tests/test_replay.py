@@ -48,8 +48,8 @@ def test_runs_are_compared_by_name(runs, call, tmp_path):
     [
         (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
         (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf, .svg or .html"),
-        (["--frames", "."], "--frames .: is there and not empty"),
-        (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: there is no folder"),
+        (["--frames", "."], "--frames .: exists and is not empty"),
+        (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
         (["--plot", "."], "--plot .: is a folder, expected a file"),
     ],
 )

@@ -272,7 +272,7 @@ def test_interruption_keeps_what_was_simulated(tmp_path):
     process = subprocess.Popen([*command, "--out", "out"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     try:
         told = [process.stderr.readline(), process.stderr.readline()]
-        assert told[0] == "rnc-pin: warning: --host 0.0.0.0: whoever reaches this computer there can watch\n"
+        assert told[0] == "rnc-pin: warning: --host 0.0.0.0: everyone who can reach this address can watch\n"
         port = int(told[1].split(":")[-1].split("/")[0])
         assert can_connect("127.0.0.1", port)
         assert can_connect("127.0.0.2", port)  # as asked for

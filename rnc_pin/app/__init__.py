@@ -1,1 +1,1 @@
-"""What people see in a terminal."""
+"""Command line: commands, messages and tables in the terminal."""

@@ -1,4 +1,4 @@
-"""The entry point of ``rnc-pin``: imports the command line in such a way that Ctrl-C meanwhile is one line too."""
+"""Entry point of ``rnc-pin``. Ctrl-C during its imports prints one line, not a traceback."""
 
 import time
 
@@ -13,8 +13,8 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input."""
-    # A process that calls it again has imported everything before.
+    """Run the command line. Exit status: 0 success, 1 failed run, 2 wrong usage or input."""
+    # At a second call in one process the imports are done already.
     _main(_STARTED.pop() if _STARTED else time.perf_counter())
 
 

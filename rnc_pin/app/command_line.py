@@ -1,4 +1,4 @@
-"""The command line: an exit status, and one line for whatever is wrong."""
+"""Command line: runs a command, prints one line per error and sets the exit status."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from rnc_pin.errors import RncError
 
 
 def main(started: float | None = None) -> None:
-    """Entry point: exit status 0 done, 1 the run failed, 2 wrong usage or input.
+    """Run the command line. Exit status: 0 success, 1 failed run, 2 wrong usage or input.
 
     Args:
-        started: ``time.perf_counter()`` when the command began; now by default.
+        started: ``time.perf_counter()`` at the start of the command; now by default.
     """
     try:
         with endings_as_ctrl_c(), told_warnings():
@@ -39,7 +39,7 @@ def main(started: float | None = None) -> None:
             traceback.print_exc()
         complain(str(error))
         sys.exit(USAGE)
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # the reader of the pipe has closed it
         sys.stderr.close()
         sys.exit(FAILED)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""Requests to end: all of them as Ctrl-C; and while something is imported, one line and an exit status."""
+"""Termination signals: all act as Ctrl-C; during imports they print one line and exit."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _WORDS = "rnc-pin: error: interrupted\n"
 
 @contextmanager
 def interruptible_imports() -> Iterator[None]:
-    """End the process at once on Ctrl-C inside, and on other requests to end.
+    """End the process at once on Ctrl-C, SIGTERM or SIGHUP inside.
 
-    An exception would not do: libraries written in C turn it into an error of their own or print a traceback. Nothing
-    is lost, for nothing has been computed while modules are still being imported.
+    An exception is not enough: C libraries turn it into an error of their own or print a traceback. No result is lost,
+    since nothing is computed during imports.
     """
     with requests_to_end(_end, signal.default_int_handler):
         try:
@@ -32,7 +32,7 @@ def interruptible_imports() -> Iterator[None]:
 
 @contextmanager
 def endings_as_ctrl_c() -> Iterator[None]:
-    """Let a command end on SIGTERM, and when its terminal is closed, as it does on Ctrl-C: results so far are kept."""
+    """Treat SIGTERM and SIGHUP (closed terminal) as Ctrl-C: results so far are kept."""
     with requests_to_end(signal.default_int_handler, signal.SIG_DFL):
         yield
 

@@ -1,4 +1,4 @@
-"""Lines in the terminal: JSON, warnings, and what is wrong."""
+"""Terminal output: JSON, progress lines, warnings and errors."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _SPELLINGS = (
     (re.compile(r"\bmimic=False\b"), "mimic: false"),
     (re.compile(r"\bsnap=False\b"), "robot: {snap: false}"),
 )
-"""Arguments in Python, as remedies in errors have them, and how options and scenario files spell them."""
+"""Python arguments in error remedies, and the equal options or scenario keys."""
 
 
 def announce(text: str, quiet: bool = False) -> None:
-    """Say what is being done, before it takes its time: on the terminal, or among the results where there is none.
+    """Print the current activity before a long operation: on stderr if it is a terminal, else on stdout.
 
     Args:
-        text: what is being done.
-        quiet: whether the results are for a program to read.
+        text: the activity.
+        quiet: print nothing on stdout, because a program reads the results.
     """
     if sys.stderr.isatty():
         click.echo(f"{printable(text)} ...", err=True)
@@ -44,22 +44,22 @@ def announce(text: str, quiet: bool = False) -> None:
 
 
 def elapsed_time() -> float:
-    """Wall time since the command began [s]."""
+    """Return the wall time since the start of the command [s]."""
     return time.perf_counter() - float(click.get_current_context().find_root().obj)
 
 
 def complain(message: str) -> None:
-    """Say in one line what is wrong."""
+    """Print an error in one line."""
     click.echo(f"rnc-pin: error: {printable(_as_typed(message))}", err=True)
 
 
 def warn(message: str) -> None:
-    """Say in one line what to look out for."""
+    """Print a warning in one line."""
     click.echo(f"rnc-pin: warning: {printable(_as_typed(message))}", err=True)
 
 
 def _as_typed(message: str) -> str:
-    """A message with remedies as options of the command line, or as a scenario file says them."""
+    """Replace Python remedies in a message by command-line options or scenario keys."""
     for python, typed in _SPELLINGS:
         message = python.sub(typed, message)
     return message
@@ -67,7 +67,7 @@ def _as_typed(message: str) -> str:
 
 @contextmanager
 def told_warnings() -> Iterator[None]:
-    """Say what a robot's file left open, once and in one line."""
+    """Print each ``ModelWarning`` once and in one line."""
     told: set[str] = set()
     with warnings.catch_warnings():
         usual = warnings.showwarning

@@ -1,4 +1,4 @@
-"""How far a command is: a bar on a terminal, a line a stage elsewhere."""
+"""Progress of a command: a bar on a terminal, else one line per stage."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from rnc_pin.app.messages import announce
 
 
 class Advance(Protocol):
-    """Say how far a command is, and of what."""
+    """Callback that reports progress and the current activity."""
 
     def __call__(self, done: float, text: str | None = None) -> None: ...
 
 
 class ProgressBar:
-    """A progress bar on stderr; gives a function that takes how far it is, and of what.
+    """Progress bar on stderr; its context yields an ``Advance`` callback.
 
     Args:
-        console: where.
-        total: what 100 % are.
-        text: what is being done. Where there is no terminal to draw a bar on, this is all that is told.
-        quiet: whether nothing is told.
+        console: console of the bar.
+        total: value at 100 %.
+        text: current activity. Without a terminal only this line is printed.
+        quiet: print nothing.
     """
 
     def __init__(self, console: Console, total: float, text: str, quiet: bool) -> None:
@@ -47,7 +47,7 @@ class ProgressBar:
         return self._advance
 
     def _advance(self, done: float, text: str | None = None) -> None:
-        # Called at every sample: the bar need not know of each.
+        # Called at every sample: update the bar only at visible changes.
         if done >= self._shown or text != self._text:
             self._shown, self._text = done + self._grain, text
             self._bar.update(self._task, completed=done, description=text)

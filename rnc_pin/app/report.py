@@ -1,4 +1,4 @@
-"""What ``inspect`` found, as a page in the terminal."""
+"""Terminal report of ``inspect``."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from rnc_pin.model.task import Task
 
 
 def print_report(system: str, reduced: ReducedModel, task: Task, report: Report, details: bool = False) -> None:
-    """What ``inspect`` found: three sentences, and a table.
+    """Print the analysis of a system: three sentences and a table.
 
     Args:
-        system: what the user calls it.
-        reduced: the system.
-        task: how its outputs are divided.
-        report: what was found.
-        details: whether the numbers of the paper are told, too: blocks of A*, condition of E, Lemma 1.
+        system: name of the system as the user typed it.
+        reduced: reduced model of the system.
+        task: primary and redundant outputs.
+        report: result of ``analyze``.
+        details: print the quantities of the paper, too: blocks of A*, condition of E, Lemma 1.
     """
     console = Console(markup=False, emoji=False)
     for sentence in sentences(reduced, report):
@@ -76,9 +76,9 @@ def _constraint_rows(report: Report) -> RenderableType:
 
 def _actuation(actuators: Sequence[str], report: Report, details: bool) -> str:
     rank, r = report.actuation_rank, report.r
-    verdict = "every force on the motions can be realised"
+    verdict = "every reduced force can be realised"
     if rank < r:
-        verdict = f"not every force on the motions can be realised: {_list(report.unactuated)} fall short"
+        verdict = f"not every reduced force can be realised: {_list(report.unactuated)} not fully actuated"
     if details:
         verdict = f"{verdict} (rank of R^T B: {rank} of {r})"
     spare = report.p - rank
@@ -134,15 +134,15 @@ def _singular(report: Report, details: bool) -> str:
             lines.append(f"{matrix}singular where {what}{_where(each.configuration)}")
         elif details:
             size = _figure(each.smallest_singular_value)
-            lines.append(f"{each.matrix}: nowhere, as far as samples tell; smallest singular value {size} ({rows})")
+            lines.append(f"{each.matrix}: not singular in any sample; smallest singular value {size} ({rows})")
     return "\n".join(lines)
 
 
 def _bounds(found: Boundedness) -> str:
-    """How large H and V are, and where they have no bound."""
+    """Describe the norms of H and V, and the configurations near which they are unbounded."""
     lines = [f"|H| {_spread(asdict(found.H))}; |V| at unit rates {_spread(asdict(found.V))}"]
     if found.everywhere:
-        lines.append("bounded, as far as samples tell")
+        lines.append("bounded in all samples")
     for each in found.approaches:
         if not each.bounded:
             what = f"|H| grows as d^-{each.H_order:.1f} and |V| as d^-{each.V_order:.1f}"
@@ -151,7 +151,7 @@ def _bounds(found: Boundedness) -> str:
 
 
 def _where(configuration: Mapping[str, float | list[float]]) -> str:
-    """A configuration of a robot with few joints, in words; of others it takes too much room."""
+    """Describe a configuration in words; empty for robots with many joints."""
     if len(configuration) > 6:
         return ""
     values = {

@@ -1,4 +1,4 @@
-"""A system in three sentences: the kind of robot, its motions, what it cannot do and where it becomes singular."""
+"""Description of a system in three sentences: robot type, motions, and limits with singularities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rnc_pin.constraints import (
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind
 
-_FEW = 4  # names that a sentence has room for
+_FEW = 4  # names listed in a sentence
 _KNOWN = (
     *(RollingWheel, RollingBall, NoSideSlip, MomentumConservation),
     *(LoopClosure, JointCoupling, AckermannSteering, Caster),
@@ -26,15 +26,15 @@ _KNOWN = (
 
 
 def sentences(reduced: ReducedModel, report: Report) -> tuple[str, str, str]:
-    """Three sentences on a system.
+    """Describe a system in three sentences.
 
     Args:
-        reduced: the system.
-        report: what was found of it.
+        reduced: reduced model of the system.
+        report: result of ``analyze``.
     """
     blocks = [place.block for place in reduced.all_constraints.places]
     kinds = [block.kind for block in blocks if block.kind is not None]
-    # Rows of no kind are couplings that the robot's file asks for.
+    # Rows without a kind are mimic couplings of the robot file.
     coupled = len(kinds) < len(blocks) or any(isinstance(each, JointCoupling | AckermannSteering) for each in kinds)
     barred = [*_barred(kinds), *(["move coupled joints by themselves"] if coupled else [])]
     return _kind(reduced, kinds), _motions(report, reduced.reducing.names), _limits(reduced, barred, report)
@@ -80,7 +80,7 @@ def _limits(reduced: ReducedModel, barred: Sequence[str], report: Report) -> str
 
 
 def _barred(kinds: Sequence[ConstraintKind]) -> list[str]:
-    """What the constraints keep it from."""
+    """Describe the motions that the constraints prevent."""
     found = []
     skidding = [kind for kind in kinds if isinstance(kind, RollingWheel)]
     for kind, words in ((RollingWheel, "slip at"), (RollingBall, "slip at"), (NoSideSlip, "slide sideways at")):
@@ -108,7 +108,7 @@ def _where(found: Singularity, reduced: ReducedModel) -> str:
     if found.matrix == "E":
         names = [name for name in found.rows if name in reduced.reducing.names]
         return f"it becomes singular where its constraints leave no free choice of {_and(names) if names else 'motion'}"
-    return f"it becomes singular where its redundant motions lose hold of {_and(found.rows)}"
+    return f"it becomes singular where its redundant motions cannot move {_and(found.rows)}"
 
 
 def _frames(kinds: Sequence[ConstraintKind], kind: type) -> list[str]:
@@ -128,7 +128,7 @@ def _or(names: Sequence[str]) -> str:
 
 
 def _listed(names: Sequence[str], word: str) -> str:
-    """Names in a sentence; of many, the first."""
+    """Join names in a sentence; a long list is shortened to its first names."""
     shown = list(names)
     if len(shown) > _FEW:
         shown = [*shown[: _FEW - 1], f"{len(shown) - _FEW + 1} more"]

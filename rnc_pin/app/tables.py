@@ -1,4 +1,4 @@
-"""Errors and invariants of runs, as tables in the terminal."""
+"""Terminal tables of errors and invariants of runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rnc_pin.simulation import Summary
 
 
 def print_summary(summary: Summary) -> None:
-    """Errors and invariants of a run."""
+    """Print errors and invariants of a run."""
     console = Console(markup=False, emoji=False)
     errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
     errors.add_column("output")
@@ -34,7 +34,7 @@ def print_summary(summary: Summary) -> None:
     invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
     if summary["position_residual_max"]:
         invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e}")
-    if summary["energy_drift"] is not None:  # a plant that tells no work has none
+    if summary["energy_drift"] is not None:  # needs the work of the plant
         invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
     if summary["min_singular_value"] is not None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
@@ -49,24 +49,24 @@ def print_summary(summary: Summary) -> None:
 
 
 def print_files(folder: Path, names: Sequence[str]) -> None:
-    """What was written, and where."""
+    """Print the folder and the names of written files."""
     console = Console(markup=False, emoji=False)
     console.print(f"in {folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
 
 
 def print_elapsed(elapsed: float, simulation: float | None) -> None:
-    """How long a command took from its start to now, and what the simulation had of it [s]."""
+    """Print the wall time of a command and the share of the simulation [s]."""
     console = Console(markup=False, emoji=False)
     part = f", {simulation:.1f} s of it for the simulation" if simulation else ""
     console.print(f"done in {elapsed:.1f} s{part}", highlight=False)
 
 
 def print_spread(scenario: str, summary: Spread, folder: Path) -> None:
-    """Outcomes and errors of a sweep."""
+    """Print outcomes and errors of a sweep."""
     console = Console(markup=False, emoji=False)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
     if summary["redrawn"]:
-        outcomes += f" ({summary['redrawn']} tasks did not pass preflight and were drawn again)"
+        outcomes += f" ({summary['redrawn']} tasks failed preflight and were drawn again)"
     table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")
     table.add_column("output")
     table.add_column("median final error", justify="right")

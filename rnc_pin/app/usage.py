@@ -1,6 +1,6 @@
-"""What can be typed: commands, their arguments and options, and their help.
+"""Click definitions of commands, arguments, options and help.
 
-It is all that help and completion need, so it imports Click and little else; what a command does is in ``commands``.
+Help and shell completion need only this module, so it imports little besides Click. ``commands`` implements them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rnc_pin.app.messages import announce
 from rnc_pin.scenario.files import built_in_names, find_scenario
 
 Given: TypeAlias = Any
-"""What Click hands over; the commands say of which types it is."""
+"""Argument from Click; the functions in ``commands`` declare the types."""
 
 
 def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -27,26 +27,26 @@ def _files(context: click.Context, parameter: click.Parameter, incomplete: str) 
 
 def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     names = [CompletionItem(name) for name in built_in_names() if name.startswith(incomplete)]
-    return [*_files(context, parameter, incomplete), *names]  # names last: bash forgets what stands before files
+    return [*_files(context, parameter, incomplete), *names]  # names last: bash drops entries before files
 
 
 _scenario = click.argument("scenario", shell_complete=_scenarios)
 _options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
 _Command = TypeVar("_Command", bound=Callable[..., object])
 _json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not make.")
+_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not create.")
 _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
 
 
 _plant = click.option(
     "--plant",
     type=click.Choice(["reduced", "mujoco"]),
-    help="What moves: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
+    help="Plant: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
 )
 
 
 def _command(name: str) -> Callable[..., Given]:
-    """What a command does, with all that it needs imported."""
+    """Import and return the function of a command."""
     with interruptible_imports():
         function: Callable[..., Given] = getattr(commands, name)
     return function
@@ -61,7 +61,7 @@ def _print_version(context: click.Context, parameter: click.Parameter, asked: bo
 
 
 def _showing(command: _Command) -> _Command:
-    """The options of whatever can be watched."""
+    """Add the options of the live view to a command."""
     options = (
         click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
         click.option(
@@ -70,7 +70,9 @@ def _showing(command: _Command) -> _Command:
         click.option(
             "--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."
         ),
-        click.option("--host", default="127.0.0.1", help="With --show: listen here, so that others can watch."),
+        click.option(
+            "--host", default="127.0.0.1", help="With --show: listen address; a public one lets others watch."
+        ),
     )
     for option in reversed(options):
         command = option(command)
@@ -117,21 +119,21 @@ def run(**given: Given) -> int:
 @click.argument("system", shell_complete=_scenarios)
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
-@click.option("--seed", type=int, default=0, help="Of the sampled configurations.")
+@click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
 @click.option("--details", is_flag=True, help="Add the numbers of the paper: blocks of A*, condition of E, Lemma 1.")
 @_json
 @_debug
 def inspect(**given: Given) -> None:
-    """Say what a SYSTEM can do, in three sentences and a table: motions, rows, actuation, redundancy, singularities."""
+    """Analyze a SYSTEM: motions, constraint rows, actuation, redundancy and singularities."""
     find_scenario(given["system"])
-    announce(f"{given['system']}: looking at the system", quiet=True)
+    announce(f"{given['system']}: analyzing the system", quiet=True)
     _command("inspect_system")(**given)
 
 
 @cli.command()
 @click.argument("robot", shell_complete=_files)
 @click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
-@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Instead of a guess.")
+@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
 @click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
 @click.option(
     "--package-dir",
@@ -139,14 +141,14 @@ def inspect(**given: Given) -> None:
     metavar="FOLDER",
     multiple=True,
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder whose files the robot's file may name besides its own: a package, a folder of packages, or any other.",
+    help="Further folder for files of the robot: a package, a folder of packages, or any other.",
 )
-@click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Hold a joint, at zero or at a value [rad or m].")
-@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Lock a joint at zero or at a value [rad or m].")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
 @_debug
 def init(**given: Given) -> None:
     """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
-    announce(f"{given['robot']}: reading the robot and trying a scenario for it", quiet=True)
+    announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
     _command("draft_scenario")(**given)
 
 
@@ -159,23 +161,23 @@ def schema() -> None:
 @cli.command()
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_showing
-@click.option("--html", type=click.Path(path_type=Path), help="Write it as one HTML file that plays offline.")
-@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG a frame into this folder.")
+@click.option("--html", type=click.Path(path_type=Path), help="Write one HTML file that plays offline.")
+@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG per frame into this folder.")
 @click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
-@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Of frames and videos, per second.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf, .svg, or interactive .html.")
-@click.option("--aside", is_flag=True, help="Set the runs beside each other, not into each other.")
+@click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
 @_force
 @_debug
 def replay(**given: Given) -> None:
-    """Play runs again: folders that run wrote, or their trajectory.npz. Further ones are compared with the first."""
+    """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
     announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
     _command("replay_runs")(**given)
 
 
 @cli.command()
 @_scenario
-@click.option("--runs", type=click.IntRange(min=1), required=True, help="How many runs.")
+@click.option("--runs", type=click.IntRange(min=1), required=True, help="Number of runs.")
 @click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
@@ -187,7 +189,7 @@ def replay(**given: Given) -> None:
 def sweep(**given: Given) -> int:
     """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'.
 
-    A task that preflight speaks against is drawn again; '--set preflight=warn' runs it all the same.
+    A task that fails preflight is drawn again; '--set preflight=warn' runs it anyway.
     """
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])

@@ -1,4 +1,4 @@
-"""A live view as ``--show`` and its options ask for it."""
+"""Live view of the option ``--show``."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from rnc_pin.visualization.view import View
 def live_view(
     reduced: ReducedModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
 ) -> LiveView:
-    """Serve a view, say where, and wait for the browser."""
+    """Serve a live view, print its address, and wait for the browser."""
     if not is_loopback(host):
-        warn(f"--host {host}: whoever reaches this computer there can watch")
+        warn(f"--host {host}: everyone who can reach this address can watch")
     live = LiveView(reduced, view, info, speed, browser, host, title, selected_screen())
     click.echo(f"showing on {live.url}", err=True)
     try:
@@ -32,7 +32,7 @@ def live_view(
 
 
 def close(live: LiveView) -> None:
-    """Close a live view, and say why where it stopped before the run did."""
+    """Close a live view; warn if it stopped before the run."""
     live.close()
     if live.problem is not None:
         warn(f"the live view stopped: {type(live.problem).__name__}: {live.problem}")

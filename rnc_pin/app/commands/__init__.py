@@ -1,6 +1,6 @@
-"""What each command does; imported when it is called, so that help and completion wait for nothing.
+"""Functions of the commands, imported at the first call, so that help and completion are fast.
 
-Listed in ``__init__.pyi``. A module here imports whatever it needs at its top.
+``__init__.pyi`` lists them. Each module here imports what it needs at its top.
 """
 
 import lazy_loader as lazy

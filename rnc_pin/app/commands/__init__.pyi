@@ -1,4 +1,4 @@
-"""What ``rnc_pin.app.commands`` exports: read by type checkers, and by ``__init__.py`` to import each name lazily."""
+"""Exports of ``rnc_pin.app.commands``. Type checkers read it; ``__init__.py`` imports each name lazily from it."""
 
 from .init import draft_scenario
 from .inspect import inspect_system

@@ -24,7 +24,7 @@ def draft_scenario(
     lock: tuple[str, ...],
     force: bool,
 ) -> None:
-    """Write a first scenario for a robot."""
+    """Write a draft scenario for a robot."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
@@ -42,7 +42,7 @@ def draft_scenario(
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:
-    """Joints to hold, ``JOINT`` at zero or ``JOINT=VALUE``."""
+    """Parse the joints to lock: ``JOINT`` at zero, or ``JOINT=VALUE``."""
     held: dict[str, float] = {}
     for each in lock:
         joint, _, value = each.partition("=")

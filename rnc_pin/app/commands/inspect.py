@@ -14,7 +14,7 @@ from rnc_pin.scenario.loading import validate
 def inspect_system(
     system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool
 ) -> None:
-    """Print what a system can do."""
+    """Print the analysis of a system."""
     path = find_scenario(system)
     checked = validate(chosen(read_yaml(path), parse_options(options)), path.name)
     built, reduced = build_reduced(checked, path.parent)

@@ -32,7 +32,7 @@ def replay_runs(
     aside: bool,
     force: bool,
 ) -> None:
-    """Write what is asked for of runs, show them, or print their summaries."""
+    """Write the requested files of runs, show them, or print their summaries."""
     runs = [load_run(source) for source in sources]
     first = runs[0]
     others = compared(runs)
@@ -46,7 +46,7 @@ def replay_runs(
         and (not os.path.isdir(frames) or any(frames.iterdir()))
         and not force
     ):
-        raise ConfigurationError(f"--frames {frames}: is there and not empty; choose another name or add --force")
+        raise ConfigurationError(f"--frames {frames}: exists and is not empty; choose another name or add --force")
     try:
         if html is not None or frames is not None or video is not None:
             recording = record(runs, aside)

@@ -33,20 +33,20 @@ def run_scenario(
     as_json: bool,
     force: bool,
 ) -> int:
-    """Run a scenario and write its folder; the exit status."""
+    """Run a scenario, write its folder and return the exit status."""
     prepared = plan(scenario, {**plant_option(scenario, plant), **parse_options(options)})
     for warning in prepared.experiment.warnings:
         warn(warning)
-    name = prepared.name.strip(".") or "scenario"  # a file called "...yaml" is no reason to write into ".."
+    name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
     with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
         result = _executed(prepared, show, speed, browser, host, quiet=as_json)
         try:
             written = write(prepared, result, folder)
             if not as_json:
                 print_summary(result.summary)
-            drawn = _drawn(prepared, result, folder, quiet=as_json)  # last: numbers are saved and said by now
+            drawn = _drawn(prepared, result, folder, quiet=as_json)  # last: numbers are saved and printed by now
             folder.keep()
-        except RncError as error:  # the scenario is all right, its results have no place
+        except RncError as error:  # the scenario is valid, but its results cannot be written
             complain(str(error))
             return FAILED
     if result.summary["lift_off"] is not None:
@@ -66,14 +66,14 @@ def run_scenario(
 
 
 def _drawn(prepared: Plan, result: Result, folder: OutputFolder, quiet: bool) -> Drawn:
-    """Draw, with a progress bar."""
+    """Draw the pictures with a progress bar."""
     names = picture_names(prepared)
     with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
         return draw(prepared, result, folder, bar)
 
 
 def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str, quiet: bool) -> Result:
-    """Run, with a live view and a progress bar where they are asked for."""
+    """Execute the run, with the requested live view and progress bar."""
     experiment = prepared.experiment
     live = None
     if show:

@@ -17,7 +17,7 @@ from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.sweep import drawn_keys, run_names, sweep
 from rnc_pin.scenario.sweep_table import Row, spread, write_table
 
-_TABLES = 100  # that are written on the way, so that little is lost however a sweep ends
+_TABLES = 100  # tables written during a sweep, so that an abort loses little
 
 
 def sweep_scenario(
@@ -31,7 +31,7 @@ def sweep_scenario(
     as_json: bool,
     force: bool,
 ) -> int:
-    """Run a scenario many times with drawn values and write a table; the exit status."""
+    """Run a scenario many times with drawn values, write a table and return the exit status."""
     if jobs == 0:
         raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
     parsed = {**plant_option(scenario, plant), **parse_options(options)}
@@ -53,7 +53,7 @@ def sweep_scenario(
         except KeyboardInterrupt:
             interrupted = True
         if interrupted and not rows:
-            complain("interrupted before the first run was over")
+            complain("interrupted before the end of the first run")
             return FAILED
         write_table(rows, folder.file("sweep.csv"))
         figures = spread(rows)
