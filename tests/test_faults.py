@@ -273,7 +273,7 @@ def test_a_joint_gets_stuck():
         ({"payload": {"frame": "hand", "mass": 1.0}}, r"faults: .*no frame 'hand'"),
         ({"stuck": {"joint": "joint_9"}}, r"faults: no joint 'joint_9' in robot 'space_robot'; did you mean"),
         ({"noise": 1.0}, r"faults: 'noise' is not known"),
-        ({"dropped": 3.0}, r"faults: fault dropped is a share, at most 1, found 3"),
+        ({"dropped": 3.0}, r"faults: fault dropped: expected a fraction of at most 1, found 3"),
     ],
 )
 def test_wrong_faults_are_one_line(call, faults, line):

@@ -357,12 +357,12 @@ def test_what_it_has_not_is_refused_by_name():
 
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     askew = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left_wheel", 0.1, roller=0.7)], ["left_wheel_joint"])
-    with pytest.raises(rnc.ConfigurationError, match="'left_wheel' touches the ground with rollers that lie askew"):
+    with pytest.raises(rnc.ConfigurationError, match="'left_wheel' has oblique rollers"):
         MuJoCoPlant(askew.reduce())
 
     wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.08)]
     uneven = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint"]).reduce()
-    with pytest.raises(rnc.ConfigurationError, match=r"'right_wheel' hangs 0\.02 m above the ground"):
+    with pytest.raises(rnc.ConfigurationError, match=r"'right_wheel' is 0\.02 m above the ground"):
         MuJoCoPlant(uneven)
 
     robot = rnc.Robot.from_urdf("differential_drive.urdf")
@@ -402,7 +402,7 @@ def test_what_is_not_finite_is_refused_and_what_becomes_so_ends_the_run(tmp_path
     with pytest.raises(rnc.InputError, match="expected that of q and v"):
         plant.reset(robot.configuration(), np.zeros(3))
     plant.apply(np.full(4, 1e200))
-    with pytest.raises(rnc.DivergenceError, match="have no bound"):
+    with pytest.raises(rnc.DivergenceError, match="is not finite"):
         plant.advance(1.0)
     assert not list(tmp_path.iterdir())  # MuJoCo writes logs where it stands
 

@@ -1,4 +1,4 @@
-"""What is controlled: anything that moves under inputs and can be measured."""
+"""Plants: controlled systems with actuator inputs and measured states, and wrappers for faults and mid-run changes."""
 
 from rnc_pin.plants.changing import ChangingMachine
 from rnc_pin.plants.faults import Faults, FaultyMachine

@@ -1,4 +1,4 @@
-"""A machine that becomes another one in mid-run: a payload is taken up, an axle gets stuck."""
+"""Plant that changes during a run: it picks up a payload, or an axle locks."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rnc_pin.plants.protocol import Machine, energy_less_work
 
 
 class ChangingMachine:
-    """One machine up to some time, and another from there on, at the same state.
+    """Plant that switches from one plant to another at a given time, at the same state.
 
     Args:
-        before, after: the machines, with the same configurations and actuators. What motion the second cannot have is
-            gone at once, as in an impact.
-        time: when [s].
+        before, after: plants with the same configurations and actuators. Velocity that violates the constraints of
+            ``after`` vanishes at the switch, as in an inelastic impact.
+        time: time of the switch [s].
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -36,39 +36,39 @@ class ChangingMachine:
         self._T: np.ndarray | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Start again as the first."""
+        """Restart with the first plant."""
         self._now, self._time, self._T, self._shifted = self._before, 0.0, None, 0.0
         self._now.reset(q, v)
         self._turn()
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """Configuration (nq,) and velocity (nv,)."""
+        """Return configuration (nq,) and velocity (nv,)."""
         return self._now.read()
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold these inputs (p,)."""
+        """Apply inputs (p,) until the next call."""
         self._T = T
         self._now.apply(T)
 
     def advance(self, dt: float) -> None:
-        """Let time pass [s]; the change is at the end of the step that reaches its time."""
+        """Advance the time by dt [s]. The switch happens at the end of the step that reaches its time."""
         self._now.advance(dt)
         self._time += dt
         self._turn()
 
     def __getattr__(self, name: str) -> Any:
-        """What else the machine has to tell."""
+        """Forward optional attributes to the current plant."""
         if name in ("applied", "friction_used", "wheel_names", "reduced", "external"):
             return getattr(self._now, name)
         raise AttributeError(name)
 
     @property
     def work(self) -> float:
-        """Done so far, the change itself included: a load brings the energy that it has, an impact takes some [J]."""
+        """Work done so far [J], including the switch: a payload adds energy, an impact removes some."""
         return float(self._now.work) + self._shifted  # type: ignore[attr-defined]
 
     def set_actuator_friction(self, limit: float) -> None:
-        """Let dry friction of this size work against every actuator of both [N or N m]."""
+        """Set the Coulomb friction of every actuator in both plants [N or N m]."""
         for machine in (self._before, self._after):
             machine.set_actuator_friction(limit)  # type: ignore[attr-defined]
 

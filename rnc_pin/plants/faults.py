@@ -1,4 +1,4 @@
-"""What sensors and actuators of a real machine do wrong."""
+"""Sensor and actuator faults of a real plant."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ class Faults:
 
     Args:
         position_noise, velocity_noise: standard deviations [rad or m, rad/s or m/s].
-        position_bias, velocity_bias: of every sensor [the same].
-        counts: steps of a position sensor in 2 pi rad, and so in 2 pi m; positions are rounded to them.
-        delay: samples after which a measurement arrives.
-        jitter: share of a sampling period by which a measurement is taken too early or too late at most.
-        dropped: share of samples that never come: the one before is seen again.
-        garbage: share of samples that are NaN.
-        effort: largest input of every actuator [N or N m]; the loop knows it.
-        dead_zone: input below which an actuator does nothing [N or N m]; the loop does not know it.
-        friction: Coulomb friction that works against every actuator, with stiction [N or N m].
-        slip_time: time at which the machine is pushed against its constraints [s].
-        slip_speed: speed at which it slips then, along each constraint row [m/s or rad/s].
-        slip_duration: for how long [s].
+        position_bias, velocity_bias: constant errors of every sensor [rad or m, rad/s or m/s].
+        counts: encoder counts per 2 pi rad or 2 pi m; positions are rounded to them.
+        delay: measurement delay [samples].
+        jitter: largest error of the sampling time, as a fraction of the sampling period.
+        dropped: fraction of samples that are lost; the previous sample is repeated.
+        garbage: fraction of samples that are NaN.
+        effort: input limit of every actuator [N or N m]; the loop knows it.
+        dead_zone: input below which an actuator has no effect [N or N m]; the loop does not know it.
+        friction: Coulomb friction of every actuator, with stiction [N or N m].
+        slip_time: time at which the plant starts to slip against its constraints [s].
+        slip_speed: slip speed along each constraint row [m/s or rad/s].
+        slip_duration: duration of the slip [s].
 
     Raises:
-        ConfigurationError: a number that makes no sense.
+        ConfigurationError: a value is out of range.
 
     Example:
         >>> rnc.Faults(position_noise=1e-4, counts=4096, delay=2, effort=50.0).delay
@@ -42,7 +42,7 @@ class Faults:
         >>> rnc.Faults(dropped=1.5)
         Traceback (most recent call last):
         ...
-        rnc_pin.errors.ConfigurationError: fault dropped is a share, at most 1, found 1.5
+        rnc_pin.errors.ConfigurationError: fault dropped: expected a fraction of at most 1, found 1.5
     """
 
     position_noise: float = 0.0
@@ -66,26 +66,27 @@ class Faults:
         for name in (each.name for each in fields(self)):
             value = getattr(self, name)
             if np.isnan(value) or (name not in signed and value < 0):
-                raise ConfigurationError(f"fault {name} has to be a number that is not negative, found {value}")
+                at_least = "" if name in signed else " of at least 0"
+                raise ConfigurationError(f"fault {name}: expected a number{at_least}, found {value}")
         for name in ("dropped", "garbage", "jitter"):
             if getattr(self, name) > 1:
-                raise ConfigurationError(f"fault {name} is a share, at most 1, found {getattr(self, name)}")
+                raise ConfigurationError(f"fault {name}: expected a fraction of at most 1, found {getattr(self, name)}")
         if self.counts == 0:
-            raise ConfigurationError("fault counts has to be positive")
+            raise ConfigurationError("fault counts: expected a positive number, found 0")
 
 
 class FaultyMachine:
-    """A machine seen through bad sensors and driven through bad actuators.
+    """Plant with sensor and actuator faults.
 
     Args:
-        machine: the machine.
-        faults: what is wrong with it.
-        reduced: the model whose configurations and actuators they are.
-        dt: sampling period, of which ``jitter`` is a share [s].
-        seed: of the noise: the same numbers in the same order, whatever runs beside it.
+        machine: the plant without faults.
+        faults: its faults.
+        reduced: model that defines the configurations and actuators.
+        dt: sampling period, the unit of ``jitter`` [s].
+        seed: random seed of the noise; the sequence does not depend on other random numbers.
 
     Raises:
-        ConfigurationError: friction is asked for, and the machine has no ``set_actuator_friction``.
+        ConfigurationError: friction is set, but the plant has no ``set_actuator_friction``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -104,7 +105,7 @@ class FaultyMachine:
             if not hasattr(machine, "set_actuator_friction"):
                 raise ConfigurationError(
                     f"fault friction: {type(machine).__name__} has no method 'set_actuator_friction(limit)'; "
-                    "friction is part of the motion, so the plant has to integrate it"
+                    "the plant has to integrate friction itself"
                 )
             machine.set_actuator_friction(faults.friction)
         self._forget()
@@ -116,24 +117,24 @@ class FaultyMachine:
         self.applied = self._given = np.zeros(self._reduced.p)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Start again, with the same noise."""
+        """Restart with the same noise."""
         self._forget()
         self.machine.reset(q, v)
 
     def actual(self) -> tuple[np.ndarray, np.ndarray]:
-        """Configuration (nq,) and velocity (nv,) as they are."""
+        """Return the true configuration (nq,) and velocity (nv,)."""
         q, v = self.machine.read()
         return q, v + self._slip
 
     def __getattr__(self, name: str) -> Any:
-        """What else the machine has to tell."""
+        """Forward optional attributes to the plant."""
         if name in ("friction_used", "wheel_names", "reduced"):
             return getattr(self.machine, name)
         raise AttributeError(name)
 
     @property
     def work(self) -> float:
-        """Work done on the machine so far, by what pushes it against its constraints as well [J]."""
+        """Work done on the plant so far, including the work of slip against its constraints [J]."""
         done = float(self.machine.work) + self._pushed  # type: ignore[attr-defined]
         if self._slip.any():
             q, v = self.machine.read()
@@ -143,7 +144,7 @@ class FaultyMachine:
 
     @property
     def external(self) -> np.ndarray | None:
-        """Generalized forces (nv,) beside ``applied``: damping, friction, and what the actuators do not pass on."""
+        """Generalized forces (nv,) besides ``applied``: damping, friction, and the loss in the dead zone."""
         inner: np.ndarray | None = self.machine.external  # type: ignore[attr-defined]
         passed = getattr(self.machine, "applied", self._given) - self.applied
         if not passed.any():
@@ -154,10 +155,10 @@ class FaultyMachine:
     # ------------------------------------------------------------------ sensors
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """What sensors say; each call is one sample of theirs."""
+        """Return measured q (nq,) and v (nv,). Each call is one sample."""
         faults, draw = self.faults, self._generator
         q, v = self.actual()
-        # Drawn whether needed or not, so that one fault's noise does not depend on the others.
+        # Always drawn, so that the noise of one fault does not depend on the others.
         noise, chance = draw.normal(size=(2, self._model.nv)), draw.uniform(-1.0, 1.0, size=3)
         error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self._dt * chance[0] * v
         if error.any():
@@ -176,7 +177,7 @@ class FaultyMachine:
         return q.copy(), v.copy()
 
     def _counted(self, q: np.ndarray) -> np.ndarray:
-        """A configuration on the grid of the encoders, counted from neutral."""
+        """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
         neutral = pin.neutral(self._model)
         counted: np.ndarray = pin.integrate(
@@ -187,16 +188,16 @@ class FaultyMachine:
     # ------------------------------------------------------------------ actuators
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold what the actuators make of these inputs; ``applied`` is as far as a loop knows."""
+        """Apply inputs (p,) with actuator faults; ``applied`` includes only those that the loop knows."""
         faults = self.faults
         self.applied = np.clip(T, -faults.effort, faults.effort)
         given = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
         self.machine.apply(given)
-        self.applied = self.applied + (getattr(self.machine, "applied", given) - given)  # its own limits are known too
+        self.applied = self.applied + (getattr(self.machine, "applied", given) - given)  # plant limits are known
         self._given = given
 
     def advance(self, dt: float) -> None:
-        """Let time pass [s]; where it slips, it is moved against its constraints meanwhile."""
+        """Advance the time by dt [s]; during slip the plant also moves against its constraints."""
         self.machine.advance(dt)
         begin, self._time = self._time, self._time + dt
         faults = self.faults

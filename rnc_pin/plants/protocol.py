@@ -1,4 +1,4 @@
-"""What a loop needs of whatever it controls."""
+"""Protocol of plants: the methods that a control loop needs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy import ndarray as Array
 
 @runtime_checkable
 class Machine(Protocol):
-    """Something that moves: our reduced model integrated, another simulator, or hardware.
+    """Controlled system: the integrated reduced model, another simulator, or hardware.
 
-    Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions, whatever the
-    machine keeps inside. Velocities are as the machine has them: they need not satisfy the constraints.
+    Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
+    those of the plant and need not satisfy the constraints.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -24,20 +24,20 @@ class Machine(Protocol):
     """
 
     def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
-        """Start again, at time zero and with no inputs."""
+        """Restart at time zero with zero inputs."""
 
     def read(self) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
-        """Configuration and velocity now; arrays of their own."""
+        """Return copies of the current configuration and velocity."""
 
     def apply(self, T: Float[Array, " p"]) -> None:
-        """Hold these actuator inputs from now on."""
+        """Apply actuator inputs until the next call."""
 
     def advance(self, dt: float) -> None:
-        """Let time pass [s]."""
+        """Advance the time by dt [s]."""
 
 
 def energy_less_work(machine: Machine) -> float:
-    """The energy of a plant that is a reduced model, less the work done on it [J]; NaN where it does not say."""
+    """Return the energy of a plant minus the work done on it [J]; NaN if it is unknown."""
     reduced, work = getattr(machine, "reduced", None), getattr(machine, "work", np.nan)
     if reduced is None:
         return np.nan

@@ -1,6 +1,6 @@
-"""MuJoCo as the machine: the loaded robot in somebody else's simulator. Needs ``pip install 'rnc_pin[mujoco]'``.
+"""MuJoCo as the plant: the loaded robot in an independent simulator. Needs ``pip install 'rnc_pin[mujoco]'``.
 
-Settings can be read and checked without it; MuJoCo is loaded with the plant.
+The settings do not need MuJoCo; importing the plant loads it.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Read by type checkers and editors, and by ``__init__.py`` to import each name when it is first used."""
+"""Exports of the package. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
 
 from .plant import MuJoCoPlant as MuJoCoPlant
 from .settings import MuJoCoSettings as MuJoCoSettings

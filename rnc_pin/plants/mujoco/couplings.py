@@ -1,4 +1,4 @@
-"""Joints that turn together and loops that stay closed, as MuJoCo's equalities."""
+"""Joint couplings and loop closures as MuJoCo equality constraints."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ _MADE = (
 
 
 class Coupling(ABC):
-    """Two joints that turn together; MuJoCo's polynomial follows what is said at the present angles."""
+    """Coupling of two joints; the polynomial of MuJoCo is updated at the current angles."""
 
     @abstractmethod
     def set(self, model: mujoco.MjModel, qpos: np.ndarray, fresh: bool) -> None:
-        """Write the polynomial; ``fresh`` at the start of a run."""
+        """Write the polynomial coefficients; ``fresh`` is True at the start of a run."""
 
 
 @dataclass(frozen=True)
 class _Gear(Coupling):
-    """``q = ratio * q_driver + offset``, with the full turns that both have made at the start."""
+    """Coupling ``q = ratio * q_driver + offset``; the offset includes the initial full turns of both joints."""
 
     equality: int
     joint: int
@@ -60,7 +60,7 @@ class _Gear(Coupling):
 
 @dataclass(frozen=True)
 class _Steering(Coupling):
-    """``cot(r) - cot(l) = k``: the angle l that goes with r, and how it changes with it."""
+    """Ackermann steering ``cot(r) - cot(l) = k``: angle l as a function of r, and its slope."""
 
     equality: int
     left: int
@@ -78,14 +78,14 @@ class _Steering(Coupling):
 
 
 class Couplings:
-    """What ties bodies together beside the tree and the ground.
+    """Equality constraints of a MuJoCo model: joint couplings and loop closures.
 
     Args:
-        spec: where it is added, with the bodies of ``tree``.
+        spec: specification that receives them; it has the bodies of ``tree``.
         blocks: bound constraints.
 
     Raises:
-        ConfigurationError: a constraint that is no thing that MuJoCo has.
+        ConfigurationError: a constraint has no equivalent in MuJoCo.
     """
 
     def __init__(self, spec: mujoco.MjSpec, tree: Tree, blocks: Sequence[Rows], settings: MuJoCoSettings) -> None:
@@ -102,10 +102,10 @@ class Couplings:
                 self._close(tree, kind, block.names[0])
             elif not isinstance(kind, (MomentumConservation, *_ON_GROUND)):
                 what = type(kind or block).__name__
-                raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) is no thing that it has; it has {_MADE}")
+                raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; expected {_MADE}")
 
     def compiled(self, model: mujoco.MjModel) -> list[Coupling]:
-        """Those that follow the present angles, once the model is compiled."""
+        """Return the couplings that depend on the current angles, for a compiled model."""
 
         def place(joint: str) -> int:
             return int(model.joint(joint).qposadr[0])
@@ -145,7 +145,7 @@ class Couplings:
             **self._firmness(),
         )
         if kind.kind != "point":
-            closed.data[10] = 1.0  # turning counts like moving
+            closed.data[10] = 1.0  # rotation and translation have equal weights
 
     def _firmness(self) -> dict[str, list[float]]:
         return {"solref": [2 * self._settings.step, 1.0], "solimp": [_RIGID, _RIGID, 0.001, 0.5, 2.0]}

@@ -1,4 +1,4 @@
-"""MuJoCo itself, where it is installed."""
+"""Import of MuJoCo, with an error that tells how to install it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""What stands on the ground, as MuJoCo's geometry and contact pairs. Nothing else of a robot touches anything.
+"""Ground contacts as MuJoCo geometry and contact pairs. No other part of the robot collides.
 
-MuJoCo's contacts are soft, and friction and load are solved for together: what slips is lifted, by friction times the
-deceleration that the contact asks for along the ground. Hard contacts hop then. So that a wheel slides at the limit of
-its grip with its load unchanged, contacts are springs and dampers across the ground (a low impedance), stiff along it
-(a high ratio of the two), and never ask for much more deceleration than grip can give: see ``Ground.prepare``.
+MuJoCo's contacts are soft, and it solves friction and load together. Slip lifts a contact by friction times the
+tangential deceleration that the contact demands, so stiff contacts hop. A wheel should slide at its friction limit with
+unchanged load. So contacts are soft in the normal direction (low impedance) and stiff in the tangential one (high
+``impratio``). They never demand much more deceleration than friction can give; see ``Ground.prepare``.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from rnc_pin.plants.mujoco.tree import Tree
 from rnc_pin.plants.mujoco.wheels import Contact
 
 _GROUND = "ground"
-_NO_GRIP = 1e-5  # the least that MuJoCo takes
+_NO_GRIP = 1e-5  # smallest friction coefficient in MuJoCo
 _THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
-_SHORT = 1e-6  # half the length [m] of what holds on along one direction alone: its ends both grip
+_SHORT = 1e-6  # half length of capsules with grip in one direction [m]; both ends touch the ground
 _EDGE = 0.005  # radius of the edge of a blade [m]
-_SPRUNG = 3.0  # how much slower a support without friction pushes back: wheels beside it carry the most
-_IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramid has one for both directions
-_STIFFER = 1e5  # contacts along the ground, beside across it
-_STICKS = 1e-6  # slip that is none [m/s]
+_SPRUNG = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
+_IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one impedance for both directions
+_STIFFER = 1e5  # tangential over normal contact impedance
+_STICKS = 1e-6  # slip treated as zero [m/s]
 _LEVEL = np.array([1.0, 1.0, 0.0])
-_BEYOND = 2.0  # what a contact asks for of a wheel that slips, in decelerations that grip can give
+_BEYOND = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
 def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], settings: MuJoCoSettings) -> None:
-    """The plane z = 0, and everything on it."""
+    """Add the plane z = 0 and the geometry of all contacts."""
     if not contacts:
         return
     spec.option.impratio = _STIFFER
@@ -57,12 +57,12 @@ def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], set
 
 
 def _gives_way(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
-    """How far wheels sink in [m]. Forces act in the middle of that: as far below their centers as a radius says."""
+    """Penetration depth of wheels [m]. Forces act at half of it, so that they act one radius below the center."""
     return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.firmness**2)
 
 
 def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
-    """Kind, size and direction of the axis. MuJoCo lays the first direction of friction along a capsule."""
+    """Return type, size and axis of a geometry. In MuJoCo the first friction direction is along a capsule."""
     shape = mujoco.mjtGeom
     if contact.grip == "across":
         return shape.mjGEOM_CAPSULE, [_EDGE, _SHORT, 0.0], np.cross(contact.axle, contact.up)
@@ -81,7 +81,7 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
     condim, first, second = 6 if rolling else 4 if torsional else 3, sliding, sliding
     if contact.grip == "none":
         condim = 1
-    elif contact.grip != "all":  # a capsule lies along the axle of one, and along the heading of the other
+    elif contact.grip != "all":  # the capsule is along the axle for "forward", along the heading for "across"
         first = _NO_GRIP
     impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.grip == "none" else 1.0
     spec.add_pair(
@@ -96,21 +96,21 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
 
 
 def _turned_to(axis: np.ndarray) -> np.ndarray:
-    """A quaternion (w, x, y, z) that turns z to an axis."""
+    """Return the quaternion (w, x, y, z) that rotates z to an axis."""
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))
     return scalar_first(turn.coeffs())
 
 
 class Ground:
-    """The contacts of a compiled model while it moves.
+    """Ground contacts of a compiled model during a run.
 
     Args:
-        model, data: of MuJoCo, compiled.
-        contacts: all of them.
-        settings: friction, and how contacts are solved for.
+        model, data: compiled MuJoCo model and its data.
+        contacts: all contacts.
+        settings: friction and solver settings.
 
     Attributes:
-        names: of what grips, (w,).
+        names: contacts with friction, (w,).
     """
 
     def __init__(
@@ -129,23 +129,23 @@ class Ground:
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
         self._gripping = np.array([each.grip == "all" for each in self._holding], dtype=float)
-        """Of the first direction of friction."""
+        """1 if the first friction direction has grip, else 0."""
         self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
-        """Forces of wheels that are only drawn, along their headings [N]."""
+        """Drive forces of wheels without a joint, along their headings [N]."""
         mass = float(model.body_mass.sum())
-        for each in contacts:  # by itself MuJoCo makes the ground softer under what is light or turns
+        for each in contacts:  # MuJoCo's default makes contacts softer for light or rotating bodies
             model.body_invweight0[model.geom(each.name).bodyid[0], 0] = len(contacts) / mass
 
     def begin(self) -> None:
-        """Start again, with positions and velocities as they are written."""
+        """Restart at the positions and velocities in ``data``."""
         self._along[:] = 0.0
         model, data = self._model, self._data
         model.pair_solreffriction[self._pairs] = 0.0
         model.pair_friction[self._pairs] = self._frictions
         mujoco.mj_forward(model, data)
         self._mobility = np.zeros(len(self.names))
-        """How much a unit force along the ground accelerates what touches it, at most [1/kg]."""
+        """Largest acceleration of each contact point per unit tangential force [1/kg]."""
         jacobian, moved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for place, geom in enumerate(self._geoms):
             point = data.geom_xpos[geom] * _LEVEL
@@ -154,12 +154,12 @@ class Ground:
             self._mobility[place] = np.linalg.eigvalsh((jacobian @ moved.T)[:2, :2])[-1]
 
     def prepare(self, wanted: np.ndarray) -> None:
-        """Before a step: how contacts take away slip, and forces of wheels that are only drawn, within their grip.
+        """Before a step: set the slip damping of contacts, and apply drive forces within the friction limit.
 
-        Slip is taken away in one step, or as slowly as is asked for by decelerations that grip can give.
+        Slip is removed in one step, or more slowly if friction cannot give that deceleration.
 
         Args:
-            wanted: forces along headings, (w,) [N]; applied beside what is applied already.
+            wanted: drive forces along headings, (w,) [N]; added to the applied forces.
         """
         if not len(self.names):
             return
@@ -175,7 +175,7 @@ class Ground:
         self._drive(wanted, normal, tangential[:, 1])
 
     def _drive(self, wanted: np.ndarray, normal: np.ndarray, across: np.ndarray) -> None:
-        """Apply forces along headings; what they take of the circle of friction is not there across."""
+        """Apply drive forces along headings; they reduce the lateral friction limit (friction circle)."""
         model, data, limit = self._model, self._data, self._friction * normal
         most = np.sqrt(limit**2 - np.minimum(across, limit) ** 2)
         self._along = np.clip(wanted, -most, most)
@@ -192,18 +192,18 @@ class Ground:
             mujoco.mj_applyFT(model, data, force, np.zeros(3), point, model.geom_bodyid[geom], data.qfrc_applied)
 
     def used(self) -> np.ndarray:
-        """Force along the ground over what the grip allows, (w,); zero for a wheel off the ground."""
+        """Return tangential force over friction limit, (w,); zero for a wheel off the ground."""
         normal, tangential, _ = self._seen()
         force = np.hypot(np.linalg.norm(tangential, axis=1), self._along)
         allowed = self._friction * normal
         return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
 
     def loads(self) -> np.ndarray:
-        """Force across the ground under each wheel, (w,) [N]."""
+        """Return the normal force of each wheel, (w,) [N]."""
         return self._seen()[0]
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Load (w,) [N], sizes of forces along both directions of friction (w, 2) [N], and slip (w,) [m/s]."""
+        """Return loads (w,) [N], magnitudes of both friction forces (w, 2) [N], and slip speeds (w,) [m/s]."""
         data, size = self._data, len(self.names)
         total, slip = np.zeros((size, 3)), np.zeros(size)
         touching = data.contact
@@ -218,12 +218,12 @@ class Ground:
             sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
             total = sums @ data.efc_force[entries]
             moving = data.efc_vel[entries[:, 1:]]
-            moving[:, 0] *= self._gripping @ sums  # zero where that direction does not grip
+            moving[:, 0] *= self._gripping @ sums  # zero if that direction has no grip
             slip = (sums @ np.hypot(moving[:, 0], moving[:, 1])) / np.maximum(sums.sum(axis=1), 1.0)
         return total[:, 0], np.abs(total[:, 1:]), slip
 
     def _sums(self, places: np.ndarray) -> np.ndarray:
-        """What adds up over the contacts of each wheel, (w, contacts): the same as long as they touch."""
+        """Summation matrix from contacts to wheels, (w, contacts); cached while the same contacts are active."""
         if not np.array_equal(places, self._touching[0]):
             self._touching = places, (places == np.arange(len(self.names))[:, None]).astype(float)
         return self._touching[1]

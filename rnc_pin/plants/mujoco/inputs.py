@@ -1,10 +1,10 @@
-"""What actuator inputs do to the robot in MuJoCo.
+"""Mapping of actuator inputs to forces in MuJoCo.
 
-A joint's actuator acts on that joint. A force or torque on a frame of a wheeled vehicle stands for what its wheels do:
-it becomes torques of the wheels, the smallest that do the same to the motion that the constraints leave,
-``R^T B_wheels tau = R^T B T`` at the present configuration. Wheels take part that have no actuator of their own: first
-those on the frame's own body, then all of them. What no wheels can do, as a torque that turns a single one about the
-vertical, acts on the frame itself.
+An actuator of a joint acts on that joint. A force or torque on a frame of a wheeled vehicle models the effect of its
+wheels. It becomes the smallest wheel torques with the same effect on the admissible motion,
+``R^T B_wheels tau = R^T B T`` at the current configuration. Only wheels that have no actuator take part: first those
+on the body of the frame, then all. If no wheels can produce an input, it acts on the frame itself; an example is a
+torque that turns a single wheel about the vertical.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.wheels import Contact
 from rnc_pin.robots.robot import Robot
 
-_SAME = 1e-6  # of what an actuator does to the motion: wheels that miss less than this do the same
+_SAME = 1e-6  # relative error below which wheels reproduce the effect of an actuator
 _ZERO = 1e-9
 _SAMPLES = 3
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A wheel that can be turned: its contact, and where its joint stands in v; None for one that is only drawn."""
+    """Driven wheel: its contact, and the index of its joint in v (None for a drawn wheel without a joint)."""
 
     contact: Contact
     own: int | None
 
     def effect(self, robot: Robot, data: pin.Data) -> np.ndarray:
-        """Generalized force (nv,) of a unit torque where Jacobians are known."""
+        """Return the generalized force (nv,) of a unit torque; needs the joint Jacobians in ``data``."""
         if self.own is not None:
             return np.eye(robot.nv)[self.own]
         joint, radius = self.contact.joint, self.contact.radius
@@ -47,16 +47,16 @@ class Drive:
 
 
 class Inputs:
-    """Actuator inputs as forces on joints and torques of wheels.
+    """Actuator inputs as joint forces and wheel torques.
 
     Args:
-        reduced: whose actuators they are.
-        contacts: what it stands on.
-        q: a configuration (nq,) near which wheels have to be able to do what frames are said to do.
+        reduced: model with the actuators.
+        contacts: ground contacts of the robot.
+        q: configuration (nq,) near which wheels must reproduce the inputs of frames.
 
     Attributes:
-        drawn: wheels that are only drawn, in the order of the forces that ``of_wheels`` gives.
-        by_wheels: names of the actuators that wheels stand for.
+        drawn: drawn wheels without joints, in the order of the forces of ``of_wheels``.
+        by_wheels: names of the actuators that wheels replace.
     """
 
     def __init__(self, reduced: ReducedModel, contacts: Sequence[Contact], q: np.ndarray) -> None:
@@ -67,19 +67,19 @@ class Inputs:
         self._drawn = [k for k, drive in enumerate(self._drives) if drive.own is None]
         self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
-        """Columns of B, and the drives that do the same."""
+        """Columns of B with the drives that reproduce them."""
         self._used = sorted({drive for _, drives in self._groups for drive in drives})
         wheeled = [column for columns, _ in self._groups for column in columns]
         self.by_wheels = tuple(self._actuation.names[column] for column in wheeled)
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
         fixed = self._actuation.constant
         if fixed is None and set(wheeled) == {column for column, *_ in self._actuation.frames}:
-            at = self._kinematics.position(q)  # what is left acts on joints
+            at = self._kinematics.position(q)  # the other actuators act on joints
             fixed = self._actuation.matrix(at) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
     def of_wheels(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is held while inputs are: forces on joints by their wheels (nv,), and of wheels drawn (k,) [N]."""
+        """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels (k,) [N]."""
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
@@ -97,11 +97,11 @@ class Inputs:
 
     @property
     def follows(self) -> bool:
-        """Whether ``direct`` depends on the configuration."""
+        """True if ``direct`` depends on the configuration."""
         return self._constant is None
 
     def direct(self, q: np.ndarray, T: np.ndarray) -> np.ndarray:
-        """Generalized force (nv,) of the inputs that no wheels stand for."""
+        """Return the generalized force (nv,) of the inputs that wheels do not replace."""
         matrix = self._constant
         if matrix is None:
             matrix = self._actuation.matrix(self._kinematics.position(q))[:, self._direct]
@@ -110,7 +110,7 @@ class Inputs:
     # ------------------------------------------------------------------ which wheels
 
     def _seen(self, q: np.ndarray, used: Sequence[int]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """A basis (r, nv) of the motion that is left, B (nv, p), and effects of drives (nv, k), zero of others."""
+        """Return a basis of admissible motion (r, nv), B (nv, p), and effects of drives (nv, k), else zero."""
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
         basis = scipy.linalg.null_space(rows, rcond=_ZERO).T if len(rows) else np.eye(self._robot.nv)
@@ -138,7 +138,7 @@ class Inputs:
         return [(columns, list(drives)) for drives, columns in groups.items()]
 
     def _carrier(self, drive: Drive) -> int:
-        """The joint whose body a wheel turns on."""
+        """Return the joint of the body that carries a wheel."""
         joint = drive.contact.joint
         return joint if drive.own is None else int(self._robot.model.parents[joint])
 

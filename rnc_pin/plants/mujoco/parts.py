@@ -1,8 +1,8 @@
-"""Joints in both worlds: where each stands in Pinocchio's vectors and in MuJoCo's, and how one becomes the other.
+"""Conversion of joint states and forces between Pinocchio and MuJoCo.
 
-Pinocchio writes quaternions as (x, y, z, w), a continuous joint as (cos, sin), and velocities of planar and free joints
-along the axes of the moving body. MuJoCo writes (w, x, y, z), a plain angle, and the linear velocity of a free joint
-along the axes of the world. Generalized forces go the way of velocities, transposed: power is the same in both.
+Pinocchio has quaternions (x, y, z, w), (cos, sin) for continuous joints, and velocities of planar and free joints in
+the body frame. MuJoCo has (w, x, y, z), a plain angle, and the linear velocity of a free joint in the world frame.
+Generalized forces transform by the transpose of the velocity map, since power is the same in both.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pinocchio as pin
 
 
 class State(NamedTuple):
-    """A configuration and a velocity, in either world."""
+    """Configuration and velocity, in Pinocchio or MuJoCo coordinates."""
 
     q: np.ndarray
     v: np.ndarray
@@ -25,13 +25,13 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Part(ABC):
-    """One joint.
+    """Conversion of one joint.
 
     Attributes:
-        name: of the joint.
-        q, v: where it begins in Pinocchio's vectors.
-        nv: its degrees of freedom there.
-        qpos, dof: where it begins in MuJoCo's.
+        name: joint name.
+        q, v: first indices in Pinocchio's vectors.
+        nv: degrees of freedom in Pinocchio.
+        qpos, dof: first indices in MuJoCo's vectors.
     """
 
     name: str
@@ -43,20 +43,20 @@ class Part(ABC):
 
     @abstractmethod
     def write(self, here: State, there: State) -> None:
-        """Pinocchio's state, as MuJoCo's."""
+        """Write the Pinocchio state ``here`` to the MuJoCo state ``there``."""
 
     @abstractmethod
     def read(self, there: State, here: State) -> None:
-        """MuJoCo's state, as Pinocchio's."""
+        """Write the MuJoCo state ``there`` to the Pinocchio state ``here``."""
 
     @abstractmethod
     def push(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        """A generalized force as Pinocchio has it (nv,), added to MuJoCo's."""
+        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo."""
 
 
 @dataclass(frozen=True)
 class Straight(Part):
-    """One that both write alike: hinges, slides, and stacks of them."""
+    """Joint with equal coordinates in both: hinges, slides, and stacks of them."""
 
     def write(self, here: State, there: State) -> None:
         there.q[self.qpos : self.qpos + self.nv] = here.q[self.q : self.q + self.nv]
@@ -72,7 +72,7 @@ class Straight(Part):
 
 @dataclass(frozen=True)
 class Continuous(Part):
-    """A hinge without end: (cos, sin) here, an angle that counts its turns there."""
+    """Continuous hinge: (cos, sin) in Pinocchio, an unwrapped angle in MuJoCo."""
 
     def write(self, here: State, there: State) -> None:
         there.q[self.qpos] = np.arctan2(here.q[self.q + 1], here.q[self.q])
@@ -88,7 +88,7 @@ class Continuous(Part):
 
 @dataclass(frozen=True)
 class Ball(Part):
-    """A ball joint: both have its spin along the axes of the moving body."""
+    """Ball joint: both have its angular velocity in the body frame."""
 
     def write(self, here: State, there: State) -> None:
         there.q[self.qpos : self.qpos + 4] = scalar_first(here.q[self.q : self.q + 4])
@@ -104,7 +104,7 @@ class Ball(Part):
 
 @dataclass(frozen=True)
 class Planar(Part):
-    """A base on a plane: two slides and a hinge there; with ``lifted``, a third slide, up, before the hinge."""
+    """Planar base: two slides and a hinge in MuJoCo; ``lifted`` adds a vertical slide before the hinge."""
 
     lifted: bool = False
 
@@ -138,7 +138,7 @@ class Planar(Part):
 
 @dataclass(frozen=True)
 class Free(Part):
-    """A free base. ``placement`` is that of its joint in the world."""
+    """Free base. ``placement`` is the joint placement in the world."""
 
     placement: pin.SE3
 
@@ -160,9 +160,9 @@ class Free(Part):
 
 @dataclass(frozen=True)
 class Standing(Part):
-    """A planar base that stands in all six degrees of freedom: x, y and heading are read of it.
+    """Planar base that has six degrees of freedom in MuJoCo; only x, y and heading are read.
 
-    Its height and its lean stay what they are where a planar state is written.
+    Writing a planar state keeps height, roll and pitch.
     """
 
     placement: pin.SE3
@@ -201,10 +201,10 @@ class Standing(Part):
 
 
 class Joints:
-    """All joints of a robot.
+    """Conversion of all joints of a robot.
 
     Args:
-        parts: one for each joint.
+        parts: conversion of each joint.
         nq, nv: sizes of Pinocchio's vectors.
     """
 
@@ -216,24 +216,24 @@ class Joints:
         self._dof = np.array([part.dof + k for part in plain for k in range(part.nv)], dtype=int)
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """A state as MuJoCo's."""
+        """Write a Pinocchio state to MuJoCo's vectors."""
         for part in self._parts:
             part.write(State(q, v), State(qpos, qvel))
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """MuJoCo's state as q (nq,) and v (nv,)."""
+        """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio."""
         here = State(np.zeros(self._nq), np.zeros(self._nv))
         for part in self._parts:
             part.read(State(qpos, qvel), here)
         return here
 
     def dof(self, index: int) -> int | None:
-        """Place in MuJoCo's velocities of an entry of v that both write alike; None for the others."""
+        """Return the MuJoCo index of an entry of v with equal coordinates in both; None for other entries."""
         found = np.flatnonzero(self._v == index)
         return int(self._dof[found[0]]) if len(found) else None
 
     def push(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        """A generalized force (nv,), added to MuJoCo's."""
+        """Add a generalized force (nv,) to the applied force of MuJoCo."""
         applied[self._dof] += force[self._v]
         for part in self._turning:
             if force[part.v : part.v + part.nv].any():
@@ -241,7 +241,7 @@ class Joints:
 
 
 def scalar_first(quaternion: np.ndarray) -> np.ndarray:
-    """Pinocchio's (x, y, z, w) as MuJoCo's (w, x, y, z)."""
+    """Convert a quaternion (x, y, z, w) of Pinocchio to (w, x, y, z) of MuJoCo."""
     return quaternion[[3, 0, 1, 2]]
 
 
@@ -254,7 +254,7 @@ def _pose(values: np.ndarray) -> pin.SE3:
 
 
 def _write_pose(pose: pin.SE3, velocity: np.ndarray, spin: np.ndarray, part: Part, there: State) -> None:
-    """A pose and its velocities along the body's axes."""
+    """Write a pose with its linear and angular velocity in the body frame to MuJoCo's state."""
     values = pin.SE3ToXYZQUAT(pose)
     there.q[part.qpos : part.qpos + 3] = values[:3]
     there.q[part.qpos + 3 : part.qpos + 7] = scalar_first(values[3:])

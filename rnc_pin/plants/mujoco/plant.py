@@ -1,4 +1,4 @@
-"""A robot in MuJoCo, as a machine."""
+"""Robot in MuJoCo as a plant."""
 
 from __future__ import annotations
 
@@ -31,35 +31,40 @@ _SOLVERS = {
     "PGS": mujoco.mjtSolver.mjSOL_PGS,
 }
 _CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
-_SLOW = 1e-2  # speed over which friction on frames grows to its full size [rad/s or m/s]
-_WHOLE = 1e-9  # of a step: what a time may be off a whole number of them
+_SLOW = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
+_WHOLE = 1e-9  # tolerance of the number of steps
 
 
 class MuJoCoPlant:
-    """The robot of a reduced model in MuJoCo: a ``Machine``.
+    """Robot of a reduced model in MuJoCo: a ``Machine``.
 
-    The MuJoCo model is made from the loaded robot, by names of joints. Momentum is not imposed, it emerges. Wheels grip
-    by friction: ``RollingWheel`` is a disk on the ground and ``RollingBall`` a ball; a ``Caster`` glides;
-    ``NoSideSlip`` is made of the wheels that are drawn on its axle, which roll freely unless a force on their body
-    drives them, or of a blade where none are drawn. Of a vehicle whose model moves on a plane only x, y and heading are
-    read, however it stands; see ``MuJoCoSettings``.
+    The MuJoCo model is built from the loaded robot. Joint names match. Conservation of momentum is not imposed; it
+    follows from the dynamics. Wheels grip by friction. For a vehicle whose model is planar only x, y and heading are
+    read; see ``MuJoCoSettings.stance``. Constraints become these contacts:
+
+    * ``RollingWheel``: a disk on the ground.
+    * ``RollingBall``: a ball.
+    * ``Caster``: a frictionless ball.
+    * ``NoSideSlip``: the wheels that are drawn on its axle, or a blade if there are none. The wheels roll freely unless
+      a force on their body drives them.
 
     Args:
-        reduced: the model whose robot, constraints and actuators are taken.
-        settings: how MuJoCo computes.
-        q0: configuration (nq,) at which is decided how it stands, and which wheels stand for forces on frames; by
-            default the neutral one.
+        reduced: model with the robot, constraints and actuators.
+        settings: settings of MuJoCo.
+        q0: configuration (nq,) for the choice of the stance and of the wheels that replace forces on frames; neutral
+            by default.
 
     Attributes:
-        model, data: MuJoCo's own.
-        stance: how it stands: "free", "level", or "as it is" where the robot's own base has all freedom that it needs.
-        wheel_names: of what grips, (w,).
-        casters: names of supports that were added.
-        wheel_driven: actuators whose inputs become torques of wheels.
-        applied: inputs that act, (p,).
+        model, data: MuJoCo's model and data.
+        stance: "free", "level", or "as it is" if the base of the robot already has the required degrees of freedom.
+        wheel_names: contacts with friction, (w,).
+        casters: names of the added supports.
+        wheel_driven: actuators whose inputs become wheel torques.
+        applied: applied inputs (p,), after clipping.
 
     Raises:
-        ConfigurationError: MuJoCo has no such joint or constraint, or nothing presses a wheel on the ground.
+        ConfigurationError: a joint or constraint has no equivalent in MuJoCo, or no weight presses a wheel on the
+            ground.
 
     Example:
         >>> from rnc_pin.plants.mujoco import MuJoCoPlant
@@ -114,13 +119,13 @@ class MuJoCoPlant:
         option.iterations, option.tolerance, option.timestep = chosen.iterations, chosen.tolerance, chosen.step
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
-    # ------------------------------------------------------------------ the machine
+    # ------------------------------------------------------------------ plant
 
     def reset(self, q: Float[Array, " nq"], v: Float[Array, " nv"]) -> None:
-        """Start again, at rest on the ground and then with velocity v, at time zero and with no inputs.
+        """Restart at time zero with zero inputs: settle on the ground at rest, then set velocity v.
 
         Raises:
-            DivergenceError: it does not come to rest.
+            DivergenceError: the robot does not come to rest.
         """
         q, v = (np.asarray(each, dtype=float) for each in (q, v))
         if q.shape != (self._reduced.robot.nq,) or v.shape != (self._reduced.robot.nv,):
@@ -154,10 +159,10 @@ class MuJoCoPlant:
         self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
 
     def set_actuator_friction(self, limit: float) -> None:
-        """Let dry friction of this size work against every actuator [N or N m].
+        """Set the Coulomb friction of every actuator [N or N m].
 
-        On joints it is MuJoCo's own ``frictionloss``, which sticks. On frames, and on actuators that move several
-        joints, it is evaluated at every step of MuJoCo and grows with speed below 0.01 m/s or rad/s.
+        On single joints it is MuJoCo's ``frictionloss``, with stiction. On frames, and on actuators of several joints,
+        it is regularized: it is evaluated at every step and grows with speed below 0.01 m/s or rad/s.
         """
         matrix, frames = self._reduced.actuation.constant, {column for column, *_ in self._reduced.actuation.frames}
         self._friction, self._rubbed = limit, []
@@ -171,10 +176,10 @@ class MuJoCoPlant:
                 self.model.dof_frictionloss[dof] = limit * abs(entries[alone[0]])
 
     def advance(self, dt: float) -> None:
-        """Let time pass [s].
+        """Advance the time by dt [s].
 
         Raises:
-            DivergenceError: the state is no longer finite.
+            DivergenceError: the state is not finite.
         """
         steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
         self.model.opt.timestep = dt / steps
@@ -201,12 +206,12 @@ class MuJoCoPlant:
             coupling.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("velocities in MuJoCo have no bound", time=self.time)
+            raise DivergenceError("velocity in MuJoCo is not finite", time=self.time)
 
     # ------------------------------------------------------------------ rest
 
     def _settle(self, q: np.ndarray) -> None:
-        """Let the ground take the weight while pose and joints are held."""
+        """Simulate at fixed pose and joints until the contacts carry the weight."""
         self.model.opt.timestep = self.settings.step
         rest, held = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
         with unlogged(mujoco):
@@ -224,13 +229,13 @@ class MuJoCoPlant:
 
     @property
     def time(self) -> float:
-        """Since the start [s]."""
+        """Simulation time [s]."""
         return float(self.data.time)
 
     def slip(self) -> Float[Array, " m"]:
-        """``A v - mu`` of the measured velocity, in the order of ``reduced.constraints.names``."""
+        """Return ``A v - mu`` at the current velocity, in the order of ``reduced.constraints.names``."""
         return self._reduced.constraint_residual(*self.read())
 
     def friction_used(self) -> Float[Array, " w"]:
-        """Of each of ``wheel_names``: force along the ground over what grip and load allow; zero off the ground."""
+        """Return tangential force over friction limit of each of ``wheel_names``; zero off the ground."""
         return self._ground.used()

@@ -1,4 +1,4 @@
-"""How MuJoCo is asked to compute; plain values, as a file has them. Needs no MuJoCo."""
+"""Settings of the MuJoCo plant as plain values. This module does not import MuJoCo."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ class MuJoCoSettings:
     """Settings of ``MuJoCoPlant``.
 
     Args:
-        step: of MuJoCo's integrator [s]; where ``advance`` asks for a time that is no multiple, a little less.
+        step: time step of MuJoCo [s]; reduced slightly so that the sampling period is a multiple of it.
         integrator: "RK4" for motion without contacts, where it agrees with the reduced model to many digits;
             "implicitfast", "implicit" and "Euler" are of first order and cheaper.
-        friction: of wheels and blades on the ground: sliding [1], torsional [m], rolling [m].
-        solver: of contact forces.
-        iterations: of the solver, at most.
-        tolerance: of the solver.
-        cone: of friction forces.
-        contact_time: time constant in which a contact takes away what it penetrates [s]; at least four steps, which is
-            the default. The ground gives way under the weight by 10 m/s^2 times its square.
-        wheel_shape: of wheels that turn: "ellipsoid", a thin disk with one point on the ground; "sphere", the same for
-            upright wheels; "cylinder", a tenth as wide as high, which scrubs when it turns on the spot.
-        stance: how a vehicle stands that the robot's model keeps on a plane. "free": in all six degrees of freedom, it
-            may lean and tip. "level": it moves up and down but cannot lean, so that its wheels share its weight evenly.
-            "auto": free where its wheels carry it, level where it would tip.
-        casters: whether supports without friction are added to a vehicle that stands free; "auto" where its wheels
-            alone do not carry it.
-        settling: time that the vehicle is given to come to rest on the ground, joints held, before a run [s].
-        joint_limits: whether joints have the stops that the robot's file gives them.
-        joint_damping: whether they have the viscous damping of the file.
-        effort_limits: whether inputs are clipped to the limits of the actuators.
+        friction: friction coefficients of wheels and blades: sliding [1], torsional [m], rolling [m].
+        solver: solver of contact forces.
+        iterations: largest number of solver iterations.
+        tolerance: tolerance of the solver.
+        cone: type of friction cone.
+        contact_time: time constant of contacts [s]; at least four steps, which is the default. The penetration under
+            the weight is 10 m/s^2 times its square.
+        wheel_shape: shape of rotating wheels. "ellipsoid": a thin disk with one contact point. "sphere": equivalent for
+            upright wheels. "cylinder": width a tenth of the diameter; it scrubs when it turns on the spot.
+        stance: support of a vehicle whose model is planar. "free": six degrees of freedom; it can lean and tip.
+            "level": it moves vertically but cannot lean, so its wheels share the weight evenly. "auto": free if its
+            wheels carry it, level if it would tip.
+        casters: add frictionless supports to a vehicle of stance "free"; "auto" adds them if its wheels alone do not
+            carry it.
+        settling: time before a run in which the vehicle comes to rest on the ground with fixed joints [s].
+        joint_limits: enforce the position limits of the robot file.
+        joint_damping: apply the viscous joint damping of the robot file.
+        effort_limits: clip inputs to the limits of the actuators.
 
     Raises:
-        ConfigurationError: a value that is not one of these, or no number.
+        ConfigurationError: a value is not a listed choice or not a valid number.
 
     Example:
         >>> from rnc_pin.plants.mujoco import MuJoCoSettings
@@ -86,7 +86,7 @@ class MuJoCoSettings:
 
     @property
     def firmness(self) -> float:
-        """The time constant of contacts [s]."""
+        """Time constant of contacts [s]."""
         return max(self.contact_time, 4 * self.step)
 
     def __post_init__(self) -> None:
@@ -108,6 +108,6 @@ class MuJoCoSettings:
             friction = np.empty(0)
         if friction.shape != (3,) or not (np.isfinite(friction).all() and (friction >= 0).all()):
             raise ConfigurationError(
-                "MuJoCo: friction is three numbers, sliding, torsional and rolling, none negative, found "
+                "MuJoCo: friction: expected three numbers of at least 0 (sliding, torsional, rolling), found "
                 f"{self.friction!r}"
             )

@@ -1,4 +1,4 @@
-"""How a vehicle stands whose model moves on a plane: by itself, on supports that are added, or held level."""
+"""Support of a vehicle whose model is planar: on its wheels, on added casters, or kept level."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from rnc_pin.plants.mujoco.tree import Root
 from rnc_pin.plants.mujoco.wheels import Contact
 from rnc_pin.robots.robot import Robot
 
-_MARGIN = 0.1  # how far inside what it stands on a center of mass has to be, beside the size of that
+_MARGIN = 0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
 _LEVEL = 1e-6
-_CASTER = 0.02  # radius of a support that is added [m]
+_CASTER = 0.02  # radius of added casters [m]
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Standing(NamedTuple):
-    """How a robot stands.
+    """Base type and added supports of a robot.
 
     Attributes:
-        root: how its base is made.
-        casters: supports without friction that are added to its base.
-        lift: how much higher it is than in the robot's model [m].
+        root: type of its base in MuJoCo.
+        casters: frictionless supports that are added to its base.
+        lift: height above its position in the robot model [m].
     """
 
     root: Root
@@ -38,10 +38,10 @@ class Standing(NamedTuple):
 def stance_of(
     robot: Robot, contacts: Sequence[Contact], ground: float, q: np.ndarray, settings: MuJoCoSettings
 ) -> Standing:
-    """How a robot stands on its contacts at a configuration, with the ground at a height of its model [m].
+    """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
 
     Raises:
-        ConfigurationError: nothing presses its wheels on the ground.
+        ConfigurationError: no weight presses its wheels on the ground.
     """
     if not contacts:
         return Standing("as it is")
@@ -77,7 +77,7 @@ def stance_of(
 
 
 def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: Contact) -> bool:
-    """Whether what carries a wheel is the base, or hangs on it by joints that turn about the vertical."""
+    """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
     model, joint = robot.model, contact.joint
     axle = data.oMi[joint].rotation @ contact.axle
     while joint > 1:
@@ -91,7 +91,7 @@ def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: C
 
 
 def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
-    """Whether a weight lies well inside the convex hull of points (k, 2)."""
+    """Return True if a center of mass lies well inside the convex hull of points (k, 2)."""
     size = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
         return False
@@ -100,7 +100,7 @@ def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
 
 
 def _outriggers(points: np.ndarray) -> np.ndarray | None:
-    """Two points before and behind wheels on a line, as far from its middle as they are; None for other wheels."""
+    """Return two points in front of and behind collinear wheels, as far from their center as they are; else None."""
     middle = points.mean(axis=0)
     size = float(np.linalg.norm(points - middle, axis=1).max())
     _, spread, directions = np.linalg.svd(points - middle)

@@ -1,4 +1,4 @@
-"""Bodies and joints of a loaded robot, written down for MuJoCo: what was locked, snapped or weighed stays so."""
+"""Bodies and joints of a loaded robot as a MuJoCo specification; it keeps locked joints, snapped axes and masses."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from rnc_pin.plants.mujoco.parts import Ball, Continuous, Free, Part, Planar, St
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
-"""How a planar base is made: as it is, in all six degrees of freedom, or so that it can move up and down beside."""
+"""Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
 
-_NOTHING = 1e-12  # mass and inertia that MuJoCo compiles; the robot's own are put in their place
+_NOTHING = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
 _STACKS = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
 
 
 class _Single(NamedTuple):
-    """A joint of one degree of freedom."""
+    """Joint of one degree of freedom."""
 
     placement: pin.SE3
     slides: bool
@@ -32,11 +32,11 @@ class _Single(NamedTuple):
 
 @dataclass(frozen=True)
 class _Planned:
-    """A part whose places in MuJoCo's vectors are known once the model is compiled."""
+    """Joint conversion whose MuJoCo indices are known after compilation."""
 
     kind: type[Part]
     first: str
-    """MuJoCo's name of its first joint."""
+    """Name of its first MuJoCo joint."""
     name: str
     q: int
     v: int
@@ -45,16 +45,16 @@ class _Planned:
 
 
 class Tree:
-    """The bodies of a robot in a MuJoCo specification.
+    """Bodies of a robot in a MuJoCo specification.
 
     Args:
-        spec: where they are added.
-        robot: whose they are.
-        root: how a planar base is made.
-        joint_limits: whether joints have the stops of the robot's file.
+        spec: specification that receives them.
+        robot: the robot.
+        root: type of a planar base.
+        joint_limits: enforce the position limits of the robot file.
 
     Raises:
-        ConfigurationError: a joint that MuJoCo does not have.
+        ConfigurationError: a joint has no equivalent in MuJoCo.
     """
 
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
@@ -66,7 +66,7 @@ class Tree:
         spec.compiler.boundmass = spec.compiler.boundinertia = _NOTHING
         spec.option.gravity = robot.model.gravity.linear
         self.bodies: list[Any] = [spec.worldbody]
-        """One for each joint of the model; the world first."""
+        """One body per joint of the model; the world is first."""
         for index in range(1, robot.model.njoints):
             self.bodies.append(self._add(index, root))
 
@@ -101,7 +101,7 @@ class Tree:
                 self._plan(Straight, f"{name}/{axes[0]}", index)
             else:
                 raise ConfigurationError(
-                    f"MuJoCo has no joint like '{name}' ({kind}): it has hinges, slides, balls, planar and free bases"
+                    f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
                 )
         _weigh(body, model.inertias[index])
         return body
@@ -139,7 +139,7 @@ class Tree:
     # ------------------------------------------------------------------ once it is compiled
 
     def parts(self, model: mujoco.MjModel) -> list[Part]:
-        """The joints, with their places in both worlds."""
+        """Return the conversions of all joints between Pinocchio and MuJoCo."""
         found = []
         for each in self._planned:
             joint = model.joint(each.first)
@@ -148,7 +148,7 @@ class Tree:
         return found
 
     def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[Part]:
-        """Put into a compiled model what a specification cannot say: masses of nothing, rotors and damping by axis."""
+        """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis."""
         own = self.robot.model
         for index in range(1, own.njoints):
             body = model.body(str(own.names[index])).id
@@ -160,7 +160,7 @@ class Tree:
             if isinstance(part, Planar | Standing | Free):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
                     raise ConfigurationError(
-                        f"MuJoCo: base '{part.name}' has rotors or damping, which no base there has"
+                        f"MuJoCo: base '{part.name}' has rotor inertia or damping, which MuJoCo bases do not support"
                     )
                 continue
             model.dof_armature[there] = own.armature[here]
@@ -171,7 +171,7 @@ class Tree:
 
 
 def _singles(joint: Any) -> Iterator[_Single]:
-    """What a joint is made of, if it is made of hinges and slides; nothing else."""
+    """Yield the hinges and slides of a joint; nothing if it has other components."""
     if joint.shortname() == "JointModelComposite":
         whole = joint.extract()
         inner = [_single(each, placement) for each, placement in zip(whole.joints, whole.jointPlacements, strict=True)]

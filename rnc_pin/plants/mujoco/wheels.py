@@ -1,4 +1,4 @@
-"""What a robot stands on: wheels, balls and supports of its constraints, and wheels that are only drawn."""
+"""Ground contacts of a robot: wheels, balls and casters of its constraints, and drawn wheels without joints."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
-_ALONG = 1e-3  # what a drawn wheel may be off the line of its axle, in radii
-_LARGE = 0.5  # of the largest cylinder on an axle: what is smaller is its shaft or a hub
+_ALONG = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
+_LARGE = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
 _UP = np.array([0.0, 0.0, 1.0])
-_POINT = 1e-3  # radius of the ball that stands for a point [m]
+_POINT = 1e-3  # radius of the ball that models a contact point [m]
 
 Grip = Literal["all", "forward", "across", "none"]
-"""Along which directions it holds on to the ground: all, its heading alone, across it alone, or none."""
+"""Directions with friction: all, only along the heading, only across it, or none."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Something round that touches the ground.
+    """Round body in contact with the ground.
 
     Attributes:
-        name: of the frame; numbered where a frame has several.
+        name: name of its frame; with a number if a frame has several.
         joint: index of the joint whose body carries it.
-        center, axle: in the axes of that joint (3,) [m]; of a ball the axle means nothing.
-        radius: [m].
-        grip: along which directions it holds on.
-        drawn: whether it is a wheel that is only drawn, which rolls without being turned by a joint.
-        blade: whether it is a point that glides along its heading, with no wheel to be seen.
-        round: whether it is a ball.
-        up: in the axes of its joint (3,).
+        center, axle: center and axle direction (3,) in the joint frame [m]; the axle of a ball is meaningless.
+        radius: radius [m].
+        grip: directions with friction.
+        drawn: True for a drawn wheel without a joint.
+        blade: True for a point that glides along its heading, without a drawn wheel.
+        round: True for a ball.
+        up: vertical direction (3,) in the joint frame.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Contact:
     up: np.ndarray = field(default_factory=_UP.copy)
 
     def at(self, placement: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Its center and its lowest point (3,), where its joint is placed like this."""
+        """Return its center and its lowest point (3,) in the world, for a placement of its joint."""
         center = placement.act(self.center)
         if self.round or self.blade:
             return center, center - self.radius * _UP
@@ -62,10 +62,10 @@ class Contact:
 
 
 def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
-    """All that touches the ground, in the order of the constraints.
+    """Return all ground contacts, in the order of the constraints.
 
     Raises:
-        ConfigurationError: a wheel whose rollers MuJoCo has no body for.
+        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies.
     """
     found: list[Contact] = []
     for block in blocks:
@@ -84,8 +84,8 @@ def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
 def _wheel(robot: Robot, kind: RollingWheel, rows: RollingRows) -> Contact:
     if kind.roller is not None and abs(kind.roller) > 1e-9:
         raise ConfigurationError(
-            f"MuJoCo: wheel '{kind.frame}' touches the ground with rollers that lie askew, of which the robot has no "
-            "bodies; wheels, omni wheels (roller=0), wheels that skid (lateral=False), balls and casters can be made"
+            f"MuJoCo: wheel '{kind.frame}' has oblique rollers, for which the robot has no bodies; expected a wheel, "
+            "an omni wheel (roller=0), a wheel that skids (lateral=False), a ball or a caster"
         )
     frame = robot.model.frames[rows.frame]
     axle = frame.placement.rotation @ rows.axle
@@ -102,7 +102,7 @@ def _ball(robot: Robot, name: str, radius: float, grip: Grip) -> Contact:
 
 
 def _edge(robot: Robot, kind: NoSideSlip) -> list[Contact]:
-    """The wheels that are drawn on the line of a knife edge; a blade where there are none."""
+    """Return the wheels that are drawn on the axle of a knife edge, or a blade if there are none."""
     frame = robot.model.frames[robot.frame_id(kind.frame)]
     axle = frame.placement.rotation[:, axis_index(kind.axis)]
     middle = frame.placement.act(np.asarray(kind.at, dtype=float))
@@ -117,7 +117,7 @@ def _edge(robot: Robot, kind: NoSideSlip) -> list[Contact]:
 
 
 def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Centers and radii of cylinders on a line through a body, without hubs and shafts, in order along the line."""
+    """Return centers and radii of the cylinders on an axle, sorted along it, without hubs and shafts."""
     largest: dict[float, float] = {}
     for geometry in (robot.visual_model, robot.collision_model):
         for shape in [] if geometry is None else geometry.geometryObjects:
@@ -144,12 +144,12 @@ def _is_cylinder(geometry: object) -> bool:
 
 
 def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tuple[list[Contact], float]:
-    """The same with their lowest points in one plane, and its height in the world of the robot's model [m].
+    """Return contacts with their lowest points in one plane, and the height of that plane in the robot model [m].
 
-    What a file's few digits leave between wheels would decide which of them carry: they are made to reach the ground.
+    Radii change by small gaps, since rounding in the robot file would otherwise decide which wheels carry the load.
 
     Raises:
-        ConfigurationError: a wheel hangs in the air.
+        ConfigurationError: a wheel is above the ground.
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
@@ -164,12 +164,12 @@ def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tu
             center, _ = each.at(placement)
             found.append(replace(each, radius=float(center[2]) - ground))
             continue
-        if not each.radius:  # the ball is above its point, however the axes of the frame are turned
+        if not each.radius:  # the ball is above its contact point for any orientation of the frame
             each = replace(each, radius=_POINT, center=each.center + _POINT * each.up)
         gap = low[each.name] - ground
         if gap > 0.01 * each.radius:
             raise ConfigurationError(
-                f"MuJoCo: wheel '{each.name}' hangs {gap:.3g} m above the ground on which the others stand"
+                f"MuJoCo: wheel '{each.name}' is {gap:.3g} m above the ground plane of the other wheels"
             )
         found.append(replace(each, radius=each.radius + gap))
     return found, ground
