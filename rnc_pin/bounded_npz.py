@@ -103,7 +103,7 @@ def _arrays(
         if total > largest or (name in text and header.size > _TEXT_ROOM):
             raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
         if member.file_size > header.size + _LONGEST_HEADER:
-            raise ArchiveError(f"'{name}' does not end where its header says")
+            raise ArchiveError(f"'{name}' is longer than its header declares")
         chosen[name] = member
     return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
 
@@ -127,9 +127,9 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, is_text
         while len(content) < header.size:
             chunk = file.read(min(_CHUNK, header.size - len(content)))
             if not chunk:
-                raise ArchiveError(f"'{name}' ends too early")
+                raise ArchiveError(f"'{name}' is shorter than its header declares")
             content += chunk
         if file.read(1):
-            raise ArchiveError(f"'{name}' does not end where its header says")
+            raise ArchiveError(f"'{name}' is longer than its header declares")
     array = np.frombuffer(content, dtype) if content else np.zeros(prod(shape), dtype)
     return array.reshape(shape, order="F" if by_columns else "C").astype(dtype.newbyteorder("="), copy=False)

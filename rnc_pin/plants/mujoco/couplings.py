@@ -102,7 +102,7 @@ class Couplings:
                 self._close(tree, kind, block.names[0])
             elif not isinstance(kind, (MomentumConservation, *_ON_GROUND)):
                 what = type(kind or block).__name__
-                raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; expected {_MADE}")
+                raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; supported are {_MADE}")
 
     def compiled(self, model: mujoco.MjModel) -> list[Coupling]:
         """Return the couplings that depend on the current angles, for a compiled model."""

@@ -206,7 +206,7 @@ class MuJoCoPlant:
             coupling.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("velocity in MuJoCo is not finite", time=self.time)
+            raise DivergenceError("velocity in MuJoCo is not finite; reduce the step or the inputs", time=self.time)
 
     # ------------------------------------------------------------------ rest
 
@@ -223,7 +223,7 @@ class MuJoCoPlant:
                 self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         self.data.qfrc_applied[:] = 0.0
         if not np.isfinite(self.data.qpos).all() or not np.isfinite(self.data.qvel).all():
-            raise DivergenceError("the vehicle does not come to rest on the ground in MuJoCo")
+            raise DivergenceError("the state in MuJoCo is not finite after settling on the ground; reduce the step")
 
     # ------------------------------------------------------------------ for the record
 
