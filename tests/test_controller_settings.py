@@ -88,7 +88,7 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
     ("controller", "words"),
     [
         ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
-        ({"type": "two_phase"}, "controller.platform: is missing; expected where the platform goes"),
+        ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
         ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
         ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
         ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),

@@ -1,4 +1,4 @@
-"""What a scenario file may say, one file a family."""
+"""Schema of scenario files: one module for each group of keys."""
 
 from rnc_pin.scenario.schema.scenario import Scenario
 from rnc_pin.scenario.schema.simulation import SimulationSettings

@@ -1,4 +1,4 @@
-"""Actuators in a scenario file: a joint's name, or a force or torque on a frame."""
+"""Actuators in a scenario file: the name of a joint, or a force or torque on a frame."""
 
 from __future__ import annotations
 

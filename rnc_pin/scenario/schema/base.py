@@ -1,4 +1,4 @@
-"""What all parts of a scenario file share: mappings that know their keys, and entries told apart by their one key."""
+"""Base of all parts of a scenario file: mappings that refuse unknown keys, and entries identified by their one key."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from rnc_pin.errors import nearest
 from rnc_pin.model.values import Positive as Positive
 
-_LARGEST = 1e15  # of any number in a scenario, so that products stay finite
+_LARGEST = 1e15  # largest magnitude of a number in a scenario; products stay finite
 
 Numbers = Annotated[list[float], Field(min_length=1)]
 
@@ -28,26 +28,26 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 
 
 def _takes(kind: type, annotation: object) -> bool:
-    """Whether a kind of value is somewhere in an annotation: pydantic would take true for the number 1."""
+    """True if an annotation contains this type. Needed because pydantic reads true as the number 1."""
     return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
 
 
 def _largest(value: object) -> float:
-    """The largest size of a number in a value and the lists in it."""
+    """Largest magnitude of the numbers in a value and in its nested lists."""
     if isinstance(value, list):
         return max(map(_largest, value), default=0.0)
-    if isinstance(value, int):  # of any length
+    if isinstance(value, int):  # integers have no size limit
         return float(min(abs(value), int(sys.float_info.max)))
     return abs(value) if isinstance(value, float) and math.isfinite(value) else 0.0
 
 
 def wrong(key: str, message: str) -> PydanticCustomError:
-    """A mistake at one key of a mapping, for validators of the whole mapping."""
+    """Error at one key of a mapping, for validators of the whole mapping."""
     return PydanticCustomError("wrong_key", "{message}", {"key": key, "message": message})
 
 
 def _hint(model: type[BaseModel], key: str) -> str:
-    """Words that point to the key that is meant: of one of the same name a level below, or the nearest here."""
+    """Suggestion for an unknown key: the same key one level below, or the nearest key of this mapping."""
     for name, field in model.model_fields.items():
         for each in (field.annotation, *get_args(field.annotation)):
             if isinstance(each, type) and issubclass(each, BaseModel) and key in each.model_fields:
@@ -56,7 +56,7 @@ def _hint(model: type[BaseModel], key: str) -> str:
 
 
 class Strict(BaseModel):
-    """A mapping that knows all its keys, and says the nearest for one it does not know."""
+    """Mapping with a fixed set of keys. It refuses an unknown key and suggests the nearest one."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
@@ -81,7 +81,7 @@ NAME, _OTHER = "name", "other"
 
 
 def _kind(raw: object) -> str:
-    """What an entry is: its one key, or a bare name."""
+    """Tag of an entry: its one key, or ``NAME`` for a bare name."""
     if isinstance(raw, dict) and len(raw) == 1:
         return str(next(iter(raw)))
     return NAME if isinstance(raw, str) else _OTHER

@@ -1,4 +1,4 @@
-"""Constraints in a scenario file: the key of each kind, and what it builds."""
+"""Constraints in a scenario file: the key and the class of each kind."""
 
 from __future__ import annotations
 

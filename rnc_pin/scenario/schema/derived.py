@@ -1,7 +1,7 @@
-"""Entries of a scenario file from the dataclasses that they build.
+"""Entries of a scenario file, derived from the dataclasses that they build.
 
-Names, types, defaults and descriptions stand in the dataclass alone: descriptions are those of its docstring. What a
-file says otherwise than its fields do stands in its ``Entry``.
+The dataclass alone defines names, types, defaults and descriptions; its docstring gives the descriptions. An ``Entry``
+lists the differences between the file and the dataclass.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from rnc_pin.scenario.schema.base import BY_KIND, NAME, Strict
 
 @dataclass(frozen=True)
 class Entry:
-    """What reads a dataclass from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
+    """Reader of a dataclass from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
 
     Attributes:
         kind: the dataclass.
-        short: a field whose value may stand instead of the mapping.
-        only: a field whose value stands instead of the mapping, which is not taken.
-        keys: what a file calls a field, where that is not the field's name.
-        required: fields that have to be said although the dataclass has a default.
+        short: a field whose value may replace the mapping.
+        only: a field whose value always replaces the mapping.
+        keys: field name to key in the file, where the two differ.
+        required: fields that a file must give although the dataclass has a default.
     """
 
     kind: type
@@ -44,10 +44,10 @@ class Entry:
     required: tuple[str, ...] = ()
 
     def build(self, said: object) -> object:
-        """The dataclass from what a file says; what that leaves out is as the dataclass has it."""
+        """Build the dataclass from the values of a file. Missing values take the defaults of the dataclass."""
         try:
             return self.kind(**self._given(said))
-        except RncError as error:  # to be told with its place in the file
+        except RncError as error:  # pydantic adds the place in the file
             raise ValueError(str(error)) from None
 
     def _given(self, said: object) -> dict[str, object]:
@@ -66,7 +66,7 @@ class Entry:
 
     @cached_property
     def model(self) -> type[Strict]:
-        """The mapping that a file writes."""
+        """Pydantic model of the mapping in a file."""
         types, texts = get_type_hints(self.kind, include_extras=True), descriptions(self.kind)
         fields = {
             self._key(each.name): self._field(each, types[each.name], texts.get(each.name, "")) for each in self._fields
@@ -110,11 +110,11 @@ class Entry:
 
 
 def one_of(names: bool = False, /, **entries: type | Entry) -> object:
-    """What reads one of several dataclasses, each a mapping with one key: ``{key: {field: value, ...}}``.
+    """Return a reader of one of several dataclasses, each a mapping with one key: ``{key: {field: value, ...}}``.
 
     Args:
-        names: whether a bare name may stand there, too, and is left as it is.
-        **entries: the dataclass of each key, as an ``Entry`` where a file says it in its own way.
+        names: True to accept a bare name too; it is returned unchanged.
+        **entries: the dataclass of each key, or an ``Entry`` where the file differs from the dataclass.
     """
     items = [_keyed(key, each if isinstance(each, Entry) else Entry(each)) for key, each in entries.items()]
     return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
@@ -122,7 +122,7 @@ def one_of(names: bool = False, /, **entries: type | Entry) -> object:
 
 @dataclass(frozen=True)
 class _ReadAs:
-    """In an annotation: what is read from files otherwise than its type would be."""
+    """Annotation of a value that a file writes in another form than its type."""
 
     form: object
 
@@ -131,24 +131,24 @@ class _ReadAs:
 
 
 def _keyed(key: str, entry: Entry) -> object:
-    """The mapping with one key around an entry."""
+    """Mapping with one key that contains an entry."""
     name = f"{entry.kind.__name__}Entry"
     around = _mapping(name, summary(entry.kind), {key: (Annotated[entry.kind, entry], ...)})
     return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
 
 
 def _mapping(name: str, text: str, fields: Mapping[str, tuple[object, object]]) -> type[Strict]:
-    settings: dict[str, Any] = dict(fields)  # types that are made up here are none to a checker
+    settings: dict[str, Any] = dict(fields)  # a type checker does not accept types made at run time
     return create_model(name, __base__=Strict, __doc__=text, **settings)
 
 
 def _unlimited(each: dataclasses.Field[object]) -> bool:
-    """Whether a field is infinite by default: files have no word for that but null."""
+    """True if the default of a field is infinite. Files write null for it."""
     return isinstance(each.default, float) and np.isinf(each.default)
 
 
 def _in_files(kind: object) -> object:
-    """A type as files have it: with lists for sequences, and without arrays."""
+    """Form of a type in files: lists in place of sequences, and no arrays."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return Annotated[_in_files(parts[0]), *parts[1:]]
@@ -162,12 +162,12 @@ def _either(kinds: Sequence[object]) -> object:
 
 
 def summary(kind: type) -> str:
-    """What a dataclass is: the first paragraph of its docstring."""
+    """First paragraph of the docstring of a dataclass."""
     return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """What the fields of a dataclass are in words of a file, from the ``Args`` or ``Attributes`` of its docstring."""
+    """Descriptions of the fields of a dataclass, from the ``Args`` or ``Attributes`` of its docstring."""
     found: dict[str, str] = {}
     for section in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(kind) or "", re.MULTILINE):
         for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):

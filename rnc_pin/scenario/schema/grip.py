@@ -1,4 +1,4 @@
-"""How well wheels hold on to the ground."""
+"""Friction between wheels and ground in a scenario file."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from rnc_pin.scenario.schema.base import Positive, Strict
 
 
 class GripSettings(Strict):
-    """Friction of the ground: a reference that needs more of it is warned of, refused, or slowed."""
+    """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down."""
 
     friction: Positive
     """Coefficient of friction."""
     loads: dict[str, Positive] = {}
-    """Frame of a wheel or blade: its load [N]; the others' are those of statics."""
+    """Frame of a wheel or blade to its normal load [N]. Statics gives the loads that are not listed."""
     slow: bool = False
-    """Whether references are slowed as a whole until every wheel holds on along the way."""
+    """True to slow down all references by one factor until no wheel slips."""

@@ -1,4 +1,4 @@
-"""Outputs in a scenario file, and how a task divides them."""
+"""Outputs and tasks in a scenario file."""
 
 from __future__ import annotations
 
@@ -39,15 +39,17 @@ class Outputs(Strict):
     """Reducing outputs x2 and vertical outputs x1."""
 
     reducing: Annotated[list[OutputItem], Field(min_length=1)]
+    """Reducing outputs x2; their rates are the reduced velocity."""
     vertical: list[OutputItem] = []
+    """Vertical outputs x1."""
 
 
 class TaskNames(Strict):
-    """How the reducing outputs are divided, by the names of their rows (``tip_x``)."""
+    """Roles of the outputs in the task, by the names of their rows (``tip_x``)."""
 
     primary: list[str] = []
-    """Outputs that the task is about; all where nothing is said."""
+    """Reducing outputs that follow the primary reference; all if neither primary nor redundant outputs are given."""
     redundant: list[str] = []
-    """Outputs that are free to serve the vertical ones."""
+    """Reducing outputs that the controller uses to move the vertical outputs."""
     vertical: list[str] | None = None
-    """Vertical outputs that matter; all by default."""
+    """Vertical outputs of the task; all by default."""

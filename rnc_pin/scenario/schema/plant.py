@@ -1,4 +1,4 @@
-"""What moves in a run, and what it does wrong."""
+"""Plant, faults and control loop in a scenario file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
 
 
 class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
-    """What moves: our own reduced model, or the robot in MuJoCo with settings of that."""
+    """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo."""
 
     type: Literal["reduced", "mujoco"] = "mujoco"
-    """"reduced": our own; "mujoco": MuJoCo, to which the other settings belong."""
+    """"reduced": the reduced model of rnc_pin, without further settings. "mujoco": MuJoCo with the other settings."""
 
     @model_validator(mode="before")
     @classmethod
@@ -30,44 +30,44 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
         others = sorted(self.model_fields_set - {"type"})
         if self.type == "reduced" and others:
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
-        _ = self.settings  # refused here, with their place in the file
+        _ = self.settings  # check them here: the error then names the place in the file
         return self
 
     @property
     def settings(self) -> MuJoCoSettings:
-        """Those of MuJoCo."""
+        """Settings of MuJoCo."""
         return cast(MuJoCoSettings, _MUJOCO.build(self))
 
 
 class Payload(Strict):
-    """A load that the robot takes up, as a point mass."""
+    """Point mass that the robot picks up."""
 
     frame: str
-    """Frame that it is fixed to."""
+    """Frame that carries the mass at its origin."""
     mass: Positive
-    """[kg]"""
+    """Mass [kg]."""
     time: Annotated[float, Field(ge=0)] = 0.0
-    """When it is taken up [s]."""
+    """Time of the pick-up [s]."""
 
 
 class StuckJoint(Strict):
-    """A joint that stops moving."""
+    """Joint that locks during the run."""
 
     joint: str
-    """Its name."""
+    """Name of the joint."""
     time: Annotated[float, Field(ge=0)] = 0.0
-    """When it gets stuck [s]."""
+    """Time at which the joint locks [s]."""
 
 
 class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
-    """What the real machine does otherwise than the controller believes."""
+    """Differences between the simulated plant and the model of the controller."""
 
     masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    """Share by which the inertia of each body differs from the robot's file at most; drawn by the seed."""
+    """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
     payload: Payload | None = None
-    """A load that the controller does not know of."""
+    """Point mass that the model of the controller does not contain."""
     stuck: StuckJoint | None = None
-    """A joint that gets stuck."""
+    """Joint that locks; the model of the controller does not contain this."""
 
     @model_validator(mode="after")
     def _suit(self) -> FaultSettings:
@@ -76,24 +76,26 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
 
     @property
     def faults(self) -> Faults:
-        """Those of sensors and actuators."""
+        """Faults of sensors and actuators."""
         return cast(Faults, _FAULTS.build(self))
 
 
 class LoopSettings(Strict):
-    """The loop around the controller: what it makes of measurements, and what it does in trouble."""
+    """Control loop around the controller: velocity estimation, supervision and safe commands."""
 
     velocity: Literal["measured", "filtered", "observer"] = "measured"
-    """Velocities as sensors give them; or from positions, through low passes or by an observer."""
+    """"measured": velocities of the sensors. "filtered": velocities from positions by low-pass filters. "observer":
+    velocities from positions by an observer."""
     cutoff: Positive | None = None
-    """Of the velocity's estimate [rad/s]; 0.3 / dt by default."""
+    """Cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default."""
     on_trouble: Literal["hold", "brake", "zero", "raise"] | None = None
-    """Safe command, or to end the run; the latter by default on our own plant, "hold" elsewhere."""
+    """Safe command after a fault: "hold" the last inputs, "brake", or "zero" inputs. "raise" ends the run. The default
+    is "raise" on the plant "reduced" without faults, otherwise "hold"."""
     patience: Positive | None = None
-    """How long the last inputs are held while measurements are no good [s]."""
+    """Time for which the loop holds the last inputs while measurements are invalid [s]; five periods by default."""
     fastest: Positive | None = None
-    """Speed beyond which a measurement cannot be true [rad/s, m/s]."""
+    """Largest plausible speed [rad/s, m/s]; a faster measurement is invalid."""
     margin: Annotated[float, Field(ge=0)] | None = None
-    """Smallest singular value of E below which the controller is no longer asked."""
+    """Limit for the smallest singular value of E; below it the loop gives the safe command."""
     brake: Positive | None = None
-    """Rate at which the safe command "brake" takes velocities away [1/s]."""
+    """Rate at which the safe command "brake" reduces velocities [1/s]."""

@@ -16,10 +16,13 @@ from rnc_pin.scenario.schema.base import BY_KIND, Numbers, Positive, Strict
 
 class _MinimumJerkArguments(Strict):
     to: Numbers | None = None
+    """Goal; one number for each output."""
     by: Numbers | None = None
     """Displacement from the initial value, instead of ``to``."""
     duration: Positive
+    """Duration of the motion [s]."""
     begin: float = 0.0
+    """Start time of the motion [s]."""
 
     @model_validator(mode="after")
     def _one_goal(self) -> _MinimumJerkArguments:
@@ -29,7 +32,7 @@ class _MinimumJerkArguments(Strict):
 
 
 class MinimumJerkReference(Strict):
-    """From the initial value to a goal, at rest at both ends; orientations turn about one axis."""
+    """Minimum-jerk motion from the initial value to a goal, at rest at both ends. Orientations turn about one axis."""
 
     minimum_jerk: _MinimumJerkArguments
 
@@ -43,12 +46,13 @@ class MinimumJerkReference(Strict):
 
 class _ViaArguments(Strict):
     times: Numbers
-    """Increasing, after zero: the initial value is the first point [s]."""
+    """Times of the points [s], increasing and greater than zero. The initial value is the point at time zero."""
     points: list[Numbers]
+    """Points; each has one number for each output."""
 
 
 class ViaReference(Strict):
-    """From the initial value through points."""
+    """Smooth motion from the initial value through points."""
 
     via_points: _ViaArguments
 
@@ -62,15 +66,19 @@ class ViaReference(Strict):
 
 class _HarmonicArguments(Strict):
     amplitude: Numbers
+    """Amplitude; one number for each output."""
     frequency: float | Numbers
+    """Frequency [Hz]; one number, or one for each output."""
     phase: float | Numbers = 0.0
+    """Phase [rad]; one number, or one for each output."""
     center: Numbers | None = None
-    """The initial value by default."""
+    """Center of the oscillation; the initial value by default."""
     ramp: Positive = 1.0
+    """Time over which the amplitude grows from zero [s]."""
 
 
 class HarmonicReference(Strict):
-    """A sine about a center."""
+    """Sinusoid about a center: ``center + amplitude sin(2 pi frequency t + phase)``."""
 
     harmonic: _HarmonicArguments
 
@@ -82,11 +90,11 @@ class HarmonicReference(Strict):
 
 class _HoldArguments(Strict):
     value: Numbers | None = None
-    """The initial value by default."""
+    """Constant value; the initial value by default."""
 
 
 class HoldReference(Strict):
-    """A constant."""
+    """Constant reference."""
 
     hold: _HoldArguments = _HoldArguments()
 
@@ -104,37 +112,39 @@ ReferenceItem = Annotated[
 
 
 class TrailerSettings(Strict):
-    """A trailer whose axle should stay on the path that the vehicle before it has driven."""
+    """Trailer whose axle follows the path of the vehicle in front."""
 
     frame: str
-    """At the middle of its axle."""
+    """Frame at the middle of the trailer's axle."""
     kingpin: str | None = None
-    """Where it is coupled; at the frame of the path by default."""
+    """Frame of the coupling; by default the frame of the path."""
 
 
 Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class PathSettings(Strict):
-    """A steered vehicle driven from where it is to a pose; gives the primary and vertical references. Of any steering
-    geometry: the angle of the steering output for each curvature follows from the constraints.
+    """Path of a steered vehicle from its initial pose to a goal pose. It gives the primary reference and, with a
+    trailer, the vertical one. The constraints give the steering angle for each curvature, for any steering geometry.
     """
 
     frame: str
-    """At the middle of the rear axle, x forward."""
+    """Frame at the middle of the rear axle, with x forward."""
     to: Pose
-    """x, y [m] and heading [rad]."""
+    """Goal pose: x, y [m] and heading [rad]."""
     via: list[Pose] = []
-    """Poses to stop at on the way; others are added where the path cannot be driven without."""
+    """Intermediate poses; the vehicle stops at each. If the path is infeasible, the planner adds further poses."""
     duration: Positive
-    """[s]"""
+    """Duration of the motion [s]."""
     wheelbase: Positive
-    """Rear axle to front axle [m]."""
+    """Distance between rear and front axle [m]."""
     max_steering: Annotated[float, Field(gt=0, lt=np.pi / 2)] = np.pi / 4
-    """Of a front wheel in the middle [rad]: with the wheelbase it gives the smallest turning radius."""
+    """Largest steering angle of an equivalent front wheel in the middle [rad]. With the wheelbase it gives the smallest
+    turning radius."""
     forward_only: bool | None = None
-    """Never back up; by default where there is a trailer, which cannot slither backwards."""
+    """True to exclude reverse motion. The default is true with a trailer, which cannot follow in reverse."""
     trailer: TrailerSettings | None = None
+    """Trailer that follows the path."""
 
     @model_validator(mode="after")
     def _no_pushing(self) -> PathSettings:
@@ -144,15 +154,18 @@ class PathSettings(Strict):
 
 
 class References(Strict):
-    """Desired trajectories of the task's outputs; what is left out stays at its initial value."""
+    """Reference trajectories of the task's outputs. Outputs without a reference keep their initial value."""
 
     path: PathSettings | None = None
-    """Instead of ``primary`` (distance driven, steering angle) and, with a trailer, ``vertical`` (its heading, as it
-    follows from the path that is driven)."""
+    """Planned path of a vehicle. It replaces ``primary`` (travelled distance, steering angle) and, with a trailer,
+    ``vertical`` (heading of the trailer)."""
 
     primary: ReferenceItem | None = None
+    """Reference of the primary outputs."""
     redundant: ReferenceItem | None = None
+    """Reference of the redundant outputs."""
     vertical: ReferenceItem | None = None
+    """Reference of the vertical outputs."""
 
 
 def _sized(values: Sequence[float] | np.ndarray | None, like: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where the robot of a scenario comes from."""
+"""Source of the robot in a scenario file."""
 
 from __future__ import annotations
 
@@ -15,40 +15,41 @@ from rnc_pin.scenario.schema.base import Strict
 
 
 class Attachment(Strict):
-    """A robot of fixed base, mounted on a frame of another."""
+    """Robot with a fixed base, mounted on a frame of another robot."""
 
     robot: RobotSource
+    """The mounted robot."""
     frame: str
-    """Of the robot that carries it."""
+    """Frame of the carrying robot."""
     xyz: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
-    """Of its base in that frame [m]."""
+    """Position of the base of the mounted robot in that frame [m]."""
     rpy: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
-    """Roll, pitch and yaw of its base in that frame [rad]."""
+    """Roll, pitch and yaw of the base of the mounted robot in that frame [rad]."""
 
 
 class RobotSource(Strict):
-    """Where the robot comes from: one of ``urdf``, ``mjcf`` and ``example``."""
+    """Source of the robot: one of ``urdf``, ``mjcf`` and ``example``."""
 
     urdf: str | None = None
-    """A URDF or xacro file, relative to the scenario's, or the name of one shipped with rnc_pin."""
+    """URDF or xacro file, relative to the scenario file, or the name of a file that rnc_pin contains."""
     mjcf: str | None = None
-    """An MJCF file, relative to the scenario's."""
+    """MJCF file, relative to the scenario file."""
     example: str | None = None
-    """A robot of example-robot-data."""
+    """Name of a robot of example-robot-data."""
     base: Literal["fixed", "planar", "free"] = "fixed"
-    """How the root link meets the world. For an MJCF the default is what the file says."""
+    """Joint between the root link and the world. For an MJCF file the default is the base in the file."""
     package_dirs: list[str] = []
-    """Folders whose files the robot's file may name besides its own, and their packages; relative to the scenario's."""
+    """Further folders of files and packages that the robot's file may use, relative to the scenario file."""
     xacro_arguments: dict[str, str | float | bool] = {}
-    """Values for the arguments of a xacro file."""
+    """Arguments of a xacro file: name to value."""
     lock: dict[str, float | list[float]] = {}
-    """Joints to freeze, and the values to freeze them at [rad or m]."""
+    """Joints to lock: name to position [rad or m]."""
     masses: dict[str, float] = {}
-    """Links whose inertia is not there or useless, and the masses they get [kg], spread over their geometry."""
+    """Masses of links without a valid inertia: name to mass [kg], distributed over the geometry of the link."""
     snap: bool = True
-    """Make angles and axes of joints exact that the file holds rounded."""
+    """True to correct rounded angles and axes of joints in the file to their exact values."""
     gravity: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
-    """Acceleration of gravity in the world frame [m/s^2]."""
+    """Gravity vector in the world frame [m/s^2]."""
 
     attach: list[Attachment] = []
     """Robots mounted on this one."""

@@ -1,4 +1,4 @@
-"""A whole scenario: what it runs, and what it shows of it."""
+"""Complete scenario: the run and its plots."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from rnc_pin.visualization.view import View
 
 
 class Initial(Strict):
-    """Where the run starts, and how it moves there."""
+    """Initial configuration and initial velocity."""
 
     q: dict[str, float | list[float]] = {}
-    """Joint: angle [rad], displacement [m]; a planar base (x, y, yaw), a free one (x, y, z, quaternion x, y, z, w).
-    Where loops are to be closed or wheels to stand, those named stay and the others give way."""
+    """Joint to position: angle [rad] or displacement [m]. Planar base: (x, y, yaw). Free base: (x, y, z, quaternion x,
+    y, z, w). If position constraints do not hold there, only the joints that are not listed move to satisfy them."""
     v2: dict[str, float] = {}
-    """Reducing output: its rate; the others rest."""
+    """Reducing output to initial rate; zero for outputs that are not listed."""
 
 
 class PlotSettings(Strict):
-    """One plot: some outputs over time."""
+    """Plot of quantities over time."""
 
     outputs: list[str] = []
     """Names of outputs, such as ``tip_x``."""
     quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
-    """Outputs by name, or all that the controller estimates or mispredicts."""
+    """Plotted quantity: the named outputs, all estimated parameters, or all prediction errors of the estimator."""
     title: str | None = None
-    """Above the plot."""
+    """Title of the plot."""
     comparisons: list[str] | None = None
-    """Labels of the comparisons that it shows; all by default."""
+    """Labels of the comparisons in the plot; all by default."""
 
     @model_validator(mode="after")
     def _something_to_show(self) -> PlotSettings:
@@ -51,45 +51,57 @@ class PlotSettings(Strict):
 
 
 class Scenario(Strict):
-    """A whole run."""
+    """Complete scenario: robot, constraints, outputs, task, controller and simulation."""
 
     title: str | None = None
-    """What ``rnc-pin list`` and the plots call it."""
+    """Title in ``rnc-pin list`` and in plots."""
     robot: RobotSource
+    """The robot."""
     constraints: list[ConstraintItem] = []
+    """Constraints on the motion of the robot."""
     mimic: bool = True
-    """Whether joints that the robot's file couples to others follow them."""
+    """True to keep the mimic joints of the robot's file coupled to their drivers."""
     actuators: list[ActuatorItem] = []
+    """Actuators: names of joints, or forces and torques on frames."""
     outputs: Outputs
+    """Reducing and vertical outputs."""
     task: TaskNames = TaskNames()
+    """Roles of the outputs; by default all reducing outputs are primary."""
     initial: Initial = Initial()
+    """Initial configuration and velocity."""
     reference: References = References()
+    """Reference trajectories of the outputs."""
     controller: ControllerItem | None = None
+    """Type and gains of the controller; a run requires it."""
     simulation: SimulationSettings | None = None
+    """Duration and steps; a run requires it."""
     plant: PlantSettings | None = None
-    """What moves: "reduced", our own, or "mujoco", with its settings."""
+    """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
     faults: FaultSettings | None = None
-    """What the machine does otherwise than the controller believes."""
+    """Differences between the simulated plant and the model of the controller."""
     loop: LoopSettings | None = None
-    """The loop around the controller."""
+    """Velocity estimation, supervision and safe commands of the control loop."""
     grip: GripSettings | None = None
-    """Friction of the ground, that preflight holds references against."""
+    """Friction of the ground; the check before the run compares the references with it."""
     preflight: Literal["warn", "refuse"] = "warn"
-    """What to do about a reference that leads to a singular configuration, found before anything moves."""
+    """Action if the check before the run finds a singular configuration on the reference."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Of everything that is drawn at random."""
+    """Seed of all random numbers."""
     comparisons: dict[str, dict[str, Any]] = {}
-    """Label: dotted keys and values that differ from this run."""
+    """Additional runs for comparison: label to dotted keys and their values."""
     presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
-    """Preset of the controller: dotted keys and values that go with it, where they are not said otherwise."""
+    """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
+    take precedence."""
     variant: str | None = None
-    """Which of the ``variants`` is run; none of them by default."""
+    """Name of the entry of ``variants`` to run; none by default."""
     variants: dict[str, dict[str, Any]] = {}
-    """Name: dotted keys and values of the same robot with other coordinates or another task."""
+    """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
     sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
-    """Dotted key: range from which ``rnc-pin sweep`` draws uniformly."""
+    """Ranges for ``rnc-pin sweep``: dotted key to [minimum, maximum] of a uniform distribution."""
     plots: dict[FileName, PlotSettings] = {}
+    """Plots to write: file name without extension to plot."""
     view: Annotated[View, Entry(View)] = View()
+    """Camera and layers of the animation."""
 
     @model_validator(mode="after")
     def _variant_exists(self) -> Scenario:

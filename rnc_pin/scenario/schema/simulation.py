@@ -1,4 +1,4 @@
-"""How a scenario is simulated."""
+"""Simulation settings in a scenario file."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from rnc_pin.simulation import Plant, Stop
 
 
 class SimulationSettings(Strict):
-    """How long, how finely, and what of the real machine takes part."""
+    """Duration and steps of the simulation, and the effects of a real robot that it includes."""
 
     duration: Positive
-    """[s]"""
+    """Simulated time [s]."""
     dt: Positive = 0.002
-    """Period of the controller [s]."""
+    """Sampling period of the controller [s]."""
     substeps: Annotated[int, Field(ge=1)] = 1
-    """Integration steps in a period."""
+    """Number of integration steps in one sampling period."""
     joint_damping: bool = False
-    """Viscous damping of the robot's file acts."""
+    """True to include the viscous joint damping of the robot's file."""
     joint_friction: bool = False
-    """Dry friction of the robot's file acts on its joints, with stiction."""
+    """True to include the dry joint friction of the robot's file, with stiction."""
     actuator_limits: bool = False
-    """Inputs are cut off at their limits."""
+    """True to clip inputs to the limits of the actuators."""
     position_limits: bool = False
-    """The run ends where a joint reaches the end of its range."""
+    """True to end the run when a joint reaches its position limit."""
 
     @property
     def plant(self) -> Plant:
-        """What a real machine has beside the model."""
+        """Options of the reduced plant: damping, actuator limits and friction."""
         return Plant(self.joint_damping, self.actuator_limits, self.joint_friction)
 
     @property
     def stop(self) -> Stop:
-        """What ends the run early."""
+        """Conditions that end the run early."""
         return Stop(position_limits=self.position_limits)

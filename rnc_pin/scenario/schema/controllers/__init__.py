@@ -1,6 +1,6 @@
-"""Which controller a scenario has: one class of settings a type, told apart by ``type``, each knows what it builds.
+"""Controllers in a scenario file: one settings class for each ``type``, which builds its controller.
 
-To add a type, write its class in a file of its own, and add it to ``ControllerItem``.
+To add a type, write its class in a new module and add it to ``_AnyType``.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _AnyType = (
 TYPES: dict[str, type[ControllerSettings]] = {
     get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)
 }
-"""Settings of each type by its name."""
+"""Name of each type to its settings class."""
 
 
 def _of_its_type(raw: object) -> object:
-    """Refuse settings of another type, which are no slips of the pen.
+    """Refuse settings that belong to another type.
 
-    One that is null is taken away: so a comparison may change the type alone.
+    Such a setting is dropped if it is null. A comparison can therefore change the type alone.
     """
     kind = raw.get("type") if isinstance(raw, dict) else None
     own = TYPES.get(kind) if isinstance(kind, str) else None

@@ -1,4 +1,4 @@
-"""What the settings of all controllers share: what they build from, and what they give back."""
+"""Base classes of the settings of all controllers, and the input and result of building one."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from rnc_pin.scenario.schema.simulation import SimulationSettings
 _ALPHA = {"paper": 1.0, "normalised": 20.0, "scaled": 20.0}
 
 Gain = float | Numbers | None
-"""One number, one for each output, or what the preset says."""
+"""One number, one for each output, or None for the value of the preset."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """What a controller is built from.
+    """Inputs for building a controller.
 
     Attributes:
         reduced: the model.
-        task: how its outputs are divided.
-        primary, redundant, vertical: references of the task's outputs; those that nobody gave hold the start.
+        task: roles of the outputs.
+        primary, redundant, vertical: references of the task's outputs; constant at the start if not given.
         given: names of the references that the scenario gives.
-        q0: where the run starts, (nq,).
-        v2_0: reduced velocity that it starts with, (r,); at rest where nothing is said.
-        grip: of the wheels on the ground, where the scenario speaks of it.
-        simulation: how long and how finely.
-        preflight: what to do about singular configurations ahead.
-        slithering: instead of ``vertical``, what follows from the path that is driven.
-        watched: positions in x1 and reference of vertical outputs that should follow by themselves; for the record.
+        q0: initial configuration, (nq,).
+        v2_0: initial reduced velocity, (r,); None for rest.
+        grip: friction of the wheels on the ground, if the scenario gives it.
+        simulation: duration and steps.
+        preflight: action if a singular configuration is ahead.
+        slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
+        watched: positions in x1 and reference of monitored vertical outputs; for the record only.
     """
 
     reduced: ReducedModel
@@ -62,20 +62,20 @@ class Context:
 
     @property
     def horizon(self) -> float:
-        """How long references move, and a little longer [s]."""
+        """Time until all references are constant, plus 1 s, at most the duration of the simulation [s]."""
         longest = max(reference.duration for reference in (self.primary, self.redundant, self.vertical)) + 1.0
         return min(self.simulation.duration, longest)
 
 
 @dataclass(frozen=True)
 class Built:
-    """A controller, and what was noticed while it was built.
+    """Controller, with the warnings of the check before the run.
 
     Attributes:
         controller: ready to run.
-        warnings: for the person who runs it.
-        notes: for the record of the run.
-        slower: factor by which references would have to be slower for all wheels to hold on to the ground.
+        warnings: messages for the user.
+        notes: entries for the record of the run.
+        slower: factor by which the references must be slowed down so that no wheel slips.
     """
 
     controller: Controller
@@ -85,32 +85,33 @@ class Built:
 
 
 class ControllerSettings(Strict):
-    """One type of controller: its gains, and how it is built."""
+    """Settings of one type of controller."""
 
     follows: ClassVar[frozenset[str]]
-    """References of the task that it reads."""
+    """References of the task that the controller reads."""
     advice: ClassVar[str] = ""
-    """What would read the others."""
+    """Hint for error messages: a setting that reads the other references."""
     scaled_only: ClassVar[tuple[str, ...]] = ()
-    """Settings that mean nothing under the paper's gains."""
+    """Settings that only the preset ``scaled`` reads."""
 
     type: str
-    """Which controller."""
+    """Type of the controller."""
     preset: Literal["paper", "normalised", "scaled"] = "scaled"
-    """Gains of the paper, gains for an ``inertia_bound``, or gains scaled to the model's inertia H along the way. Only
-    the last read H, where masses are unknown the H of their first estimates."""
+    """Default gains. "paper": gains of the paper. "normalised": gains for an ``inertia_bound``. "scaled": gains scaled
+    to the reduced inertia H along the reference. Only "scaled" reads H. With unknown masses it reads H of the first
+    estimates."""
 
     @property
     def followed(self) -> frozenset[str]:
-        """References that it reads with these settings."""
+        """References that the controller reads with these settings."""
         return self.follows
 
     def build(self, context: Context) -> Built:
-        """The controller.
+        """Build the controller.
 
         Raises:
-            ConfigurationError: a reference is given that it does not read, which would be ignored in silence.
-            RncError: something of it does not fit the robot or the task.
+            ConfigurationError: the scenario gives a reference that the controller does not read.
+            RncError: the settings do not fit the robot or the task.
         """
         for name in context.given:
             if name not in self.followed:
@@ -120,7 +121,7 @@ class ControllerSettings(Strict):
 
     @abstractmethod
     def make(self, context: Context) -> Built:
-        """The controller, where all references that are given are followed."""
+        """Build the controller; all given references are among ``followed``."""
 
     @model_validator(mode="before")
     @classmethod
@@ -140,17 +141,17 @@ class ControllerSettings(Strict):
 
 
 class AdaptiveSettings(ControllerSettings):
-    """Of controllers with an adaptive tracker under them, whose gains have to suit an inertia."""
+    """Settings of controllers with an adaptive tracker, whose gains depend on the inertia."""
 
     inertia_bound: Gain = None
-    """Of the preset ``normalised``: what the reduced inertia H stays below, ``diag(inertia_bound) - H >= 0`` (kg, kg
-    m^2); one number, or one for each reducing output."""
+    """Upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0`` [kg, kg m^2], for the preset ``normalised``.
+    One number, or one for each reducing output."""
 
     def bounds(self, context: Context) -> np.ndarray:
-        """The bound for each reducing output, (r,).
+        """Return the inertia bound of each reducing output, (r,).
 
         Raises:
-            ConfigurationError: not one for each.
+            ConfigurationError: the number of values is not r.
         """
         values = chosen("inertia_bound", self.inertia_bound, 1.0, context.reduced.r)
         return np.broadcast_to(np.asarray(values, dtype=float), (context.reduced.r,))
@@ -167,25 +168,26 @@ class AdaptiveSettings(ControllerSettings):
 
 
 class HeldSettings(AdaptiveSettings):
-    """Of controllers that learn the forces that they work against."""
+    """Settings of controllers that estimate disturbance forces."""
 
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
 
     held: bool | None = None
-    """Whether the robot starts held up by its actuators, so that trackers know the force that takes."""
+    """True if the actuators hold the robot against gravity before the run. Trackers then start with that force."""
     adaptation: Positive | None = None
-    """Of scaled gains, beta / k [1/s]."""
+    """Adaptation rate ``beta / k`` of the preset ``scaled`` [1/s]."""
     delay: Annotated[float, Field(ge=0)] | None = None
-    """That scaled gains are for, from a measurement until a force answers it, sampling apart [s]."""
+    """Delay from a measurement to its force, not counting sampling [s]. The preset ``scaled`` uses it."""
     dead_zone: Gain = None
-    """Velocity error below which a tracker learns nothing, for noise: one number, or one for each reducing output."""
+    """Velocity error below which adaptation stops, because of noise [m/s or rad/s]. One number, or one for each
+    reducing output."""
     unknown: Unknown | None = None
-    """Masses, or radii and tracks of wheels, that are estimated."""
+    """Masses, or radii and tracks of wheels, to estimate."""
     alpha: Annotated[float, Field(ge=0)] | None = None
-    """Adaptation of what is estimated (20); 0 for none."""
+    """Adaptation gain of the parameter estimates (20); 0 for constant estimates."""
 
     def build(self, context: Context) -> Built:
-        """The controller; where something is unknown, made and run on what is believed: the truth is not read."""
+        """Build the controller. With unknown parameters it uses the estimated model and never the true one."""
         if self.unknown is None:
             return super().build(context)
         unknown, (low, high) = self.unknown, self.unknown.bounds
@@ -214,7 +216,7 @@ class HeldSettings(AdaptiveSettings):
         return self
 
     def held_force(self, context: Context) -> np.ndarray | None:
-        """What the actuators hold before the run begins, if the controller is told, as a reduced force (r,)."""
+        """Reduced force that holds the robot at rest at ``q0``, (r,); None unless ``held`` is true."""
         if not self.held:
             return None
         rest = np.zeros(context.reduced.r)
@@ -222,10 +224,10 @@ class HeldSettings(AdaptiveSettings):
 
 
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
-    """A reduced velocity (r,) from rates by the names of the reducing outputs; the others rest.
+    """Return the reduced velocity (r,) from rates by name of the reducing outputs; other rates are zero.
 
     Raises:
-        ConfigurationError: no such output.
+        ConfigurationError: no reducing output has this name.
     """
     names = reduced.reducing.names
     v2 = np.zeros(reduced.r)
@@ -237,10 +239,10 @@ def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str
 
 
 def chosen(name: str, value: Gain, default: float | np.ndarray, size: int) -> float | np.ndarray:
-    """A gain of the settings, checked for its length, or the preset's.
+    """Return a gain of the settings after a check of its length, or the default of the preset.
 
     Raises:
-        ConfigurationError: not one for each output.
+        ConfigurationError: the number of values is not ``size``.
     """
     if value is None:
         return default
@@ -251,7 +253,7 @@ def chosen(name: str, value: Gain, default: float | np.ndarray, size: int) -> fl
 
 @contextmanager
 def named(key: str) -> Iterator[None]:
-    """Say which part of the scenario an error is about."""
+    """Prepend the key of a part of the scenario to errors."""
     try:
         yield
     except ConfigurationError as error:

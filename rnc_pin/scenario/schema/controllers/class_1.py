@@ -1,4 +1,4 @@
-"""What controllers of class 1 share."""
+"""Base settings of controllers of class 1."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from rnc_pin.scenario.schema.controllers.velocity import OUTER_GAIN, VelocitySet
 
 
 class Class1Settings(VelocitySettings):
-    """Of controllers that spend redundant outputs on the vertical ones."""
+    """Settings of controllers that move the vertical outputs by the redundant ones."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
 
     k3: Gain = None
-    """Outer gain on vertical outputs (12) [1/s]."""
+    """Outer gain on vertical outputs (12) [1/s]; one number, or one for each."""
 
     def class_1(self, context: Context, secondary: Secondary | None = None) -> RedundancyController:
-        """(12) with these gains.
+        """Build controller (12) with these gains.
 
         Raises:
-            ConfigurationError: the task does not suit it, or a trailer should follow what its tractor does.
+            ConfigurationError: the task does not fit, or the reference has a trailer.
         """
         task = context.task
         if context.slithering is not None:

@@ -1,4 +1,4 @@
-"""Some actuators drive the primary outputs, the others are off."""
+"""Position tracking by some of the actuators; the others are off."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from rnc_pin.scenario.schema.controllers.base import AdaptiveSettings, Built, Co
 
 
 class JacobianTransposeSettings(AdaptiveSettings):
-    """Primary outputs follow their reference by the ``active`` actuators, without rates: (8)-(9)."""
+    """Tracking of the primary outputs by the ``active`` actuators, without velocity measurements: (8)-(9)."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
 
     type: Literal["jacobian_transpose"]
-    """(8)-(9) on the ``active`` actuators, the others off."""
+    """Position tracker (8)-(9) on the ``active`` actuators; the others are off."""
     active: list[str]
     """Actuators that are on."""
     k1: Gain = None
-    """Gain of the position tracker (8): one number, or one for each primary output."""
+    """Gain k1 of the position tracker (8); one number, or one for each primary output."""
     k2: Gain = None
-    """Gain of the position tracker (8)."""
+    """Gain k2 of the position tracker (8); one number, or one for each primary output."""
     gamma: Positive | None = None
-    """Filter of the position tracker (8) [1/s]."""
+    """Filter rate of the position tracker (8) [1/s]."""
     beta: Gain = None
-    """Adaptation rate (9)."""
+    """Adaptation gain (9); one number, or one for each primary output."""
     sigma: Annotated[float, Field(ge=0)] | None = None
-    """Leak of what is adapted [1/s]."""
+    """Leak rate of the adapted values [1/s]."""
 
     def make(self, context: Context) -> Built:
         task, reduced = context.task, context.reduced
@@ -43,7 +43,7 @@ class JacobianTransposeSettings(AdaptiveSettings):
         if self.preset == "normalised":
             gains = PositionGains.normalised(self.bounds(context)[outputs])
         if self.preset == "scaled":
-            # Outputs that nothing drives drift, so the region is not known beforehand: take the start.
+            # Undriven outputs drift, so the region of motion is unknown. Use the initial configuration.
             inertia = effective_inertia(context.reduced, context.q0, outputs, self.active)
             with named("controller"):
                 gains = PositionGains.scaled(inertia[None], context.simulation.dt)

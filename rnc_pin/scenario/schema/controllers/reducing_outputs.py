@@ -1,4 +1,4 @@
-"""Reducing outputs alone, the vertical ones go where they will."""
+"""Tracking of the reducing outputs alone; the vertical ones are not controlled."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rnc_pin.scenario.schema.controllers.velocity import OUTER_GAIN, VelocitySet
 
 
 class ReducingOutputsSettings(VelocitySettings):
-    """Every reducing output follows a reference of its own, the vertical ones go where they will."""
+    """Each reducing output follows its own reference; the vertical outputs are not controlled."""
 
-    # Vertical references left alone are what it is there to show.
+    # Comparisons show the error of vertical outputs without control, so their reference is accepted.
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "redundant", "vertical"})
 
     type: Literal["reducing_outputs"]
-    """References for all reducing outputs, over a velocity tracker."""
+    """Tracking of all reducing outputs, over a velocity tracker."""
 
     def make(self, context: Context) -> Built:
         task = context.task
@@ -32,7 +32,7 @@ class ReducingOutputsSettings(VelocitySettings):
 
 
 class _Reordered:
-    """A reference with its outputs in another order."""
+    """Reference with its outputs in another order."""
 
     def __init__(self, reference: Reference, order: np.ndarray) -> None:
         self._reference, self._order = reference, order

@@ -1,4 +1,4 @@
-"""Class 1: redundant outputs are spent on the vertical ones."""
+"""Class 1: redundant outputs move the vertical ones."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rnc_pin.scenario.schema.controllers.secondary import SecondarySettings
 
 
 class RedundancySettings(Class1Settings):
-    """Redundant outputs are moved so that the vertical ones follow their reference: (12) over a velocity tracker."""
+    """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker."""
 
     advice: ClassVar[str] = "; controller.secondary.posture would"
 
     type: Literal["redundancy"]
     """Class 1: (12) over a velocity tracker."""
     secondary: SecondarySettings | None = None
-    """What the freedom is for that a wide A4 leaves."""
+    """Secondary objectives, for tasks with more redundant than vertical outputs (wide A4)."""
 
     @property
     def followed(self) -> frozenset[str]:
-        """A posture follows the redundant reference too."""
+        """References that the controller reads; with a posture the redundant one too."""
         postured = self.secondary is not None and self.secondary.posture is not None
         return self.follows | {"redundant"} if postured else self.follows
 

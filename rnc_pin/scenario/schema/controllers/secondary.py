@@ -1,4 +1,4 @@
-"""What the freedom is for that a wide A4 leaves."""
+"""Secondary objectives of redundant outputs, for a wide A4."""
 
 from __future__ import annotations
 
@@ -15,36 +15,39 @@ from rnc_pin.scenario.schema.base import Numbers, Strict
 
 
 class PostureSettings(Strict):
-    """Redundant outputs near ``reference.redundant``: where they start, unless it says otherwise."""
+    """Posture: redundant outputs stay near ``reference.redundant``, by default their initial values."""
 
     k: float | Numbers = 1.0
-    """[1/s]; a number or one for each redundant output."""
+    """Gain [1/s]; one number, or one for each redundant output."""
 
 
 class JointLimitSettings(Strict):
-    """Joints away from their limits."""
+    """Repulsion of joints from their limits."""
 
     k: float | Numbers = 0.1
-    """[m^2/s or rad^2/s]; a number or one for each redundant output."""
+    """Gain [m^2/s or rad^2/s]; one number, or one for each redundant output."""
     margin: Annotated[float, Field(gt=0, le=0.5)] = 0.1
-    """Where it begins, as a share of a joint's range at each end."""
+    """Width of the repulsion zone at each end, as a fraction of the joint's range."""
     joints: Annotated[list[str], Field(min_length=1)] | None = None
-    """All that have limits by default."""
+    """Joints with repulsion; by default all that have limits."""
 
 
 class SingularitySettings(Strict):
-    """Away from singular configurations."""
+    """Repulsion from singular configurations."""
 
     k: float | Numbers = 0.1
-    """[m^2/s or rad^2/s]; a number or one for each redundant output."""
+    """Gain [m^2/s or rad^2/s]; one number, or one for each redundant output."""
 
 
 class SecondarySettings(Strict):
-    """What the freedom that is left is for, where more outputs are redundant than vertical; they add up."""
+    """Secondary objectives, for tasks with more redundant than vertical outputs. The controller adds them."""
 
     posture: PostureSettings | None = None
+    """Stay near a posture."""
     joint_limits: JointLimitSettings | None = None
+    """Stay away from joint limits."""
     singularity: SingularitySettings | None = None
+    """Stay away from singular configurations."""
 
     @model_validator(mode="after")
     def _something(self) -> SecondarySettings:

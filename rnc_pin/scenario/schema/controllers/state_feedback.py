@@ -1,4 +1,4 @@
-"""Linear feedback of the state, as a linear-quadratic regulator."""
+"""Linear-quadratic regulator."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from rnc_pin.scenario.schema.base import Numbers
 from rnc_pin.scenario.schema.controllers.base import Built, Context, ControllerSettings, reduced_velocity
 from rnc_pin.scenario.schema.outputs import OutputItem
 
-_THIN = 0.01  # smallest singular value below which outputs deserve a warning
+_THIN = 0.01  # smallest singular value below which a warning is given
 
 
 class StateFeedbackSettings(ControllerSettings):
-    """A linear-quadratic regulator about the equilibrium, or the steady motion, nearest to where the run starts."""
+    """Linear-quadratic regulator about the equilibrium or steady motion nearest to the initial configuration."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "redundant"})
 
     type: Literal["state_feedback"]
-    """Balances what has fewer actuators than velocities; knows the model."""
+    """Linear-quadratic regulator, for systems with fewer actuators than velocities. It uses the model."""
     coordinates: list[str | OutputItem] | None = None
-    """What its state says of the configuration: entries of v by name, or outputs; all entries of v by default."""
+    """States that describe the configuration: names of entries of v, or outputs; by default all entries of v."""
     rates: list[str] | None = None
     """Reducing outputs whose rates are states; all by default."""
     state_cost: float | Numbers | dict[str, float]
-    """Weights of the states by name, rates ending in ``_dot``; one number, or one for each."""
+    """Weights of the states: one number, one for each, or a mapping by name. Names of rates end in ``_dot``."""
     input_cost: float | Numbers | dict[str, float] = 1.0
-    """Weights of the actuators' inputs, in the same ways."""
+    """Weights of the actuators' inputs: one number, one for each, or a mapping by name."""
     v2: dict[str, float] | None = None
-    """Rates of reducing outputs in the steady motion that it keeps; the initial ones by default."""
+    """Rates of reducing outputs in the steady motion, by name; the initial rates by default."""
     hold: list[str] = []
-    """Joints that are in the equilibrium where the run starts."""
+    """Joints whose equilibrium position is their initial position."""
     cyclic: list[str] = []
-    """Joints that may move in a steady motion although the dynamics depend on them, such as an unbalanced wheel."""
+    """Joints that may move in the steady motion although the dynamics depend on them, such as an unbalanced wheel."""
 
     def make(self, context: Context) -> Built:
         reduced = context.reduced
@@ -64,10 +64,10 @@ class StateFeedbackSettings(ControllerSettings):
 
 
 def _check_sampling(linear: Linearization, K: np.ndarray, dt: float) -> None:
-    """Refuse gains that inputs held over a sample make unstable.
+    """Refuse gains that are unstable in discrete time, with inputs constant over a sampling period.
 
     Raises:
-        InfeasibleError: says how fast the closed loop is.
+        InfeasibleError: the closed loop is unstable; the message gives its rate.
     """
     s, p = linear.B.shape
     held = scipy.linalg.expm(np.block([[linear.A, linear.B], [np.zeros((p, s + p))]]) * dt)

@@ -1,4 +1,4 @@
-"""Class 2s: redundant outputs that steer."""
+"""Class 2s: steering by redundant outputs."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from rnc_pin.scenario.schema.base import Positive
 from rnc_pin.scenario.schema.controllers.base import Built, Context, Gain, chosen
 from rnc_pin.scenario.schema.controllers.velocity import OUTER_GAIN, VelocitySettings
 
-_STEERING_GAIN = 10.0  # [1/s], some times k3
+_STEERING_GAIN = 10.0  # [1/s], several times k3
 
 
 class SteeringSettings(VelocitySettings):
-    """Class 2s: the angle of redundant outputs, not their rate, moves the vertical ones; over a velocity tracker."""
+    """Class 2s: the angles of redundant outputs, not their rates, move the vertical ones; over a velocity tracker."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary", "vertical"})
 
     type: Literal["steering"]
     """Class 2s: backstepping through the steering angle, over a velocity tracker."""
     k3: Gain = None
-    """Outer gain on vertical outputs [1/s]."""
+    """Outer gain on vertical outputs [1/s]; one number, or one for each."""
     k4: Positive | None = None
-    """How fast steering follows [1/s]."""
+    """Rate at which the steering angle follows its desired value [1/s]."""
 
     def make(self, context: Context) -> Built:
         task = context.task

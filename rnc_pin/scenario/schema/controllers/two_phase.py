@@ -23,7 +23,7 @@ from rnc_pin.scenario.schema.controllers.base import Built, Context, HeldSetting
 
 
 class _Pace(NamedTuple):
-    """How the platform's stabiliser suits the tracker under it: some times slower."""
+    """Gains of the platform's stabiliser, several times slower than its tracker."""
 
     k: float
     """[1/s]"""
@@ -40,25 +40,25 @@ _PACES = {"paper": _Pace(0.1, 0.2, 0.02, (0.3, 0.3)), "normalised": _BRISK, "sca
 
 
 class PlatformGoal(Strict):
-    """Where a unicycle platform goes in the second phase."""
+    """Goal of a unicycle platform in the second phase."""
 
     position: Annotated[list[str], Field(min_length=2, max_length=2)]
-    """Vertical outputs that are its x and y."""
+    """Names of the vertical outputs x and y of the platform."""
     to: Annotated[list[float], Field(min_length=3, max_length=3)]
-    """x, y [m] and heading [rad]."""
+    """Goal pose: x, y [m] and heading [rad]."""
     begin: Annotated[float, Field(ge=0)]
-    """When the second phase starts [s]."""
+    """Start time of the second phase [s]."""
 
 
 class TwoPhaseSettings(HeldSettings):
-    """Class 3: primary outputs quickly by (8)-(9), then held while a point stabiliser drives the platform."""
+    """Class 3: (8)-(9) moves the primary outputs and then holds them while a point stabiliser drives the platform."""
 
     follows: ClassVar[frozenset[str]] = frozenset({"primary"})
 
     type: Literal["two_phase"]
     """Class 3: (8)-(9) for the primary outputs, then a point stabiliser for the platform."""
     platform: PlatformGoal
-    """Where the platform goes, and when: position, to, begin."""
+    """Goal pose and start time of the platform: position, to, begin."""
 
     def make(self, context: Context) -> Built:
         task, reduced, goal = context.task, context.reduced, self.platform
@@ -82,7 +82,7 @@ class TwoPhaseSettings(HeldSettings):
         return Built(SplitController([(tracker, task.primary), (drive, task.redundant)], task.r))
 
     def _gains(self, context: Context) -> tuple[PositionGains, VelocityGains]:
-        """Of the hand's tracker and of the platform's."""
+        """Gains of the hand's tracker and of the platform's tracker."""
         zone = chosen("dead_zone", self.dead_zone, 0.0, context.reduced.r)
         redundant = zone[context.task.redundant] if isinstance(zone, np.ndarray) else zone
         position, velocity = self._preset_gains(context)

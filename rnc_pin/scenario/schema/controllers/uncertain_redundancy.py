@@ -1,4 +1,4 @@
-"""Class 1 with masses or wheels that are not known."""
+"""Class 1 with unknown masses or wheels."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rnc_pin.scenario.schema.controllers.unknown import Unknown
 
 
 class UncertainRedundancySettings(Class1Settings):
-    """Class 1 while masses or wheels are estimated: (16) with estimates from (20) over a velocity tracker."""
+    """Class 1 with unknown masses or wheels: (16) with the estimates of (20), over a velocity tracker."""
 
     type: Literal["uncertain_redundancy"]
     """Class 1 with unknown masses or wheels: (16) and (20) over a velocity tracker."""
     unknown: Unknown
-    """Masses, or radii and tracks of wheels, that are estimated."""
+    """Masses, or radii and tracks of wheels, to estimate."""
 
     def make(self, context: Context) -> Built:
         return self.tracked(context, self.class_1(context), context.task)

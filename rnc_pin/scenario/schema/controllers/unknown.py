@@ -1,4 +1,4 @@
-"""What uncertain kinematics do not know: masses, or lengths of wheels."""
+"""Unknown parameters of the kinematics: masses, or radii and tracks of wheels."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from rnc_pin.scenario.schema.base import Positive, Strict
 
 class _Estimated(Strict):
     dead_zone: Annotated[float, Field(ge=0)] = 0.0
-    """Prediction error below which nothing is learnt, for noise [m/s or rad/s]."""
+    """Prediction error below which adaptation stops, because of noise [m/s or rad/s]."""
 
 
 class UnknownMasses(_Estimated):
-    """Bodies whose masses are estimated."""
+    """Unknown masses of bodies."""
 
     base: str
-    """The joint whose momentum is conserved."""
+    """Joint whose momentum is conserved."""
     initial: Annotated[dict[str, float], Field(min_length=1)]
-    """Joint that carries the body: first estimate, in ``unit``."""
+    """First estimates: joint that carries the body to mass, in ``unit``."""
     unit: Positive = 1.0
-    """Mass that counts as 1 [kg]; the paper's parameters m_k / J have unit J."""
+    """Unit of the estimates [kg]; the paper's parameters m_k / J have the unit J."""
     bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 20.0]
-    """Estimates stay between these, in ``unit``."""
+    """Lower and upper bound of the estimates, in ``unit``."""
 
     def build(self, reduced: ReducedModel) -> Regressor:
         return MomentumRegressor(reduced.robot, self.base, [UnknownMass(joint, self.unit) for joint in self.initial])
@@ -38,20 +38,20 @@ class UnknownMasses(_Estimated):
 
 class _Length(Strict):
     wheels: Annotated[list[str], Field(min_length=1)]
-    """Frames of the wheels that share the length."""
+    """Frames of the wheels with this radius or track."""
     initial: Positive
     """First estimate [m]."""
 
 
 class UnknownWheels(_Estimated):
-    """Wheels whose radii or tracks are estimated."""
+    """Unknown radii and tracks of wheels."""
 
     radii: list[_Length] = []
-    """Each a radius that its wheels share."""
+    """Unknown radii; each is common to its wheels."""
     tracks: list[_Length] = []
-    """Each the distance of its two wheels along their axle."""
+    """Unknown tracks; each is the distance between two wheels along their axle."""
     bounds: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.01, 5.0]
-    """Of all of them [m]."""
+    """Lower and upper bound of all estimates [m]."""
 
     @model_validator(mode="after")
     def _something_unknown(self) -> UnknownWheels:

@@ -1,4 +1,4 @@
-"""Kinematic controllers and what is under them: the adaptive velocity tracker (10), or the model-based baseline."""
+"""Kinematic controllers over a velocity tracker: adaptive (10), or computed torque."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from rnc_pin.simulation import margins_along
 
 OUTER_GAIN = 2.0
 """The paper's k3 [1/s]."""
-_ROLLOUT_STEP = 0.05  # [s]; the region that gains are scaled to is smooth
+_ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
 _COMPUTED_TORQUE_GAIN = 20.0  # [1/s]
-_THIN = 0.01  # smallest singular value below which a reference deserves a warning
+_THIN = 0.01  # smallest singular value below which a warning is given
 
 
 class VelocitySettings(HeldSettings):
-    """Of controllers that decide rates of the reducing outputs, which a tracker follows."""
+    """Settings of controllers that compute rates of the reducing outputs, which a tracker follows."""
 
     scaled_only: ClassVar[tuple[str, ...]] = (*HeldSettings.scaled_only, "bandwidth")
 
     tracker: Literal["adaptive", "computed_torque"] = "adaptive"
-    """What follows the rates: (10), or the model-based baseline."""
+    """Velocity tracker: adaptive (10), or computed torque with the model."""
     k: Gain = None
-    """Gain of the tracker: one number, or one for each reducing output."""
+    """Gain of the velocity tracker; one number, or one for each reducing output."""
     k21: Gain = None
-    """Outer gain on primary outputs [1/s]; the paper has 0."""
+    """Outer gain on primary outputs [1/s]; one number, or one for each. The paper uses 0."""
     beta: Gain = None
-    """Adaptation rate (10)."""
+    """Adaptation gain (10); one number, or one for each reducing output."""
     sigma: Annotated[float, Field(ge=0)] | None = None
-    """Leak of what is adapted [1/s]."""
+    """Leak rate of the adapted values [1/s]."""
     bandwidth: Positive | None = None
-    """Of the preset ``scaled`` [rad/s]."""
+    """Bandwidth of the velocity tracker with the preset ``scaled`` [rad/s]."""
 
     @model_validator(mode="after")
     def _suit_the_tracker(self) -> VelocitySettings:
@@ -46,7 +46,7 @@ class VelocitySettings(HeldSettings):
 
     @property
     def primary_gain(self) -> float:
-        """k21 of the preset [1/s]: the paper feeds x21d_dot open loop."""
+        """Gain k21 of the preset [1/s]; zero for the paper, which uses x21d_dot in open loop."""
         return 0.0 if self.preset == "paper" else OUTER_GAIN
 
     def tracked(
@@ -55,15 +55,15 @@ class VelocitySettings(HeldSettings):
         kinematic: KinematicController,
         task: Task | None = None,
     ) -> Built:
-        """A kinematic controller over the dynamic one, after a preflight.
+        """Check the reference and build the velocity tracker under a kinematic controller.
 
         Args:
-            context: what it is built from.
-            kinematic: decides the rates.
-            task: whose A4 the kinematic controller inverts, if any.
+            context: inputs for building the controller.
+            kinematic: computes the rates of the reducing outputs.
+            task: task whose A4 the kinematic controller inverts, if any.
 
         Raises:
-            InfeasibleError: no gains suit the way, or a singular configuration is on it and preflight refuses that.
+            InfeasibleError: no gains fit the motion, or it is near a singular configuration and preflight refuses that.
         """
         reduced, r, simulation = context.reduced, context.reduced.r, context.simulation
         margins = margins_along(reduced, kinematic, context.q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
@@ -78,7 +78,7 @@ class VelocitySettings(HeldSettings):
         if self.preset == "normalised":
             gains = VelocityGains.normalised(self.bounds(context))
         if self.preset == "scaled":
-            # A run that will end in a singular configuration is wanted all the same, for its results until then.
+            # The results of a run are useful even if it ends in a singular configuration.
             region = margins.q if margins.singular is None else context.q0[None]
             with named("controller"):
                 gains = VelocityGains.scaled(
