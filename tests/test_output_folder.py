@@ -219,7 +219,7 @@ def test_a_result_that_was_edited_is_not_replaced_without_force(tmp_path):
     run(tmp_path, summary_json="old", overview_png="old")
     (tmp_path / "summary.json").write_text("edited")
     message = refusal(lambda: run(tmp_path, summary_json="new"))
-    assert "summary.json is not as a run of rnc-pin left it" in message
+    assert "summary.json was changed or not written by rnc-pin" in message
     assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "old"}
     run(tmp_path, force=True, overview_png="new")  # not of the same name
     assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "new"}

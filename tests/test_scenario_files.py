@@ -457,7 +457,7 @@ def test_a_scenario_that_is_not_there_is_refused(name, words):
     ("ranges", "words"),
     [
         ({}, "sweep: is missing"),
-        ({"initial.q.joint_2": [2.0, 1.0]}, "sweep.initial.q.joint_2: range [2, 1] runs backwards"),
+        ({"initial.q.joint_2": [2.0, 1.0]}, "sweep.initial.q.joint_2: minimum 2 is greater than maximum 1"),
     ],
 )
 def test_a_sweep_of_nothing_is_refused(ranges, words):

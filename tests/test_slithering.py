@@ -279,7 +279,7 @@ def test_steering_along_the_driven_path_needs_its_state():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"reference.path.forward_only": False}, "cannot slither backwards"),
+        ({"reference.path.forward_only": False}, "cannot follow in reverse"),
         ({"reference.path.trailer.length": 1.0}, "length"),
         ({"controller.type": "redundancy"}, "reference.path.trailer: needs the controller type 'steering'"),
         ({"reference.path.trailer.kingpin": "front_axle"}, "vertical output 'front_axle_x'"),

@@ -337,7 +337,7 @@ def test_controllers_of_other_classes_take_unknown_wheels_too(name):
     run = execute(plan(name, {**quiet, "controller.unknown": unknown})).trajectory
     assert run.outcome == "completed"
     assert run.estimates[-1] == pytest.approx([truth], rel=1e-3)
-    with pytest.raises(rnc.ConfigurationError, match="adapts what is unknown, and 'unknown' is missing"):
+    with pytest.raises(rnc.ConfigurationError, match="needs 'unknown', which is missing"):
         plan(name, {"controller.alpha": 1.0})
 
 

@@ -1,1 +1,1 @@
-"""Scenario files and what they build."""
+"""Scenario files, and the objects that they build."""

@@ -1,4 +1,4 @@
-"""From a scenario to objects that run."""
+"""Builder of the objects of a run from a scenario."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from rnc_pin.scenario.schema.controllers.velocity import VelocitySettings
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
-_SLOWED_TIMES = 6  # what an initial error asks for does not slow down, so that a factor may not be enough
-_ROUNDED = 1e-4  # residual of holonomic rows that a file's few digits leave
+_SLOWED_TIMES = 6  # iterations; one factor may not suffice, because feedback of the initial error is not slowed down
+_ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
 
 def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
-    """Robot, constraints and actuators; paths are relative to ``folder``."""
+    """Build the system of robot, constraints and actuators. Paths are relative to ``folder``."""
     robot = scenario.robot.build(folder)
     return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic)
 
 
 def build_reduced(scenario: Scenario, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
-    """The system and its reduction to the scenario's outputs."""
+    """Build the system and reduce it to the scenario's outputs."""
     system = build_system(scenario, folder)
     return system, system.reduce(scenario.outputs.reducing, scenario.outputs.vertical)
 
 
 def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
-    """How the scenario divides the outputs; without a word of it all reducing outputs are primary."""
+    """Return the task of the scenario. By default all reducing outputs are primary."""
     names = scenario.task
     primary = names.primary
     if not primary and not names.redundant:
@@ -59,7 +59,7 @@ def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything a run needs; without a machine the reduced model itself moves."""
+    """Objects of a run. If ``machine`` is None, the reduced model is the plant."""
 
     scenario: Scenario
     reduced: ReducedModel
@@ -73,28 +73,28 @@ class Experiment:
 
     @property
     def loop(self) -> LoopOptions:
-        """Options of the loop around the controller, as far as the scenario has a word for them."""
+        """Options of the control loop that the scenario sets."""
         said = self.scenario.loop
         options = {} if said is None else {key: getattr(said, key) for key in type(said).model_fields}
         return cast(LoopOptions, {key: value for key, value in options.items() if value is not None})
 
     @property
     def notes(self) -> dict[str, Json]:
-        """What the record of a run will say of it, as its file does."""
+        """Provenance of the run, in the form of the record file."""
         return provenance_to_plain(self.provenance)
 
 
 def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
-    """A run from a scenario.
+    """Build a run from a scenario.
 
     Raises:
-        RncError: anything in it does not fit the robot.
+        RncError: a part of the scenario does not fit the robot.
     """
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
-    try:  # before anything is written
+    try:  # raise this error before files are written
         sample_count(scenario.simulation.duration, scenario.simulation.dt, scenario.simulation.substeps)
     except InputError as error:
         raise ConfigurationError(f"simulation: {error}") from None
@@ -154,11 +154,11 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
 
 
 def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
-    """Of the wheels on the ground; None where the scenario does not speak of it."""
+    """Return the friction limits of the wheels; None if the scenario has no ``grip``."""
     if scenario.grip is None:
         return None
     if not isinstance(scenario.controller, VelocitySettings):
-        raise ConfigurationError("grip: is only known beforehand of controllers whose references are rolled out")
+        raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     try:
         return Grip(reduced, scenario.grip.friction, scenario.grip.loads)
     except ConfigurationError as error:
@@ -166,7 +166,7 @@ def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
 
 
 def _built(scenario: Scenario, context: Context) -> Built:
-    """The controller, its references slowed until wheels hold on where the scenario asks for that."""
+    """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
         return scenario.controller.build(context)
@@ -186,19 +186,19 @@ def _built(scenario: Scenario, context: Context) -> Built:
     if built.warnings and scenario.preflight == "refuse":
         raise InfeasibleError("; ".join(built.warnings))
     if slower > 1.0:
-        said = f"references take {slower:.4g} times as long, so that wheels hold on to the ground"
+        said = f"references are slowed down by a factor of {slower:.4g} so that no wheel slips"
         built = replace(built, warnings=(said, *built.warnings))
     return built
 
 
 def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
-    """The initial configuration; where it has to be assembled, joints that the file names stay where it says."""
+    """Return the initial configuration. If constraints require assembly, joints named in the file do not move."""
     q0 = reduced.robot.configuration(scenario.initial.q)
     if not reduced.assembly.size or np.abs(reduced.position_residual(q0)).max() < _ROUNDED:
-        return q0  # a simulation takes the rounding away
+        return q0  # the simulation corrects the rounding
     named = list(scenario.initial.q)
     following = {mimic.joint for mimic in reduced.robot.mimics} - set(named)
-    if scenario.mimic and following:  # where it is enough that these follow, nothing else gives way
+    if scenario.mimic and following:  # first try to move only mimic joints that the file does not name
         with suppress(ConstraintError):
             return reduced.assembled(q0, [name for name in reduced.robot.joint_names if name not in following])
     try:
@@ -209,27 +209,29 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Way:
-    """What a path that is driven gives; nothing where the scenario plans none."""
+    """Planned path of a vehicle and its references; all None without a planned path."""
 
     primary: Reference | None = None
-    """Distance driven and steering angle."""
+    """Travelled distance and steering angle."""
     slithering: SlitheringReference | None = None
-    """Of the trailer's heading."""
+    """Reference of the trailer's heading."""
     watched: tuple[np.ndarray, Reference] | None = None
-    """Positions in x1 and reference of the frame's x and y."""
+    """Positions in x1 and reference of the x and y of the frame."""
     planned: PlannedPath | None = None
-    """For the pictures: the poses, whose they are, and which trailer should follow."""
+    """For plots: the frame, its trailer, and the poses of the path."""
 
 
 def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _Way:
-    """Plan the path that the scenario asks for."""
+    """Plan the path of ``reference.path``."""
     settings = scenario.reference.path
     if settings is None:
         return _Way()
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
-        raise ConfigurationError("reference.path: takes the place of 'primary' and, with a trailer, of 'vertical'")
+        raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
     if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
-        raise ConfigurationError("reference.path: the primary outputs have to be forward speed and steering angle")
+        raise ConfigurationError(
+            "reference.path: primary outputs must be forward speed and steering angle, in this order"
+        )
     speed, steering = (int(index) for index in task.primary)
     start = frame_poses(reduced.robot, settings.frame, q0[None])[0]
     trailer, slithering = settings.trailer, None
@@ -266,7 +268,7 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
-    """x, y and heading of a frame, (N, 3), along configurations (N, nq)."""
+    """Return x, y and heading of a frame, (N, 3), at configurations (N, nq)."""
     data, index = robot.model.createData(), robot.frame_id(frame)
     poses = np.empty((len(configurations), 3))
     for pose, q in zip(poses, configurations, strict=True):
@@ -278,15 +280,15 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndar
 
 
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
-    """Largest distance [m] of a trailer's axle from the path that was driven, or None where there is no trailer.
+    """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
 
-    The path is that of the frame that the scenario plans for, with a straight stretch before the start.
+    The path is that of the frame of ``reference.path``, with a straight segment before the start.
     """
     settings = experiment.scenario.reference.path
     if settings is None or settings.trailer is None or not len(configurations):
         return None
     robot = experiment.reduced.robot
-    some = configurations[::10]  # a vehicle moves little in between
+    some = configurations[::10]  # every tenth sample is dense enough
     driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())

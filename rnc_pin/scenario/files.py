@@ -1,6 +1,6 @@
-"""Scenario files as they are written: where they are, safe YAML, and values replaced on the command line.
+"""Scenario files before validation: search, safe YAML, and options of the command line.
 
-It knows nothing of what a scenario may say, so that listing and completing names is quick.
+This module does not import the schema, so that listing and completing names is fast.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ _BUILT_IN = Path(__file__).resolve().parent / "builtin"
 
 
 def built_in_names() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Names of the scenarios in the package."""
     return sorted(path.stem for path in _BUILT_IN.glob("*.yaml"))
 
 
 def is_built_in(path: Path) -> bool:
-    """Whether a scenario's file comes with the package."""
+    """True if a scenario file is part of the package."""
     return path.resolve().parent == _BUILT_IN
 
 
 def find_scenario(name: str) -> Path:
-    """The file of a built-in scenario, or the file named.
+    """Return the file of a built-in scenario, or the named file.
 
     Raises:
-        ConfigurationError: neither exists, says the nearest name; or it is a robot, says how to draft one.
+        ConfigurationError: neither exists (gives the nearest name), or it is a robot (gives the command ``init``).
     """
     if name in built_in_names():
         return _BUILT_IN / f"{name}.yaml"
-    if os.path.isfile(name):  # a name that no file can have is none
+    if os.path.isfile(name):  # unlike Path.is_file, this is False for names that no file can have
         if name.lower().endswith(ROBOT_FILES):
             raise ConfigurationError(f"{name}: {_is_robot(name)}")
         return Path(name)
@@ -57,7 +57,7 @@ def find_scenario(name: str) -> Path:
 
 
 def robot_names() -> list[str]:
-    """Robots that ``rnc-pin init`` knows by name: files that are shipped, and examples where they are installed."""
+    """Names of robots for ``rnc-pin init``: files in the package, and examples if they are installed."""
     shipped = [path.name for path in shipped_directory().glob("*.urdf")]
     try:
         examples = list(example_urdfs())
@@ -75,10 +75,10 @@ def _draft_it(robot: str) -> str:
 
 
 def read_yaml(path: Path) -> dict[str, Json]:
-    """The mapping in a YAML file.
+    """Read the mapping in a YAML file.
 
     Raises:
-        ConfigurationError: cannot be read, is not YAML (says the line), or not a mapping.
+        ConfigurationError: the file cannot be read, is not YAML (gives the line), or is not a mapping.
     """
     try:
         text = read_bytes(path).decode()
@@ -98,7 +98,7 @@ def read_yaml(path: Path) -> dict[str, Json]:
 
 
 def parse_option(option: str) -> tuple[str, Json]:
-    """``a.b=c`` as a key and a value read as YAML."""
+    """Split ``a.b=c`` into key and value, and read the value as YAML."""
     key, equals, text = option.partition("=")
     if not equals or not key.strip():
         raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
@@ -109,12 +109,12 @@ def parse_option(option: str) -> tuple[str, Json]:
 
 
 def parse_options(options: Iterable[str]) -> dict[str, Json]:
-    """Keys and values, as ``with_options`` takes them; of a key given twice the last counts."""
+    """Return keys and values for ``with_options``. The last value of a repeated key counts."""
     return dict(parse_option(option) for option in options)
 
 
 def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
-    """A copy of a scenario with values at dotted keys replaced; numbers in a key index lists."""
+    """Return a copy of a scenario with new values at dotted keys. Numbers in a key index lists."""
     result = deepcopy(dict(raw))
     for key, value in options.items():
         where: object = result
@@ -134,16 +134,16 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
                 else:
                     where = where.setdefault(part, {})
             else:
-                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' holds {describe(where)}, nothing is inside it")
+                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {describe(where)}, not a mapping or a list")
     return result
 
 
 def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
-    """The option that makes another plant move in a scenario, which keeps the settings that it has for it.
+    """Return the option that selects the plant of a scenario and keeps its plant settings.
 
     Args:
         scenario: a built-in name or a file.
-        plant: "reduced" or "mujoco"; None leaves it as it is.
+        plant: "reduced" or "mujoco"; None for no change.
     """
     if plant is None:
         return {}
@@ -152,10 +152,10 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
 
 
 def chosen(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
-    """A scenario with options, its ``variant``, and what its ``presets`` say goes with the controller's preset.
+    """Return a scenario with its options, its ``variant`` and the ``presets`` of the controller's preset applied.
 
-    Options count more than these, and a preset more than a variant. What they brought stands in the result as if the
-    file said it, which then has no ``variants`` or ``presets`` any more.
+    Options override presets, and presets override the variant. The result contains the new values, and no applied
+    ``variants`` or ``presets``.
     """
     said = with_options(raw, options)
     variant = _of(said.get("variants"), said.get("variant"))
@@ -177,7 +177,7 @@ def _of(choices: object, name: object) -> dict[str, Json] | None:
 
 
 def describe(value: object) -> str:
-    """A value in a few words."""
+    """Return a short text of a value for error messages."""
     if isinstance(value, dict):
         return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
     text = repr(value)

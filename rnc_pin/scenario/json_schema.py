@@ -10,12 +10,12 @@ from rnc_pin.scenario.schema import Scenario
 
 
 def schema_path() -> Path:
-    """The file of the schema that comes with the package."""
+    """Path of the schema file in the package."""
     return Path(__file__).resolve().parent / "scenario.schema.json"
 
 
 def schema() -> dict[str, Json]:
-    """The schema, made from the models that read scenario files."""
+    """Return the schema of the models that read scenario files."""
     content = Scenario.model_json_schema()
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -25,5 +25,5 @@ def schema() -> dict[str, Json]:
 
 
 def schema_text() -> str:
-    """The schema as the file has it."""
+    """Return the schema as text of the schema file."""
     return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

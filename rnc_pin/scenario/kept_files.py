@@ -1,8 +1,8 @@
-"""What stands in a folder of results and is ours: by its name and by its content, never by a list alone.
+"""Manifest of result folders: identifies files of rnc_pin by name and content.
 
-A folder's mark lists what a run wrote. A mark can come from anywhere, with an archive or a repository, so it is
-believed only where the file it speaks of has a name that runs give, is a plain file on the folder's own device, and
-holds what was recorded. Nothing here follows a link or opens what is no plain file.
+A folder's mark (``.rnc_pin``) lists the files that runs wrote. A mark can come from an untrusted archive or repository.
+An entry therefore counts only if its file has a name that runs use, is a regular file on the folder's device, and has
+the recorded content. Functions of this module do not follow links and open only regular files.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rnc_pin.whole_files import BEGINNING
 
 MARK = ".rnc_pin"
 STAGING = BEGINNING
-"""How the folder begins in which a run writes before its results are complete."""
+"""Prefix of the name of the temporary folder in which a run writes its results."""
 _FILES = re.compile(
     r"trajectory(_\w+)?\.npz|summary\.json|scenario\.yaml|animation\.html|sweep\.(csv|json)|[^/\0]+\.png"
 )
@@ -33,14 +33,14 @@ _LONGEST_MARK = 64_000_000  # [bytes]
 
 @dataclass
 class Mark:
-    """What runs wrote into a folder: SHA-256 of every file, more than one while files are replaced, and folders."""
+    """Record of files and folders that runs wrote. Each file has its SHA-256, or several while a run replaces it."""
 
     files: dict[str, list[str]] = field(default_factory=dict)
     folders: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, folder: Path) -> Mark | None:
-        """The mark of a folder; empty where nothing in it can be believed, None where there is none."""
+        """Read the mark of a folder; None if there is none, empty if it is invalid."""
         content = _content(folder / MARK, _device(folder), _LONGEST_MARK)
         if content is None:
             return None
@@ -59,7 +59,7 @@ class Mark:
             return cls()
 
     def write(self, folder: Path) -> None:
-        """Replace the mark of a folder, at once or not at all."""
+        """Replace the mark of a folder atomically."""
         partial = folder / (STAGING + "mark")
         with suppress(FileNotFoundError):
             partial.unlink()
@@ -79,25 +79,25 @@ class Mark:
 
 
 def is_file_name(name: str) -> bool:
-    """Whether runs write files of this name."""
+    """True if runs write files with this name."""
     return _FILES.fullmatch(name) is not None
 
 
 def is_folder_name(name: str) -> bool:
-    """Whether sweeps make folders of this name."""
+    """True if sweeps make folders with this name."""
     return _FOLDERS.fullmatch(name) is not None
 
 
 def fingerprint(path: Path) -> str:
-    """SHA-256 of a file that we wrote."""
+    """SHA-256 of a file that rnc_pin wrote."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def is_kept(folder: Path, name: str, mark: Mark) -> bool:
-    """Whether an entry of a folder is a file that the mark records and that is as it was then.
+    """True if the mark records an entry of a folder and the entry is unchanged.
 
-    Of a run's folder it is enough that nothing which a run recorded in it has changed: runs write beside what is there.
+    A run's folder is unchanged if all its recorded files are unchanged; it may contain other files.
     """
     path, device = folder / name, _device(folder)
     if is_folder_name(name):
@@ -106,11 +106,11 @@ def is_kept(folder: Path, name: str, mark: Mark) -> bool:
 
 
 def changed(folder: Path, names: Iterable[str] | None = None) -> list[str]:
-    """Entries that stand where results were recorded, or will be, and are not as recorded: somebody else's by now.
+    """Return existing entries that differ from the record, so that rnc_pin must not replace them.
 
     Args:
-        folder: of results.
-        names: of what will be written; by default all that is recorded counts.
+        folder: folder of results.
+        names: names of the entries that a run will write; by default all recorded entries.
     """
     mark = Mark.read(folder) or Mark()
     expected = [*mark.files, *mark.folders] if names is None else names
@@ -118,7 +118,7 @@ def changed(folder: Path, names: Iterable[str] | None = None) -> list[str]:
 
 
 def remove_kept(folder: Path, mark: Mark, names: Iterable[str]) -> None:
-    """Delete those entries that are as the mark records them. What else is in a folder of a run stays."""
+    """Delete the entries that are unchanged since the mark recorded them. Other files in a run's folder remain."""
     device = _device(folder)
     for name in names:
         path = folder / name
@@ -135,7 +135,7 @@ def remove_kept(folder: Path, mark: Mark, names: Iterable[str]) -> None:
 
 
 def remove_staging(staging: Path) -> None:
-    """Delete a folder that a run wrote in: files of our names, and nothing else."""
+    """Delete a temporary folder of a run. Only files with names that runs use are deleted."""
     device = _device(staging)
     for path in list(staging.iterdir()):
         if _is_folder(path, device):
@@ -148,7 +148,7 @@ def remove_staging(staging: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete what runs left that were killed while they wrote. Only whoever has the folder's lock may."""
+    """Delete the temporary folders of killed runs. The caller must hold the folder's lock."""
     for path in list(folder.iterdir()):
         if _STAGINGS.fullmatch(path.name) and _is_folder(path, _device(folder)):
             remove_staging(path)
@@ -167,7 +167,7 @@ def _is_folder(path: Path, device: int) -> bool:
 
 
 def _open(path: Path, device: int) -> int | None:
-    """A plain file for reading, or None: links are not followed, pipes not waited for."""
+    """Open a regular file for reading; None for other entries. It follows no links and does not wait for pipes."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:

@@ -1,4 +1,4 @@
-"""Scenarios from what their files say, and one line for whatever is wrong."""
+"""Validation of scenario mappings, with a one-line message for the first error."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from rnc_pin.scenario.schema.controllers import TYPES
 
 
 def validate(raw: Mapping[str, Json], source: str) -> Scenario:
-    """A scenario from its mapping.
+    """Validate the mapping of a scenario.
 
     Raises:
-        ConfigurationError: one line for the first mistake: file, key, what was found and expected.
+        ConfigurationError: one line for the first error: file, key, expected value and found value.
     """
     return admitted(Scenario, raw, source)
 
@@ -28,7 +28,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
-    """A part of a scenario from its mapping, like ``validate``."""
+    """Validate the mapping of a part of a scenario, like ``validate``."""
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -70,7 +70,7 @@ _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "un
 
 
 def _path(location: Sequence[str | int]) -> str:
-    """``outputs.reducing[0].joint`` from pydantic's location, without its words for the members of a union."""
+    """Return a path such as ``outputs.reducing[0].joint`` from a location of pydantic, without tags of unions."""
     text, previous = "", None
     for part in location:
         if isinstance(part, int):

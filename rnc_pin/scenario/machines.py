@@ -1,4 +1,4 @@
-"""The machine of a scenario: what really moves, as far as it differs from what the controller believes."""
+"""Plant of a scenario, where it differs from the reduced model of the controller."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _Change = Callable[[Robot], list[Pfaffian]]
 
 
 def build_machine(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Machine | None:
-    """What moves instead of the reduced model that the controller knows; None where that moves.
+    """Build the plant of a scenario; None if the plant is the reduced model of the controller.
 
     Args:
-        scenario: checked.
-        reduced: what the controller believes.
-        q0: where the run starts, (nq,).
-        folder: that paths are relative to.
+        scenario: a validated scenario.
+        reduced: model of the controller.
+        q0: initial configuration, (nq,).
+        folder: base of relative paths.
 
     Raises:
-        RncError: the plant cannot be made of this robot, or a fault names something that it does not have.
+        RncError: the plant cannot be built from this robot, or a fault names an unknown frame or joint.
     """
     plant, faults, settings = scenario.plant, scenario.faults, scenario.simulation
     assert settings is not None
@@ -39,7 +39,8 @@ def build_machine(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, fol
         return None
     if simulated and (settings.joint_damping or settings.joint_friction or settings.substeps > 1):
         raise ConfigurationError(
-            "simulation: joint_damping, joint_friction and substeps are of our own plant; MuJoCo's stand in 'plant'"
+            "simulation: joint_damping, joint_friction and substeps require plant 'reduced'; "
+            "set the options of MuJoCo in 'plant'"
         )
 
     def made(true: ReducedModel) -> Machine:
@@ -71,7 +72,7 @@ def build_machine(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, fol
 
 
 def _truth(scenario: Scenario, folder: Path, changes: list[_Change]) -> ReducedModel:
-    """The system as it is, with changes to a robot of its own."""
+    """Build the true model: the system with changes to a separate copy of the robot."""
     robot = scenario.robot.build(folder)
     rows = [row for change in changes for row in change(robot)]
     return NonholonomicSystem(robot, [*scenario.constraints, *rows], scenario.actuators, scenario.mimic).reduce()

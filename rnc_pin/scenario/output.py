@@ -1,4 +1,4 @@
-"""The folder a run writes: marked as ours, locked while it is written, and nothing of anybody else's touched."""
+"""Output folder of a run: marked as a folder of rnc_pin, locked while in use, without changes to other files."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from rnc_pin.scenario.kept_files import MARK, STAGING, Mark
 
 
 class OutputFolder:
-    """A folder for results.
+    """Folder for results.
 
-    Results are written into a fresh folder inside and put into place when they are complete; until then what was there
-    before stays. Then what an earlier run wrote and nobody changed since is replaced or deleted, and nothing else is.
-    One run at a time has the folder. Use it as a context, or call ``close``.
+    A run writes its results into a temporary subfolder. ``keep`` moves them into place when they are complete; earlier
+    results remain until then. ``keep`` replaces or deletes only unchanged files of earlier runs. Only one run at a time
+    can use the folder. Use it as a context manager, or call ``close``.
 
     Args:
-        path: of the folder.
-        force: write into a folder that is not ours, and replace files of the same names.
-        names: of what will be written; without ``force`` nothing of somebody else's may stand there.
+        path: path of the folder.
+        force: True to write into a folder that rnc_pin did not make, and to replace files with the same names.
+        names: names of the results; without ``force`` no foreign file may have one of these names.
 
     Raises:
-        ConfigurationError: the path is a file, cannot be made, is somebody else's folder, holds a changed file in the
-            place of a result, or another run is writing there.
+        ConfigurationError: the path is a file, cannot be created, is a foreign folder, or contains a changed file with
+            the name of a result; or another run writes there.
     """
 
     def __init__(self, path: str | Path, force: bool = False, names: Sequence[str] = ()) -> None:
@@ -56,11 +56,11 @@ class OutputFolder:
             raise
 
     def _open(self, names: Sequence[str]) -> bool:
-        """Look at what is there; whether a mark was made."""
+        """Check the content of the folder. Return True if this call wrote the mark."""
         before = Mark.read(self.path)
         if before is None:
             if os.path.lexists(self.path / MARK):
-                raise ConfigurationError(f"--out {self.path}: its {MARK} is no plain file; choose another folder")
+                raise ConfigurationError(f"--out {self.path}: its {MARK} is not a regular file; choose another folder")
             if any(self.path.iterdir()) and not self._force:
                 raise ConfigurationError(
                     f"--out {self.path}: exists and was not made by rnc-pin; choose another folder or add --force"
@@ -80,22 +80,22 @@ class OutputFolder:
     def _refuse(self, changed: list[str]) -> None:
         if changed:
             raise ConfigurationError(
-                f"--out {self.path}: {few(changed)} {'is' if len(changed) == 1 else 'are'} not as a run of rnc-pin "
-                "left it; choose another folder or add --force"
+                f"--out {self.path}: {few(changed)} {'was' if len(changed) == 1 else 'were'} changed or not written by "
+                "rnc-pin; choose another folder or add --force"
             )
 
     # ------------------------------------------------------------------ writing
 
     def file(self, name: str) -> Path:
-        """Where to write a file of this name; it stands in the folder once it is kept."""
+        """Return the temporary path of a result file. ``keep`` moves it into the folder."""
         if not kept_files.is_file_name(name):
-            raise ValueError(f"'{name}' is no name of a result")
+            raise ValueError(f"'{name}' is not a file name of a result")
         return self._place(name)
 
     def folder(self, name: str) -> Path:
-        """Where a run inside this one may write."""
+        """Return the temporary path of a run's subfolder."""
         if not kept_files.is_folder_name(name):
-            raise ValueError(f"'{name}' is no name of a run's folder")
+            raise ValueError(f"'{name}' is not a folder name of a run")
         return self._place(name)
 
     def _place(self, name: str) -> Path:
@@ -108,7 +108,7 @@ class OutputFolder:
         return self._staging / name
 
     def _made_again(self) -> Path:
-        """Where to write if somebody removed the folder meanwhile: what a run has reached is not lost by that."""
+        """Create the folder again if it was removed during the run, so that later results are not lost."""
         assert self._lock is not None
         os.close(self._lock)
         self._lock = None
@@ -137,23 +137,23 @@ class OutputFolder:
     # ------------------------------------------------------------------ putting into place
 
     def keep_so_far(self, without: Collection[str] = ()) -> None:
-        """Put into place what is written, where that replaces nothing; else it waits for ``keep``.
+        """Move the written results into place if the folder has no earlier results; otherwise do nothing.
 
         Args:
-            without: names of what is still being written.
+            without: names of unfinished results.
         """
         if self._nothing_before:
             self._put_into_place(without, removing=False)
 
     def keep(self, without: Collection[str] = ()) -> None:
-        """Put the results into place: they are complete. What an earlier run wrote and this one did not is deleted.
+        """Move the complete results into place, and delete other results of earlier runs.
 
         Args:
-            without: names of what was not completed, and is dropped.
+            without: names of incomplete results, which are dropped.
 
         Raises:
-            ConfigurationError: somebody put something in the place of a result meanwhile, or there is no room; the
-                folder is as it was.
+            ConfigurationError: a foreign file took the name of a result during the run, or the disk is full. The
+                folder is unchanged.
         """
         self._put_into_place(without, removing=True)
 
@@ -166,7 +166,7 @@ class OutputFolder:
             folders = [name for name in written if kept_files.is_folder_name(name)]
             files = {name: [kept_files.fingerprint(self._staging / name)] for name in written if name not in folders}
             record = Mark(files, folders)
-            (self._before | self._new | record).write(self.path)  # whatever ends this half-way, all of it is known
+            (self._before | self._new | record).write(self.path)  # complete even if this is interrupted
             for name in written:
                 _move(self._staging / name, self.path / name)
             self._new = Mark({**self._new.files, **files}, list(dict.fromkeys([*self._new.folders, *folders])))
@@ -182,7 +182,7 @@ class OutputFolder:
         return {*self._new.files, *self._new.folders}
 
     def _check(self, staging: Path, written: list[str]) -> None:
-        """See to it that nothing of anybody else's is replaced, which may have come while the run went on."""
+        """Refuse to replace foreign files that appeared during the run."""
         known = self._before | self._new
         for name in written:
             there = self.path / name
@@ -196,13 +196,13 @@ class OutputFolder:
                 staging.rename(aside)
                 self._staging = None
                 raise ConfigurationError(
-                    f"--out {self.path}: {name} is somebody else's by now; the results are in {aside}"
+                    f"--out {self.path}: {name} was changed during the run; the results are in {aside}"
                 )
 
     # ------------------------------------------------------------------ the end
 
     def close(self) -> None:
-        """Delete what was not kept, and let others have the folder."""
+        """Delete results that were not kept, and unlock the folder."""
         if self._lock is None:
             return
         try:
@@ -226,7 +226,7 @@ class OutputFolder:
 
 
 def _move(source: Path, target: Path) -> None:
-    """Put a file or a run's folder into place; into a folder that is there, file by file."""
+    """Move a file or a run's folder into place. If the folder exists, move its files one by one."""
     if source.is_dir() and _is_folder(target):
         before, new = Mark.read(target) or Mark(), Mark.read(source) or Mark()
         (before | new).write(target)
@@ -235,7 +235,7 @@ def _move(source: Path, target: Path) -> None:
         kept_files.remove_kept(target, before, [name for name in before.files if name not in new.files])
         new.write(target)
     else:
-        if source.is_dir() and os.path.lexists(target):  # by force: no folder
+        if source.is_dir() and os.path.lexists(target):  # with force, the target is not a folder
             target.unlink()
         os.replace(source, target)
 
@@ -245,7 +245,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def _locked(folder: Path) -> int:
-    """The folder, open and ours alone until it is closed; the system lets go of it however a process ends."""
+    """Open and lock a folder until it is closed. The operating system releases the lock when the process ends."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -255,5 +255,5 @@ def _locked(folder: Path) -> int:
             f"--out {folder}: another run is writing there; wait for it or choose another folder"
         ) from None
     except OSError:
-        pass  # some network file systems lock no folders
+        pass  # some network file systems cannot lock folders
     return descriptor

@@ -1,4 +1,4 @@
-"""The plots and the animation that a run leaves."""
+"""Plots and animation of a run."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from rnc_pin.visualization.top_view import ground_paths
 
 @dataclass(frozen=True)
 class Drawn:
-    """What came of drawing.
+    """Result of drawing.
 
     Attributes:
-        written: the pictures.
-        failures: pictures that failed, by name, and what went wrong.
-        interrupted: whether drawing was ended by hand.
+        written: files of the pictures.
+        failures: name of each failed picture to its error message.
+        interrupted: True if the user interrupted the drawing.
     """
 
     written: list[Path] = field(default_factory=list)
@@ -36,7 +36,7 @@ class Drawn:
     interrupted: bool = False
 
     def __str__(self) -> str:
-        """What failed, in one line."""
+        """One line with the failures."""
         causes: dict[str, list[str]] = {}
         for name, why in self.failures.items():
             causes.setdefault(why, []).append(name)
@@ -44,7 +44,7 @@ class Drawn:
 
 
 def picture_names(plan: Plan) -> list[str]:
-    """Names of the pictures that a run may leave."""
+    """Names of the pictures that a run can write."""
     return [
         *(f"{name}.png" for name in plan.experiment.scenario.plots),
         "overview.png",
@@ -56,15 +56,15 @@ def picture_names(plan: Plan) -> list[str]:
 def draw(
     plan: Plan, result: Result, folder: OutputFolder, progress: Callable[[float, str], None] | None = None
 ) -> Drawn:
-    """Write the pictures of a result; none of one that has fewer than two samples.
+    """Write the pictures of a result; none if it has fewer than two samples.
 
-    The numbers are worth more than their pictures: whatever fails in one costs that one alone.
+    An error in one picture does not affect the other pictures or the data.
 
     Args:
-        plan: what was run.
-        result: what it gave.
-        folder: where to.
-        progress: called with how many pictures are done and the name of the next.
+        plan: the plan of the run.
+        result: the result of the run.
+        folder: the output folder.
+        progress: called with the number of finished pictures and the name of the next.
     """
     drawn = Drawn()
     for done, (name, make) in enumerate(_pictures(plan, result) if len(result.trajectory.time) > 1 else ()):
@@ -72,7 +72,7 @@ def draw(
             progress(done, name)
         path = folder.file(name)
         try:
-            with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # of a run that diverged
+            with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
                 something = make(path)
             if something:
                 drawn.written.append(path)
@@ -87,7 +87,7 @@ def draw(
 
 
 def _pictures(plan: Plan, result: Result) -> Iterator[tuple[str, Callable[[Path], bool]]]:
-    """Names of pictures, and what writes each and says whether there was anything to draw."""
+    """Yield the name and writer of each picture. A writer returns True if there is something to draw."""
     for name, settings in plan.experiment.scenario.plots.items():
         yield f"{name}.png", partial(_plot, result, settings)
     yield "overview.png", partial(_overview, plan, result)
@@ -124,6 +124,6 @@ def _animation(plan: Plan, result: Result, path: Path) -> bool:
     if visual is None or not len(visual.geometryObjects):
         return False
     view = view_of(scenario)
-    view = replace(view, hide=[*view.hide, "compared"])  # there for who asks
+    view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
     Recording(reduced, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
     return True

@@ -1,4 +1,4 @@
-"""A run that is over, read back with the robot and the model that it was of."""
+"""Finished runs, loaded from files with their robot and model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rnc_pin.visualization.view import View
 
 @dataclass(frozen=True)
 class Run:
-    """A run, and what it was a run of."""
+    """Finished run with its scenario and model."""
 
     source: Path
     trajectory: Trajectory
@@ -29,43 +29,43 @@ class Run:
 
     @property
     def title(self) -> str:
-        """What the scenario calls itself."""
+        """Title of the scenario, or its name."""
         return self.scenario.title or str(self.trajectory.info.provenance.scenario)
 
 
 def load_run(source: Path) -> Run:
-    """Read a folder that ``rnc-pin run`` wrote, or its ``trajectory.npz``.
+    """Load a folder of ``rnc-pin run``, or its ``trajectory.npz``.
 
     Raises:
-        RncError: it is no such thing, or there is nothing to play.
+        RncError: the source is not a run, or has fewer than two samples.
     """
     trajectory = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
     origin = trajectory.info.provenance
     if origin.config is None:
-        raise ConfigurationError(f"{source}: has no scenario in it, so the robot is not known")
+        raise ConfigurationError(f"{source}: contains no scenario, so the robot is unknown")
     scenario = validate(origin.config, str(source))
     _, reduced = build_reduced(scenario, _folder(origin))
     if trajectory.q.shape[1] != reduced.robot.nq:
         raise ConfigurationError(
-            f"{source}: configurations have {trajectory.q.shape[1]} entries, its robot {reduced.robot.nq}"
+            f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {reduced.robot.nq}"
         )
     if len(trajectory.time) < 2:
-        raise ConfigurationError(f"{source}: holds {len(trajectory.time)} samples, nothing to play")
+        raise ConfigurationError(f"{source}: contains {len(trajectory.time)} samples, at least 2 are required")
     return Run(source, trajectory, scenario, reduced)
 
 
 def _folder(origin: Provenance) -> Path:
-    """What paths in a run's scenario are relative to; the run of a built-in one names no folder of any computer."""
+    """Base folder of relative paths in a run's scenario. Runs of built-in scenarios do not record a folder."""
     if origin.folder is not None:
         return Path(origin.folder)
     return find_scenario(origin.scenario).parent if origin.scenario in built_in_names() else Path()
 
 
 def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
-    """The runs after the first, by names that tell them apart.
+    """Return the runs after the first, by unique names.
 
     Raises:
-        ConfigurationError: one is of another robot.
+        ConfigurationError: the runs have different robots.
     """
     first = runs[0]
     for other in runs[1:]:
@@ -82,11 +82,11 @@ def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
 
 
 def record(runs: Sequence[Run], aside: bool = False) -> Recording:
-    """The animation of a run, with others as pale robots in it or set aside."""
+    """Return the animation of a run, with other runs as pale robots in it or beside it."""
     run = runs[0]
     return Recording(run.reduced, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
 
 
 def view_of(scenario: Scenario) -> View:
-    """How the scenario wants to be looked at."""
+    """Return the view settings of the scenario."""
     return scenario.view

@@ -1,4 +1,4 @@
-"""Running a scenario: the run, what it is compared with, and the numbers that stay of them."""
+"""Execution of a scenario: the run, its comparisons, and their result files."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from rnc_pin.simulation.summary import Compared
 
 @dataclass(frozen=True)
 class Plan:
-    """A scenario read, checked and ready to run, before anything is written.
+    """Validated scenario, ready to run. No file is written yet.
 
     Attributes:
-        name: of the scenario.
-        raw: the scenario as its file has it.
-        folder: that its paths are relative to.
-        experiment: the run.
-        comparisons: other runs beside it, by label.
-        built_in: whether the scenario comes with the package: its record names no folder of this computer.
+        name: name of the scenario.
+        raw: mapping of the scenario file, with options.
+        folder: base of relative paths in the scenario.
+        experiment: objects of the run.
+        comparisons: objects of the other runs, by label.
+        built_in: True for a scenario of the package; its record contains no folder of this computer.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run gave."""
+    """Result of a run."""
 
     trajectory: Trajectory
     summary: Summary
@@ -63,19 +63,19 @@ class Result:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the run, or one that it is compared with, was ended by hand."""
+        """True if the user interrupted the run or one of its comparisons."""
         return any(each.outcome is Outcome.INTERRUPTED for each in (self.trajectory, *self.comparisons.values()))
 
 
 def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
-    """Read a scenario and build everything in it.
+    """Read a scenario and build its objects.
 
     Args:
         scenario: a built-in name or a file.
         options: dotted keys and values to replace.
 
     Raises:
-        RncError: anything is wrong with it.
+        RncError: the scenario is invalid.
     """
     path = find_scenario(scenario).resolve()
     raw = chosen(read_yaml(path), options or {})
@@ -85,7 +85,7 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     comparisons: dict[str, Experiment] = {}
     slugs: dict[str, str] = {}
     for label, changes in checked.comparisons.items():
-        # What a run is compared with may fail where the run itself does not: that is what it shows.
+        # Comparisons may fail on purpose, to show the difference. Their preflight therefore only warns.
         other = validate(with_options(raw, {"preflight": "warn", **changes}), f"{source}: comparisons.{label}")
         if slugs.setdefault(slug(label), label) != label:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' name one file")
@@ -94,14 +94,14 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
 
 
 def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
-    """Build an experiment; what does not fit is told with the file that asks for it."""
+    """Build an experiment and prepend the source file to errors."""
     try:
         return build_experiment(scenario, folder)
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
         raise
     except RncError as error:
-        error.args = (f"{source}: {error}",)  # not a new one: some take more than words
+        error.args = (f"{source}: {error}",)  # keep this object: some errors take more arguments
         raise error from None
 
 
@@ -163,7 +163,7 @@ def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | 
 
 
 def _compared(summary: Summary) -> Compared:
-    """What stays of the summary of another run beside the run's own."""
+    """Return the part of a comparison's summary that the run's summary contains."""
     return cast(Compared, {key: value for key, value in summary.items() if key in Compared.__annotations__})
 
 
@@ -199,12 +199,12 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
 
 
 def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
-    """Write the numbers of a result: trajectories, summary and scenario.
+    """Write the data of a result: trajectories, summary and scenario.
 
-    Where nothing was before they stand in the folder at once, whatever becomes of their pictures.
+    If the folder has no earlier results, the files are in place before the pictures are drawn.
 
     Raises:
-        ConfigurationError: they cannot be written.
+        ConfigurationError: a file cannot be written.
     """
     try:
         written = [folder.file("trajectory.npz")]
@@ -222,7 +222,7 @@ def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
 
 
 def result_names(plan: Plan) -> list[str]:
-    """Names of the files that a run may write."""
+    """Names of the files that a run can write."""
     pictures = [f"{name}.png" for name in plan.experiment.scenario.plots]
     numbers = ["trajectory.npz", *map(_comparison_file, plan.comparisons), "summary.json", "scenario.yaml"]
     return [*numbers, *pictures, "overview.png", "top_view.png", "animation.html"]
@@ -233,7 +233,7 @@ def _comparison_file(label: str) -> str:
 
 
 def _portable(plan: Plan) -> dict[str, Json]:
-    """The scenario as it can be run from anywhere on this computer."""
+    """Return the scenario with an absolute path of its robot, to run from any folder of this computer."""
     source = plan.raw.get("robot")
     if not isinstance(source, Mapping):
         return plan.raw
@@ -244,5 +244,5 @@ def _portable(plan: Plan) -> dict[str, Json]:
 
 
 def slug(label: str) -> str:
-    """A label as part of a file's name."""
+    """Return a label in the form of a part of a file name."""
     return "".join(letter if letter.isalnum() else "_" for letter in label)

@@ -1,4 +1,4 @@
-"""Many runs of one scenario with drawn values, in parallel."""
+"""Parallel runs of one scenario with random values."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rnc_pin.scenario.run import execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
 from rnc_pin.scenario.worker import end_with
 
-_MOST_DRAWS = 20  # tasks tried for one run, before its ranges count as infeasible
+_MOST_DRAWS = 20  # largest number of draws for one run; then its outcome is "infeasible"
 
 
 def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, list[float]], int]:
-    """What the scenario's ``sweep`` says is drawn uniformly, dotted key to range, and the scenario's seed.
+    """Return the ranges of the scenario's ``sweep`` (dotted key to range) and its seed.
 
     Raises:
-        ConfigurationError: the scenario has no ``sweep``, or a range runs backwards.
+        ConfigurationError: the scenario has no ``sweep``, or a minimum is greater than its maximum.
     """
     path = find_scenario(scenario)
     checked = validate(chosen(read_yaml(path), options), path.name)
@@ -37,16 +37,16 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
         )
     for key, (low, high) in checked.sweep.items():
         if low > high:
-            raise ConfigurationError(f"{path.name}: sweep.{key}: range [{low:g}, {high:g}] runs backwards")
+            raise ConfigurationError(f"{path.name}: sweep.{key}: minimum {low:g} is greater than maximum {high:g}")
         validate(chosen(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
     return checked.sweep, checked.seed
 
 
 def draw(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[str, Json]]:
-    """Options of one run of a sweep, and others in its place, and so on; every run has a seed of its own.
+    """Yield random options for one run of a sweep, then replacements for it. Each run has its own random stream.
 
     Raises:
-        ConfigurationError: nothing to draw, or a range runs backwards.
+        ConfigurationError: the scenario has no ``sweep``, or a minimum is greater than its maximum.
     """
     ranges, seed = drawn_keys(scenario, options)
     generator = np.random.default_rng([seed, run])
@@ -56,16 +56,16 @@ def draw(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[
 
 
 def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, parent: int | None = None) -> Row:
-    """A row of the table: what was drawn, how the run ended, its errors. Results stand in a folder of its own.
+    """Return the table row of one run: drawn values, outcome and errors. Results are written to its own folder.
 
-    A task that preflight refuses, or that no gains suit, is drawn again; ``redrawn`` says how often.
+    A task is drawn again if preflight refuses it or no gains fit. ``redrawn`` counts these draws.
 
     Args:
         scenario: a built-in name or a file.
         options: dotted keys and values that all runs share.
-        run: its number.
-        folder: for its results.
-        parent: process without which there is no use for this one.
+        run: number of the run.
+        folder: folder for the results.
+        parent: id of the main process; this process ends with it.
     """
     if parent is not None:
         end_with(parent)
@@ -102,7 +102,7 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
 
 
 def run_names(runs: int) -> list[str]:
-    """Names of the folders of a sweep's runs."""
+    """Return the folder names of a sweep's runs."""
     return [f"run_{run:04d}" for run in range(runs)]
 
 
@@ -114,18 +114,18 @@ def sweep(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> Iterator[Row]:
-    """Run a sweep of tasks that pass preflight, yielding rows in order as they are done.
+    """Run a sweep of tasks that pass preflight. Yield the rows in order as runs finish.
 
     Args:
         scenario: a built-in name or a file.
-        options: dotted keys and values that all runs share; ``preflight: warn`` keeps tasks that it speaks against.
-        runs: how many.
-        out: each run writes a folder in it.
+        options: dotted keys and values that all runs share; ``preflight: warn`` keeps tasks with warnings.
+        runs: number of runs.
+        out: folder of the sweep; each run writes a folder in it.
         jobs: local processes; -1 for all cores.
         scheduler: address of a Dask scheduler to run on instead.
 
     Raises:
-        ConfigurationError: nothing to draw, or the scheduler cannot be reached.
+        ConfigurationError: ``drawn_keys`` refuses the scenario, or the scheduler cannot be reached.
     """
     drawn_keys(scenario, options)
     folders = [out.folder(name) for name in run_names(runs)]
@@ -159,5 +159,5 @@ class _backend:
         if self._client is not None:
             self._client.close()
         elif error[0] is not None and self._jobs != 1:
-            # Workers would go on with what they have begun, and this process wait for them.
+            # Otherwise this process waits until the workers finish their runs.
             get_reusable_executor().shutdown(wait=False, kill_workers=True)

@@ -1,4 +1,4 @@
-"""The table that a sweep leaves, and what it comes to."""
+"""Result table of a sweep, and its statistics."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import TypedDict
 import numpy as np
 
 Row = dict[str, float | str | None]
-"""A run of a sweep: what was drawn, by dotted key, how it ended, and its figures."""
+"""One run of a sweep: drawn values by dotted key, outcome and result values."""
 
 Figures = TypedDict("Figures", {"median": float, "95 %": float, "max": float})
-"""Of the final errors of one output."""
+"""Statistics of the final errors of one output."""
 
 
 class Spread(TypedDict):
-    """How the runs of a sweep ended, and final errors by output of those that completed."""
+    """Outcomes of a sweep, and final errors of the completed runs by output."""
 
     runs: int
     redrawn: int
@@ -25,7 +25,7 @@ class Spread(TypedDict):
 
 
 def write_table(rows: list[Row], path: Path) -> None:
-    """Write rows as CSV; a column for every key that any row has."""
+    """Write rows as CSV, with a column for each key of any row."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, restval="")
@@ -40,7 +40,7 @@ def _figure(row: Row, key: str) -> float:
 
 
 def spread(rows: list[Row]) -> Spread:
-    """Outcomes and redrawn tasks counted; median, 95th percentile and largest final errors of what completed."""
+    """Return counts of outcomes and redraws, and the median, 95th percentile and maximum of completed final errors."""
     outcomes: dict[str, int] = {}
     for row in rows:
         outcome = str(row["outcome"])

@@ -1,4 +1,4 @@
-"""Processes that work for another one, and end with it."""
+"""Worker processes that end with their parent process."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _watched: set[int] = set()
 
 
 def end_with(parent: int) -> None:
-    """Let this process end when its parent does, however that ends, and leave Ctrl-C to the parent.
+    """End this process when its parent ends for any reason, and ignore Ctrl-C.
 
     Args:
-        parent: id of the process; nothing happens in that process itself.
+        parent: id of the parent process; in that process itself this function does nothing.
     """
     if os.getpid() == parent or parent in _watched:
         return

@@ -71,7 +71,7 @@ class Strict(BaseModel):
                 if any(isinstance(each, bool) for each in values) and not _takes(
                     bool, cls.model_fields[key].annotation
                 ):
-                    raise ValueError(f"'{key}' is neither true nor false, found {value!r}")
+                    raise ValueError(f"'{key}' takes no boolean, found {value!r}")
                 if _largest(value) > _LARGEST:
                     raise ValueError(f"'{key}' holds {_largest(value):g}, expected at most {_LARGEST:g} in size")
         return raw

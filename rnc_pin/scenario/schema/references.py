@@ -149,7 +149,7 @@ class PathSettings(Strict):
     @model_validator(mode="after")
     def _no_pushing(self) -> PathSettings:
         if self.trailer is not None and self.forward_only is False:
-            raise ValueError("a trailer cannot slither backwards: leave out 'forward_only: false' or 'trailer'")
+            raise ValueError("a trailer cannot follow in reverse: remove 'forward_only: false' or 'trailer'")
         return self
 
 

@@ -206,13 +206,13 @@ class HeldSettings(AdaptiveSettings):
     @model_validator(mode="after")
     def _nothing_to_adapt(self) -> HeldSettings:
         if self.alpha is not None and self.unknown is None:
-            raise wrong("alpha", "adapts what is unknown, and 'unknown' is missing")
+            raise wrong("alpha", "needs 'unknown', which is missing")
         return self
 
     @model_validator(mode="after")
     def _not_negative(self) -> HeldSettings:
         if self.dead_zone is not None and np.min(self.dead_zone) < 0:
-            raise wrong("dead_zone", "has to be positive or zero")
+            raise wrong("dead_zone", f"expected numbers of at least 0, found {self.dead_zone}")
         return self
 
     def held_force(self, context: Context) -> np.ndarray | None:

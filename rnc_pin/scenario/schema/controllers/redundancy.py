@@ -14,7 +14,7 @@ from rnc_pin.scenario.schema.controllers.secondary import SecondarySettings
 class RedundancySettings(Class1Settings):
     """Class 1: redundant outputs move so that the vertical ones follow their reference; (12), velocity tracker."""
 
-    advice: ClassVar[str] = "; controller.secondary.posture would"
+    advice: ClassVar[str] = "; controller.secondary.posture follows it"
 
     type: Literal["redundancy"]
     """Class 1: (12) over a velocity tracker."""

@@ -57,7 +57,8 @@ class StateFeedbackSettings(ControllerSettings):
             names += getattr(context.task, f"{which}_names")
         reference = Joined(parts) if parts else None
         smallest = float(np.min(reduced.smallest_singular_value(np.stack([context.q0, found.q]))))
-        complaints = () if smallest > _THIN else (f"it starts near a singular configuration: {smallest:.2g}",)
+        near = f"start is near a singular configuration: smallest singular value {smallest:.2g}, limit {_THIN:g}"
+        complaints = () if smallest > _THIN else (near,)
         if complaints and context.preflight == "refuse":
             raise InfeasibleError(complaints[0])
         return Built(StateFeedback(linear, K, reference, names), complaints)
@@ -74,6 +75,6 @@ def _check_sampling(linear: Linearization, K: np.ndarray, dt: float) -> None:
     if np.abs(np.linalg.eigvals(held[:s, :s] - held[:s, s:] @ K)).max(initial=0.0) >= 1.0:
         fastest = float(np.abs(np.linalg.eigvals(linear.A - linear.B @ K)).max())
         raise InfeasibleError(
-            f"controller: the closed loop is as fast as {fastest:.3g}/s, too fast for a sample every {dt:g} s: "
-            "sample faster or raise input_cost"
+            f"controller: the closed loop is unstable in discrete time: its fastest eigenvalue is {fastest:.3g}/s "
+            f"and the sampling period {dt:g} s; reduce simulation.dt or raise input_cost"
         )

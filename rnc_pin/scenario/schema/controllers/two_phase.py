@@ -64,7 +64,7 @@ class TwoPhaseSettings(HeldSettings):
         task, reduced, goal = context.task, context.reduced, self.platform
         x2 = reduced.reducing
         if len(task.redundant) != 2 or not x2.quasi[task.redundant[0]] or not x2.angular[task.redundant[1]]:
-            raise ConfigurationError("task.redundant: two_phase needs the platform's forward speed and yaw there")
+            raise ConfigurationError("task.redundant: two_phase requires forward speed and yaw of the platform")
         places = Task.of(reduced, task.primary_names, task.redundant_names, goal.position).vertical
         position, velocity = self._gains(context)
         held = self.held_force(context)

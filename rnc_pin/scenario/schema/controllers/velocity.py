@@ -41,7 +41,7 @@ class VelocitySettings(HeldSettings):
     @model_validator(mode="after")
     def _suit_the_tracker(self) -> VelocitySettings:
         if self.tracker == "computed_torque" and self.held:
-            raise wrong("held", "computed torque knows what holds the robot from its model")
+            raise wrong("held", "is not available with tracker 'computed_torque', which takes gravity from its model")
         return self
 
     @property
