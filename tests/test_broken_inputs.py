@@ -560,7 +560,7 @@ MEETINGS = {
     ),
     "comparisons of one name": (
         {"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
-        ["comparisons", "name one file"],
+        ["comparisons", "give the same file name"],
     ),
 }
 

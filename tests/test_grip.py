@@ -153,7 +153,7 @@ def test_a_scenario_is_warned_of_its_grip_refused_or_slowed():
     assert not plan("unicycle", {**quiet, "grip": {"friction": 5.0}, "preflight": "refuse"}).experiment.warnings
     slowed = plan("unicycle", {**quiet, "grip": {"friction": 0.01, "slow": True}})
     assert "slowed down by a factor of" in slowed.experiment.warnings[0]
-    with pytest.raises(rnc.ConfigurationError, match="grip: is only known beforehand"):
+    with pytest.raises(rnc.ConfigurationError, match="grip: requires a controller over a velocity tracker"):
         plan("mobile-manipulator-two-phase", {**quiet, "grip": {"friction": 0.5}})
 
 
@@ -167,7 +167,7 @@ def test_factors_by_which_a_scenario_slows_references_multiply():
         changes = {"comparisons": {}, "simulation.duration": 4.0, "grip.friction": friction, "grip.slow": True}
         made[friction] = plan("unicycle", changes).experiment
         (said,) = made[friction].warnings  # and nothing of wheels that slip
-        factors[friction] = float(said.split("references take ")[1].split(" times")[0])
+        factors[friction] = float(said.split("by a factor of ")[1].split(" so")[0])
     assert factors[0.005] == pytest.approx(2 * factors[0.02], rel=0.01)
     each = made[0.02]
     run = rnc.simulate(each.reduced, each.controller, each.q0, 4.0 * factors[0.02], 0.01)

@@ -229,7 +229,7 @@ def test_options_replace_values_in_a_copy():
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("a.b.c", "'b' holds 1"),
+        ("a.b.c", "'b' is 1, not a mapping"),
         ("a.list.2", "'2' is not an index into a list of 2"),
         ("a.list.-1", "'-1' is not an index"),
         ("a.list.x", "'x' is not an index"),

@@ -73,7 +73,7 @@ class Strict(BaseModel):
                 ):
                     raise ValueError(f"'{key}' takes no boolean, found {value!r}")
                 if _largest(value) > _LARGEST:
-                    raise ValueError(f"'{key}' holds {_largest(value):g}, expected at most {_LARGEST:g} in size")
+                    raise ValueError(f"'{key}' contains {_largest(value):g}, expected a magnitude of at most {_LARGEST:g}")
         return raw
 
 
