@@ -560,7 +560,7 @@ MEETINGS = {
     ),
     "comparisons of one name": (
         {"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
-        ["comparisons", "give the same file name"],
+        ["comparisons", "give one file name"],
     ),
 }
 

@@ -88,7 +88,7 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         # Comparisons may fail on purpose, to show the difference. Their preflight therefore only warns.
         other = validate(with_options(raw, {"preflight": "warn", **changes}), f"{source}: comparisons.{label}")
         if slugs.setdefault(slug(label), label) != label:
-            raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' give the same file name")
+            raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' give one file name")
         comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
     return Plan(path.stem, raw, path.parent, experiment, comparisons, is_built_in(path))
 

@@ -73,7 +73,7 @@ class Strict(BaseModel):
                 ):
                     raise ValueError(f"'{key}' takes no boolean, found {value!r}")
                 if _largest(value) > _LARGEST:
-                    raise ValueError(f"'{key}' contains {_largest(value):g}, expected a magnitude of at most {_LARGEST:g}")
+                    raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {_LARGEST:g}")
         return raw
 
 
