@@ -41,7 +41,7 @@ def find_scenario(name: str) -> Path:
     """
     if name in built_in_names():
         return _BUILT_IN / f"{name}.yaml"
-    if os.path.isfile(name):  # unlike Path.is_file, this is False for names that no file can have
+    if os.path.isfile(name):  # False, not an error, for names that no file can have
         if name.lower().endswith(ROBOT_FILES):
             raise ConfigurationError(f"{name}: {_is_robot(name)}")
         return Path(name)

@@ -128,14 +128,14 @@ def execute(
 
         return call
 
-    with np.errstate(over="ignore", invalid="ignore"):  # such a run has diverged, and its outcome says so
+    with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
         return _executed(plan, watch, observer)
 
 
 def _executed(
     plan: Plan, watch: Callable[[str, float, Observer | None], Observer], observer: Observer | None
 ) -> Result:
-    # The summary's wall time is that of the simulation: building and drawing are not in it.
+    # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
     trajectory, error = _simulate(plan, plan.experiment, watch(plan.name, 0.0, observer))
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)

@@ -20,7 +20,7 @@ def end_with(parent: int) -> None:
     if os.getpid() == parent or parent in _watched:
         return
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to both processes
     _watched.add(parent)
     threading.Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
 
