@@ -229,7 +229,7 @@ def test_at_that_speed_it_would_fall(tmp_path):
         ({"controller__state_cost": {"stering": 1}}, "controller: state_cost: no 'stering'; did you mean 'steering'"),
         ({"controller__rates": ["steering"]}, "controller: the motion depends on more than"),
         ({"controller__input_cost": 0}, "controller: input_cost: every input has to weigh something"),
-        ({"simulation__dt": 1.0}, "too fast for a sample every 1 s"),
+        ({"simulation__dt": 1.0}, "unstable in discrete time.* the sampling period 1 s"),
         ({"reference__vertical": {"hold": {}}}, "is not followed by a controller of type 'state_feedback'"),
     ],
 )
