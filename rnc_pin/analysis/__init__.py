@@ -1,4 +1,4 @@
-"""What a system can do, before it is controlled."""
+"""Analysis of a reduced system before control: singularities, redundancy, integrability, equilibria, linearization."""
 
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.continuation import SteadyMotion, continuation

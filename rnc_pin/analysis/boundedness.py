@@ -1,7 +1,7 @@
-"""Lemma 1's other half: H, V and G are bounded. Over which configurations, and what happens next to the others?
+"""Second part of Lemma 1: bounds of H, V and G over regular configurations, and their growth towards singular ones.
 
-On a compact set where E is regular they are continuous, so bounded. Towards a configuration where E is singular
-``R = E^-1 [0; I]`` has no bound, and H and V with it, unless the columns that grow carry no inertia.
+On a compact set where E is regular, H, V and G are continuous and so bounded. Towards a configuration where E is
+singular, ``R = E^-1 [0; I]`` grows without bound. So do H and V, unless the growing columns carry no inertia.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from rnc_pin.analysis.singularities import Singularity
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 
-_SHARES = 10.0 ** np.linspace(-1.0, -3.0, 7)  # of the way from a singular configuration to the nearest sample
-_FLAT = 0.2  # power of the distance below which something does not grow
+_SHARES = 10.0 ** np.linspace(-1.0, -3.0, 7)  # fractions of the way from a singular configuration to the nearest sample
+_FLAT = 0.2  # growth order below which a quantity counts as bounded
 _FEWEST = 3
 
 
 @dataclass(frozen=True)
 class Approach:
-    """What H and V do on the way to a configuration where E is singular.
+    """Growth of H and V towards a configuration where E is singular.
 
     Attributes:
-        rows: names of the rows of E that depend on each other there.
-        distances: from it, farthest first [rad, m].
-        H, V: largest singular values there, V of the worst reducing velocity of unit length along one output.
-        H_order, V_order: p, where they grow like ``distance^-p``; about zero where they stay bounded.
-        bounded: whether both do.
+        rows: names of the rows of E that are linearly dependent at this configuration.
+        distances: from this configuration, farthest first [rad, m].
+        H, V: largest singular values at these distances; V for the worst unit reducing velocity along one output.
+        H_order, V_order: order p of growth like ``distance^-p``; about zero if the matrix stays bounded.
+        bounded: True if H and V both stay bounded.
     """
 
     rows: tuple[str, ...]
@@ -45,14 +45,14 @@ class Approach:
 
 @dataclass(frozen=True)
 class Boundedness:
-    """How large H, V and G are.
+    """Norms of H, V and G over the samples, and their growth towards singular configurations.
 
     Attributes:
         H: largest singular value of H over the samples.
-        V: the same of V, of the worst reducing velocity of unit length along one output: V is linear in v2.
-        G: length of G.
-        approaches: what happens towards configurations where E is singular, a family of them each.
-        everywhere: whether nothing grows without bound towards any that was found.
+        V: largest singular value of V for the worst unit reducing velocity along one output; V is linear in v2.
+        G: Euclidean norm of G.
+        approaches: growth towards configurations where E is singular, one entry for each singular family.
+        everywhere: True if H and V stay bounded towards every singular configuration that was found.
     """
 
     H: Spread
@@ -65,7 +65,7 @@ class Boundedness:
 def boundedness(
     reduced: ReducedModel, configurations: np.ndarray, singularities: Sequence[Singularity] = ()
 ) -> Boundedness:
-    """Sizes of H, V and G at regular configurations (count, nq), and on the way to singular ones."""
+    """Return the norms of H, V and G at regular configurations (count, nq), and on the way to singular ones."""
     H, V, G = _sizes(reduced, configurations)
     located = [each for each in singularities if each.matrix == "E" and each.located]
     found = [_approach(reduced, configurations, each) for each in located]
@@ -76,7 +76,7 @@ def boundedness(
 
 
 def _sizes(reduced: ReducedModel, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of H, V and G at configurations (count, nq), (count,) each."""
+    """Norms of H, V and G at configurations (count, nq), (count,) each."""
     rest = np.zeros(reduced.r)
     still = reduced.at(configurations, rest)
     moved = [reduced.at(configurations, unit).V - still.V for unit in np.eye(reduced.r)]
@@ -85,7 +85,7 @@ def _sizes(reduced: ReducedModel, configurations: np.ndarray) -> tuple[np.ndarra
 
 
 def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Singularity) -> Approach | None:
-    """The way there from the nearest sample; None where too little of it is regular."""
+    """Growth on the way from the nearest sample to a singularity; None if too few points are regular."""
     model = reduced.robot.model
     there = reduced.robot.configuration(singularity.configuration)
     start = min(configurations, key=lambda q: float(pin.distance(model, there, q)))
@@ -113,7 +113,7 @@ def _approach(reduced: ReducedModel, configurations: np.ndarray, singularity: Si
 
 
 def _order(distances: Sequence[float], sizes: Sequence[float]) -> float:
-    """The power in ``size ~ distance^-p`` over the nearer half of the way; zero of what is zero."""
+    """Order p of ``size ~ distance^-p``, fitted over the nearer half of the way; 0.0 if a size is zero."""
     nearer = max(_FEWEST, (len(distances) + 1) // 2)
     last = np.array(sizes)[-nearer:]
     if not (last > 0).all():

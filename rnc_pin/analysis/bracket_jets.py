@@ -1,13 +1,13 @@
 """Iterated Lie brackets of the columns of R at a configuration, by jets instead of nested differences.
 
-Follow fields Y_1, Y_2, ... of span(R) in turn, each for a time t, and pull a field W back from the end. The result is
+Follow the fields Y_1, Y_2, ... of span(R) in turn, each for a time t, and pull a field W back from the end point:
 
     Z(t) = Ad(exp t Y_1) Ad(exp t Y_2) ... W = sum over a, b, ... of t^(a + b + ...) / (a! b! ...) ad_Y1^a ad_Y2^b ... W
 
-So the Taylor coefficients of Z at t = 0 are brackets of each depth with W, which runs through the brackets of two
-columns of R. Those are exact. Gauss-Legendre collocation of order 2 c integrates the flow and its derivative, with
-exact derivatives of R, so that no coefficient up to that order has an error of integration. A Chebyshev fit over a
-time of order one then gives the coefficients. It loses few digits; nested differences lose two or more a level.
+So the Taylor coefficients of Z at t = 0 are brackets of each depth with W. W runs through the brackets of two columns
+of R, which are exact. Gauss-Legendre collocation of order 2 c integrates the flow and its derivative, with exact
+derivatives of R. No coefficient up to that order has an integration error. A Chebyshev fit over a time of order one
+then gives the coefficients. The fit loses few digits; nested differences lose two or more per level.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.model.reduced_model import ReducedModel
 
 PIECES = 3
-"""Fields that a flow follows in turn: their brackets with brackets of generators span a free Lie algebra up to degree 8
-and beyond (``tests/test_bracket_jets.py``); two fields do not."""
-_SPARE = 8  # degrees of the fit above the order that is asked for
-_SHORT = 1e-12  # functions this small all along are rounding
+"""Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a
+free Lie algebra up to degree 8 and beyond (``tests/test_bracket_jets.py``). Two fields do not."""
+_SPARE = 8  # degrees of the fit above the requested order
+_SHORT = 1e-12  # functions that never exceed this value are rounding errors
 
 
 class Jets(NamedTuple):
-    """Taylor coefficients, each scaled by the largest value of its function, and how well they are known."""
+    """Taylor coefficients, each scaled by the largest value of its function, from two fits of different degree."""
 
     coefficients: np.ndarray
-    """(order + 1, nv, functions), times the power of the time that they belong to."""
+    """(order + 1, nv, functions), each times its power of the time."""
     coarser: np.ndarray
-    """The same from a fit of two degrees less: the difference is the error."""
+    """Coefficients from a fit of two degrees less; the difference estimates the error."""
 
 
 class BracketJets:
@@ -45,10 +45,10 @@ class BracketJets:
 
     Args:
         reduced: the model.
-        q: a configuration (nq,), not singular.
+        q: a regular configuration (nq,).
 
     Attributes:
-        generators: the columns of R in a constant combination that is orthonormal at q, (nv, r).
+        generators: constant combinations of the columns of R, orthonormal at q, (nv, r).
     """
 
     def __init__(self, reduced: ReducedModel, q: np.ndarray) -> None:
@@ -61,17 +61,17 @@ class BracketJets:
         self._pairs = np.triu_indices(reduced.r, 1)
 
     def pairs(self) -> np.ndarray:
-        """Brackets (nv, pairs) of two generators at q, exact."""
+        """Return the exact brackets (nv, pairs) of two generators at q."""
         fields, gradient = self._fields(self.q[None])
         return self._of_pairs(fields, gradient)[0]
 
     def draw(self, order: int, time: float, generator: np.random.Generator) -> Jets:
-        """Coefficients up to an order of brackets pulled back along a random flow.
+        """Return the Taylor coefficients of brackets pulled back along a random flow.
 
         Args:
             order: of the highest coefficient.
-            time: the flow is sampled up to this time either way; the generators have unit length at q.
-            generator: draws the fields.
+            time: the flow is sampled from ``-time`` to ``time``; the generators have unit length at q.
+            generator: random generator for the fields.
         """
         degree = order + _SPARE
         count = ceil(1.25 * (degree + 1))
@@ -82,7 +82,7 @@ class BracketJets:
         return Jets(fine, coarse)
 
     def _pulled_back(self, times: np.ndarray, order: int, generator: np.random.Generator) -> np.ndarray:
-        """Brackets of generators at the ends of all pieces of a flow, pulled back to q, (times, nv, functions)."""
+        """Brackets of generators at the end of each piece of a flow, pulled back to q, (times, nv, functions)."""
         n, found = self.reduced.n, []
         q = np.tile(self.q, (len(times), 1))
         back = np.tile(np.eye(n), (len(times), 1, 1))
@@ -98,7 +98,7 @@ class BracketJets:
     def _flow(
         self, start: np.ndarray, times: np.ndarray, direction: np.ndarray, order: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (k, nq) of the flow of a combination of generators from k configurations, and its derivatives."""
+        """End points (k, nq) of the flow of a combination of generators from k configurations, and its derivatives."""
         k, n = len(start), self.reduced.n
         weights, ends = _gauss_legendre(order // 2 + 1)
         c = len(ends)
@@ -123,7 +123,7 @@ class BracketJets:
         return np.stack([pin.integrate(self._model, *each) for each in zip(q, tangents, strict=True)])
 
     def _in_chart(self, xi: np.ndarray, v: np.ndarray, order: int) -> np.ndarray:
-        """Rates of ``xi`` in ``q = start (+) xi`` at a velocity v: the series of the inverse differential."""
+        """Rate of ``xi`` in ``q = start (+) xi`` at a velocity v, by the series of the inverse differential."""
         total, term = v.copy(), v
         for j, number in enumerate(scipy.special.bernoulli(order + 1)[1:], start=1):
             term = self._bracket(xi, term)
@@ -133,7 +133,7 @@ class BracketJets:
         return total
 
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Generators (k, nv, r) and their derivatives (k, nv, r, nv), the last index that of the direction."""
+        """Generators (k, nv, r) and their derivatives (k, nv, r, nv); the last index is the direction."""
         k, n = len(points), self.reduced.n
         R, rates = self.reduced.basis_rate(np.repeat(points, n, axis=0), np.tile(np.eye(n), (k, 1)))
         gradient = np.moveaxis((rates @ self._scaling).reshape(k, n, n, -1), 1, -1)

@@ -23,8 +23,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 _GROWS = (
     1e-6  # real part above which a mode grows, relative to the size of A: double zeros are known to its square root
 )
-_HALVINGS = 8  # of the step of the parameter, where a solution is not found or leads far away
-_FAR = 0.5  # change of q from one step to the next that counts as another branch [rad or m]
+_HALVINGS = 8  # largest number of halvings of the parameter step, if no solution is found or it is far away
+_FAR = 0.5  # largest change of q in one step; a larger change is another branch [rad or m]
 _DEPENDENT = 1e-9
 
 Family = ReducedModel | Callable[[float], ReducedModel]
@@ -37,9 +37,9 @@ class SteadyMotion:
     Attributes:
         value: of the parameter.
         q, v2, T: configuration (nq,), reduced velocities (r,) and inputs (p,).
-        eigenvalues: of the linearised reduced system [1/s], perturbations along symmetries and across holonomic rows
-            left out, by real part and then by imaginary part. Zeros among them belong to neighbouring steady motions.
-        stable: whether no mode grows: no eigenvalue has a positive real part.
+        eigenvalues: of the linearised reduced system [1/s], without perturbations along symmetries and across holonomic
+            rows. They are sorted by real part, then by imaginary part. Zeros belong to neighbouring steady motions.
+        stable: True if no mode grows: no eigenvalue has a positive real part.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
@@ -70,17 +70,17 @@ def continuation(
 ) -> tuple[SteadyMotion, ...]:
     """Follow a branch of equilibria or steady motions along a parameter.
 
-    Each solution is searched from the extrapolation of the two before it. Where none is found near, the parameter takes
-    smaller steps in between.
+    Each search starts from the extrapolation of the two solutions before it. If no solution is near, the parameter
+    takes smaller steps.
 
     Args:
-        family: the model, whose ``parameter`` varies; or a function that makes a model of the parameter's value.
-        guess: configuration (nq,) to start the search at the first value from.
+        family: the model, whose ``parameter`` varies; or a function that builds a model from the parameter's value.
+        guess: configuration (nq,) at which the search for the first value starts.
         values: of the parameter, in the order in which the branch is followed.
-        parameter: name of the reducing output whose rate takes the values; none with a function.
-        v2: reduced velocities, as ``equilibrium`` takes them; those of the parameter excepted.
+        parameter: name of the reducing output whose rate takes the values; None with a function.
+        v2: reduced velocities in the form of ``equilibrium``, without the parameter.
         hold: joints whose positions stay as in the guess.
-        cyclic: joints that may move although the dynamics depend on them, as ``equilibrium`` takes them.
+        cyclic: joints that may move although the dynamics depend on them, as in ``equilibrium``.
 
     Raises:
         ConstraintError: no steady motion at some value; says which.
@@ -128,7 +128,7 @@ class _Branch:
         return tuple(motions)
 
     def _reach(self, value: float, guess: Array, found: list[tuple[float, Equilibrium]]) -> None:
-        """Append the solution at a value, and those at values in between that it takes to get there."""
+        """Append the solution at a value, and the solutions at the intermediate values that it needs."""
         if not found:
             found.append((value, self._solve(value, guess, None)))
             return
@@ -166,7 +166,7 @@ class _Branch:
 
     def _solve(self, value: float, q: Array, open_v2: Array | None) -> Equilibrium:
         reduced = self._model(value)
-        _ = reduced.at(q)  # refuses what is no configuration
+        _ = reduced.at(q)  # raises an error for an invalid configuration
         given, open_rates = self._velocities(reduced, value)
         if open_v2 is not None:
             given[open_rates] = open_v2[open_rates]
@@ -212,11 +212,11 @@ class _Branch:
 
 
 def _modulo_symmetries(reduced: ReducedModel, found: Equilibrium, symmetries: Symmetries) -> Array:
-    """The linearised system for perturbations of q across the symmetries and along the holonomic rows, and of v2."""
+    """System matrix for v2 and for perturbations of q that satisfy the holonomic rows, across the symmetries."""
     reduced = reduced.with_basis_at(found.q)
     d = state_derivatives(reduced, found.q, found.v2, found.T)
     n, bracket = reduced.n, frame_bracket(reduced.robot.model)
-    # In axes that move with v, and with what joints do in their own axes, the system does not vary in time.
+    # The system is time-invariant in axes that move with v and with the joints' motions in their own axes.
     carried = d.v - symmetries.own_axes(symmetries.coefficients(found.q, d.v))
     moving = np.stack([bracket(carried, each) for each in np.eye(n)], axis=-1)
     assembly = reduced.assembly

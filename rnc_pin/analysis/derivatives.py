@@ -29,19 +29,19 @@ class StateDerivatives:
     v2_dot_v2: Float[Array, "r r"]
     v2_dot_T: Float[Array, "r p"]
     difference_error: float
-    """Estimated error of the differences that went into these [as the rows]; 0.0 where everything is in closed form."""
+    """Estimated error of the finite differences in these derivatives [as the rows]; 0.0 if all are in closed form."""
 
 
 def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> StateDerivatives:
-    """How velocity and acceleration of a reduced system depend on its state and inputs, constraints kept.
+    """Derivatives of velocity and acceleration of a reduced system by its state and inputs, under the constraints.
 
     Differentiates ``E v = [mu; v2]``, ``E w + Edot v = [mudot; v2dot]`` with w the full acceleration, and the balance
-    ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``, in which the multipliers count since R varies. The
-    inertial part is Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). First
-    derivatives of the rows are their exact rates along unit velocities; second ones, needed only where the system
-    moves, come from each kind of rows.
-    Eighth-order differences stand in for two things only: second derivatives of rows without a closed form (momenta,
-    rows and outputs that a user writes), and the derivative of a user's ``B(q)``; ``difference_error`` says how good.
+    ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``. The multipliers count because R varies. The inertial part is
+    Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). First derivatives of
+    the rows are their exact rates along unit velocities. Each kind of rows provides its second derivatives, which are
+    needed only if the system moves.
+    Eighth-order differences replace two derivatives only: second derivatives of rows without a closed form (momenta,
+    rows and outputs that a user writes), and the derivative of a user's ``B(q)``. ``difference_error`` is their error.
 
     Args:
         reduced: the model.
@@ -50,7 +50,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
         T: actuator inputs (p,).
 
     Raises:
-        InputError, SingularityError: as every method of ``ReducedModel``.
+        InputError, SingularityError: as in every method of ``ReducedModel``.
     """
     state = reduced.at(q, v2)
     v2_dot, T = state.v2_dot(T), np.asarray(T, float)
@@ -58,7 +58,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
     along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).with_velocity(np.eye(n)).rates()
-    E_q = rows.jacobian_dot(along)  # (nv, nv, nv), the first index that of the direction
+    E_q = rows.jacobian_dot(along)  # (nv, nv, nv); the first index is the direction
     B_q, B_error = _actuation_gradient(reduced, along, q)
     mu_q = np.zeros((n, n))
     mu_q[:m] = reduced.constraints.rate_dot(along).T
@@ -76,7 +76,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     multipliers = E_inverse[:, :m].T @ right
     force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
 
-    # Along a change of q the velocity changes too, by v_q, so that the rows keep their values.
+    # A change of q also changes the velocity, by v_q, so that the rows keep their values.
     v_q = -E_inverse @ Ev_q
     H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
     a_v = M @ E_inverse @ Ew_v - tau_v
@@ -94,7 +94,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
 
 
 def _actuation_gradient(reduced: ReducedModel, along: RateKinematics, q: Array) -> tuple[Array, float]:
-    """Derivatives of B, (nv, nv, p), the first index that of the direction; and their error."""
+    """Derivatives of B, (nv, nv, p), and their error; the first index is the direction."""
     rate = reduced.actuation.matrix_rate(along)
     if rate is not None:
         return rate, 0.0
@@ -108,7 +108,7 @@ def _actuation_gradient(reduced: ReducedModel, along: RateKinematics, q: Array) 
 
 
 def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
-    """Derivative of ``Edot v - mudot`` with respect to q, v fixed, (nv, nv); error of the part found by differences."""
+    """Derivative (nv, nv) of ``Edot v - mudot`` with respect to q at fixed v, and the error of finite differences."""
     out, error = np.zeros((rows.size, kinematics.nv)), 0.0
     if not v.any():
         return out, error

@@ -1,4 +1,4 @@
-"""Eighth-order central differences on the configuration manifold, for what no closed form gives."""
+"""Eighth-order central differences on the configuration manifold, for derivatives without a closed form."""
 
 from __future__ import annotations
 
@@ -33,6 +33,6 @@ def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) 
 
 
 def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
-    """As ``gradient``, from two step lengths, and how far the two are apart at most."""
+    """Gradient as in ``gradient``, and the largest difference between the results of two step lengths."""
     coarse, fine = (gradient(model, field, q, step) for step in (0.8 * STEP, 0.4 * STEP))
     return fine, float(np.abs(fine - coarse).max(initial=0.0))

@@ -1,7 +1,7 @@
-"""Configurations at which a reduced system rests or moves steadily, and the inputs that hold it there.
+"""Equilibria and steady motions of a reduced system, and the inputs that hold them.
 
-In a steady motion (a relative equilibrium) the shape stays: the velocity is a combination of symmetries, such as
-driving on flat ground, turning in place or wheels that spin, and the reduced velocities are constant.
+In a steady motion (a relative equilibrium) the shape and the reduced velocities are constant. The velocity is a
+combination of symmetries, such as driving on flat ground, turning in place or spinning wheels.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 
 _STEPS, _HALVINGS = 100, 12
-_LONGEST = 0.3  # step [rad or m]
-_STILL = 1e-10  # acceleration that counts as none, relative to those that gravity causes
-_GOOD = 1e-9  # the largest that is accepted, which a linearisation accepts too
-_ROUNDED = 1e-6  # the same of shape rates and gaps in motion: symmetries of a rounded file hold no better
+_LONGEST = 0.3  # longest step [rad or m]
+_STILL = 1e-10  # acceleration that counts as zero, relative to those that gravity causes
+_GOOD = 1e-9  # largest accepted acceleration, on the same scale; a linearization accepts it too
+_ROUNDED = 1e-6  # largest accepted shape rates and gaps in motion: symmetries of a rounded file are no more accurate
 _DEPENDENT = 1e-9
 _UNACTUATED = 1e-10
 
 
 class Equilibrium(NamedTuple):
-    """Where a system rests, or moves steadily, and what holds it there.
+    """Equilibrium or steady motion of a reduced system, and the inputs that hold it.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
@@ -45,9 +45,9 @@ class Equilibrium(NamedTuple):
     q: Float[Array, nq]
     """Configuration."""
     T: Float[Array, p]
-    """The smallest inputs that do."""
+    """The smallest inputs that hold the system."""
     residual: float
-    """Largest reduced force that is left unbalanced [N or N m]."""
+    """Largest unbalanced reduced force [N or N m]."""
     v2: Float[Array, r]
     """Reduced velocities; zero at rest."""
 
@@ -65,27 +65,27 @@ def equilibrium(
     """Find the equilibrium or the steady motion nearest to a guess.
 
     At rest ``G(q) = input_matrix(q) T`` holds, and the holonomic rows are satisfied. In a steady motion ``v2`` is
-    constant and no shape variable moves: the velocity is a combination of symmetries, which are found
-    (``analysis.symmetry``). So the hitches of a vehicle in a circle, or the lean of a pendulum that turns, are found.
-    Where constraints are affine, as on a table that turns at a given rate, a motion with ``v2 = 0`` is steady too.
+    constant and no shape variable moves: the velocity is a combination of symmetries, found by ``analysis.symmetry``.
+    Examples are the hitch angles of a vehicle in a circle, and the lean of a turning pendulum. With affine constraints,
+    as on a table that turns at a given rate, a motion with ``v2 = 0`` is steady too.
 
-    Newton steps on the configuration manifold with exact derivatives. Where solutions are many, as those of every
-    place on the ground are, it goes towards the one that changes the entries of ``v`` least, in the sum of squares, rad
-    and m alike. What the actuators can hold stays as it is.
+    The method is Newton's on the configuration manifold, with exact derivatives. Often there are many solutions, such
+    as one at every place on the ground. Then the search goes to the solution with the least change of the entries of
+    ``v``: the least sum of squares, rad and m alike. Directions that the actuators can hold do not change.
 
     Args:
         reduced: the model, fully actuated or not.
         guess: configuration (nq,) to start from.
         hold: joints whose positions stay as in the guess.
-        v2: reduced velocities (r,) of a steady motion; or those of some reducing outputs by name, and the others are
-            found, near zero. At rest by default.
+        v2: reduced velocities (r,) of a steady motion; or those of some reducing outputs by name. The search then finds
+            the others, near zero. At rest by default.
         cyclic: joints, or entries of v by name, that may move in a steady motion although the dynamics depend on them,
-            such as a wheel that is a little unbalanced. The motion is then steady at this position of them.
+            such as a slightly unbalanced wheel. The motion is then steady at their present position only.
 
     Raises:
-        ConstraintError: none was found; names the shape variable that moves, or the velocity that changes.
+        ConstraintError: no solution was found; the message names the shape variable or velocity that changes.
         InputError: shapes do not fit.
-        ModelError: no such joint or output.
+        ModelError: unknown joint or output.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
@@ -103,7 +103,7 @@ def equilibrium(
     """
     q = np.asarray(guess, float)
     given, open_rates = velocities(reduced, v2)
-    _ = reduced.at(q)  # refuses what is no configuration
+    _ = reduced.at(q)  # raises an error for an invalid configuration
     if q.ndim > 1:
         raise InputError(f"the guess has shape {q.shape}, expected one configuration ({reduced.robot.nq},)")
     moves = reduced.affine or bool(given.any()) or bool(open_rates.any())
@@ -112,11 +112,11 @@ def equilibrium(
 
 
 def velocities(reduced: ReducedModel, v2: Velocities | None) -> tuple[Array, Array]:
-    """Reduced velocities (r,), and which of them are to be found (r,).
+    """Reduced velocities (r,), and a mask (r,) of the unknown ones.
 
     Raises:
         InputError: the shape does not fit.
-        ModelError: no such reducing output.
+        ModelError: unknown reducing output.
     """
     found, names = np.zeros(reduced.r), reduced.reducing.names
     if v2 is None:
@@ -139,7 +139,7 @@ def search(
     symmetries: Symmetries | None,
     open_rates: Array,
 ) -> Equilibrium:
-    """The solution nearest to a guess (q, v2), among motions along ``symmetries``; at rest if those are None."""
+    """Return the solution nearest to a guess (q, v2) among motions along ``symmetries``; at rest if they are None."""
     free = np.ones(reduced.n, dtype=bool)
     for joint in hold:
         free[reduced.robot.velocity_indices(joint)] = False
@@ -151,25 +151,25 @@ def search(
 
 
 class _Point(NamedTuple):
-    """A configuration on the way."""
+    """Iterate of the search."""
 
     q: Array
     T: Array
-    """Inputs that leave the smallest forces."""
+    """Inputs that leave the smallest unbalanced forces."""
     v2_dot: Array
     force: Array
-    """What is left unbalanced, over the roots of the inertias that it acts on, (r,)."""
+    """Unbalanced forces over the square roots of the inertias that they act on, (r,)."""
     gap: Array
-    """Of the holonomic rows."""
+    """Errors of the holonomic rows."""
     names: tuple[str, ...]
-    """Of the accelerations, (r,)."""
+    """Names of the accelerations, (r,)."""
     v2: Array
     shape_rates: Array
-    """The part of v (nv,) that is no symmetry; empty at rest."""
+    """Part of v (nv,) outside the symmetries; empty at rest."""
 
     @property
     def left(self) -> float:
-        """How far from an equilibrium."""
+        """Norm of the residual: distance from an equilibrium."""
         return float(np.linalg.norm(np.concatenate([self.force, self.gap, self.shape_rates])))
 
 
@@ -195,7 +195,7 @@ class _Search:
             self._size += float(b @ b)
 
     def any_near(self) -> _Point:
-        """An equilibrium, by steps that are as small as can be."""
+        """Return an equilibrium near the guess, by Newton steps of least norm."""
         here = self._at(self._guess, self._v2)
         for _ in range(_STEPS):
             if self._rests(here, _STILL):
@@ -226,7 +226,7 @@ class _Search:
         return ConstraintError(f"{near} {changes}{apart}")
 
     def _ahead(self, here: _Point) -> _Point | None:
-        """Where Newton's step leads, halved until that is nearer to an equilibrium; None if it never is."""
+        """Return the point after Newton's step, halved until the residual decreases; None if it never does."""
         step = self._limited(self._newton(here)[0])
         for _ in range(_HALVINGS):
             ahead = self._after(here, step)
@@ -236,7 +236,7 @@ class _Search:
         return None
 
     def back_towards_the_guess(self, found: _Point) -> _Point:
-        """Of equilibria in one piece with one, that nearest to the guess; itself where the way there is not clear."""
+        """Return the equilibrium nearest to the guess on the same branch; ``found`` itself if the way is blocked."""
         here = found
         for _ in range(_STEPS):
             newton, null_space = self._newton(here)
@@ -252,7 +252,7 @@ class _Search:
         return self._at(pin.integrate(self._model, here.q, step[:n]), v2)
 
     def _away(self, point: _Point) -> Array:
-        """How far from the guess, in q and in the rates that are to be found."""
+        """Difference from the guess, in q and in the unknown rates."""
         return np.concatenate([pin.difference(self._model, self._guess, point.q), (point.v2 - self._v2)[self._open]])
 
     def _distance(self, point: _Point) -> float:
@@ -285,17 +285,17 @@ class _Search:
         return _Point(q, T, state.v2_dot(T), influence @ T - needed, gap, reduced.reducing.names, v2, rates)
 
     def _settled(self, q: Array) -> ReducedModel:
-        """The model with the rows that are chosen at q; with other velocities only where all of them are zero."""
+        """Model with the rows selected at q; its reducing outputs may change only in a search at rest."""
         reduced = self._reduced.with_basis_at(q)
         same = self._symmetries is None or reduced.reducing.names == self._reduced.reducing.names
         return reduced if same else self._reduced
 
     def _newton(self, here: _Point) -> tuple[Array, Array]:
-        """The least change of q and open rates (nv + k,) towards an equilibrium; a basis of those that keep to it."""
+        """Least change of q and unknown rates (nv + k,) towards an equilibrium, and a basis of neutral changes."""
         reduced = self._settled(here.q)
         n = reduced.n
         derivatives = state_derivatives(reduced, here.q, here.v2, here.T)
-        # Of the unbalanced force H v2_dot, since what H does far from an equilibrium must not lead astray.
+        # The residual is the force H v2_dot: changes of H far from an equilibrium must not mislead the search.
         along = reduced.at(np.tile(here.q, (n, 1)), v=np.eye(n))
         R, R_dot, M = along.R, along.R_dot, along.M
         H_q = R_dot.mT @ M @ R + R.mT @ M @ R_dot + R.mT @ (along.C + along.C.mT) @ R
@@ -303,7 +303,7 @@ class _Search:
         scale = 1.0 / np.sqrt(np.diag(H))[:, None]
         force_q = scale * (H @ derivatives.v2_dot_q + (H_q @ here.v2_dot).T)
         force_x = np.hstack([force_q, scale * (H @ derivatives.v2_dot_v2[:, self._open])])
-        # Inputs take up what they can; the rest, and the holonomic rows, are for q.
+        # Inputs balance as much as they can; q balances the rest and satisfies the holonomic rows.
         influence = scale * (H @ derivatives.v2_dot_T)
         unreached = scipy.linalg.null_space(influence.T, rcond=_UNACTUATED) if reduced.p else np.eye(reduced.r)
         rows, gap = unreached.T @ force_x, unreached.T @ here.force
@@ -328,7 +328,7 @@ class _Search:
         return step, basis
 
     def _shape_gradient(self, here: _Point, derivatives: StateDerivatives) -> Array:
-        """Derivatives (nv, nv + k) of the shape rates, exact where they are zero."""
+        """Derivatives (nv, nv + k) of the shape rates; exact if the shape rates are zero."""
         assert self._symmetries is not None
         directions = self._symmetries.directions(here.q)
         coefficients = self._symmetries.coefficients(here.q, derivatives.v)

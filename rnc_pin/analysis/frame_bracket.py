@@ -13,7 +13,7 @@ Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def frame_bracket(model: pin.Model) -> Bracket:
-    """Bracket of tangent vectors (..., nv) as left-invariant fields: that of SE(2), SO(3) and SE(3) joints."""
+    """Return the bracket of tangent vectors (..., nv) as left-invariant fields of SE(2), SO(3) and SE(3) joints."""
     parts: list[tuple[slice, str]] = []
     for joint in list(model.joints)[1:]:
         kind = joint.shortname()

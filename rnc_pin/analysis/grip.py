@@ -1,4 +1,4 @@
-"""What wheels and blades would need of friction to hold the constraints that are taken for granted."""
+"""Friction that wheels and blades need to enforce the constraints."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _SMALL = 1e-9
 
 
 class Grip:
-    """Friction that constraints need: the size of their forces along the ground over ``friction`` times the load.
+    """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
 
-    A contact is whatever does not slip along the ground: ``NoSideSlip``, the wheels, balls. Its force is the multiplier
-    of its rows (``ReducedModel.contact_forces``; rows that depend on each other share it evenly). Its load is its
-    normal force (``NormalForces``), accelerations included; none is left where that is below zero. Casters do not grip,
-    but they may lift off as well: ``lift_off`` looks at all contacts.
+    A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its force is the multiplier
+    of its rows (``ReducedModel.contact_forces``). Dependent rows share the force evenly. Its load is its normal force
+    (``NormalForces``), accelerations included. A normal force below zero gives no grip. Casters do not grip but may
+    lift off: ``lift_off`` checks all contacts.
 
     Args:
         reduced: the model.
         friction: coefficient of friction of the ground.
-        loads: by name of the contact, where they are known [N].
+        loads: known loads by name of the contact [N].
 
     Attributes:
-        names: of the contacts that grip, (w,): of the frame.
+        names: frame names of the contacts that grip, (w,).
         normal: normal forces of all contacts.
 
     Raises:
-        ConfigurationError: friction or a load that is not positive, no such contact, or nothing that grips.
+        ConfigurationError: friction or a load is not positive, a contact is unknown, or no contact grips.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -63,7 +63,7 @@ class Grip:
             self._known[self.names.index(name)] = load
 
     def forces(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Along the ground [N].
+        """Return the contact forces along the ground [N].
 
         Args:
             q: configurations (..., nq).
@@ -73,7 +73,7 @@ class Grip:
         return self._along(self._reduced.contact_forces(q, v2, T))
 
     def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Upwards [N].
+        """Return the upward contact forces [N].
 
         Args:
             q: configurations (..., nq).
@@ -95,7 +95,7 @@ class Grip:
         return np.where(np.isnan(self._known), loads, self._known)
 
     def used(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Share of the grip that every contact uses; more than 1 slips.
+        """Return the share of the available friction that each contact uses; a contact above 1 slips.
 
         Args:
             q: configurations (..., nq).
@@ -108,7 +108,7 @@ class Grip:
         return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
 
     def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
-        """The same for accelerations instead of inputs.
+        """Return the shares of ``used`` for accelerations instead of inputs.
 
         Args:
             q: configurations (..., nq).
@@ -116,13 +116,13 @@ class Grip:
             v2_dot: their rates (..., r).
 
         Raises:
-            ConstraintError: no inputs give them.
+            ConstraintError: no inputs give these accelerations.
         """
         reduced = self._reduced
         return self.used(q, v2, reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot)))
 
     def lift_off(self, times: Array, q: Array, v2: Array, v2_dot: Array) -> LiftOff | None:
-        """The first contact of all, casters among them, that a motion would lift off the ground; None where all hold.
+        """Return the first contact, casters included, that a motion lifts off the ground; None if none lifts off.
 
         Args:
             times: of the states (N,) [s].
@@ -139,7 +139,7 @@ class Grip:
 def lift_off_along(
     reduced: ReducedModel, times: Array, q: Array, v2: Array, v2_dot: Array, normal: NormalForces | None = None
 ) -> LiftOff | None:
-    """The first contact that a motion would lift off the ground; None where all hold.
+    """Return the first contact that a motion lifts off the ground; None if none lifts off.
 
     Args:
         reduced: the model.
@@ -147,7 +147,7 @@ def lift_off_along(
         q: configurations (N, nq).
         v2: reduced velocities (N, r).
         v2_dot: their rates (N, r).
-        normal: its normal forces, where they are known already.
+        normal: normal forces of the model; computed by default.
 
     Raises:
         ConstraintError: no inputs give these accelerations.

@@ -1,8 +1,8 @@
 """Complete nonholonomy: span(R) under Lie brackets, its growth vector and its involutive closure.
 
-Dimensions are lower semicontinuous: near a singular configuration some are smaller, nowhere are they larger than the
-generic ones. So the generic growth vector is the largest dimension of each level over configurations, provided that no
-error counts as a direction. A singular value counts if it is a stated margin above whatever was taken for zero.
+Dimensions are lower semicontinuous: at a singular configuration some are smaller, and none is ever larger than the
+generic one. So the generic growth vector is the largest dimension of each level over configurations, provided that no
+error counts as a direction. A singular value counts if it exceeds every value taken for zero by a stated margin.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ class Growth:
     """The filtration of a distribution at a configuration."""
 
     vector: tuple[int, ...]
-    """Dimensions of span(R), with its brackets, with theirs, ... until they grow no more."""
+    """Dimensions of span(R), with first brackets, with second brackets, ... until they stop growing."""
     closure: np.ndarray
-    """Orthonormal basis (nv, dimension) of the last of them: where motion can lead."""
+    """Orthonormal basis (nv, dimension) of the last level: the reachable directions."""
     margin: float
     """Smallest singular value that counts as a direction, over the largest that might be an error."""
     doubtful: bool
-    """Whether a direction is neither clearly there nor clearly missing, as next to singular configurations."""
+    """True if a direction is neither clearly present nor clearly absent, as next to singular configurations."""
 
 
 @dataclass(frozen=True)
 class GrowthEvidence:
-    """The growth vectors of sampled configurations, and how clear they are.
+    """Growth vectors of sampled configurations, and their margins over errors.
 
     Attributes:
         samples: configurations at which the growth vector was computed.
-        agreeing: how many of them have the generic one.
-        doubtful: at how many a direction is neither clearly there nor clearly missing.
-        others: other growth vectors, and at how many samples.
+        agreeing: number of samples with the generic growth vector.
+        doubtful: number of samples at which a direction is neither clearly present nor clearly absent.
+        others: other growth vectors, each with its number of samples.
         margin: at the agreeing samples, the smallest singular value that counts as a direction over the largest that
             might be an error; at least 1000.
-        decided: whether one of the agreeing samples is in no doubt; else the true dimensions may be larger.
+        decided: True if at least one agreeing sample is not doubtful; else the true dimensions may be larger.
     """
 
     samples: int
@@ -68,7 +68,7 @@ class GrowthEvidence:
     decided: bool
 
     def to_dict(self) -> dict[str, Json]:
-        """Plain lists and numbers, ready for JSON."""
+        """Return lists and numbers that JSON can store."""
         return {
             "samples": self.samples,
             "agreeing": self.agreeing,
@@ -88,7 +88,7 @@ class GrowthEvidence:
 
 
 def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
-    """Dimensions of span(R), with its brackets, with theirs, ... until they grow no more.
+    """Dimensions of span(R), with first brackets, with second brackets, ... until they stop growing.
 
     Args:
         reduced: the model.
@@ -100,10 +100,10 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
 def generic_growth(
     reduced: ReducedModel, configurations: Sequence[np.ndarray] | np.ndarray
 ) -> tuple[GrowthEvidence, list[tuple[Growth, np.ndarray]]]:
-    """Evidence for the generic growth vector, and the samples that have it, with their configurations.
+    """Return evidence for the generic growth vector, and the samples that have it, with their configurations.
 
-    Takes configurations (count, nq) in turn, 8 at least if there are as many, until three agree on the largest
-    dimensions, 32 at most.
+    Takes configurations (count, nq) in turn until three agree on the largest dimensions: at least 8 if available, at
+    most 32.
     """
     found: list[tuple[Growth, np.ndarray]] = []
     generic: tuple[int, ...] = ()
@@ -113,7 +113,7 @@ def generic_growth(
         if len(found) >= _FEWEST and sum(growth.vector == generic for growth, _ in found) >= _AGREEING:
             break
     agreeing = [each for each in found if each[0].vector == generic]
-    # The largest dimensions may come from several samples, none of which has all of them.
+    # The largest dimensions may come from several samples, even if no sample has all of them.
     shown = agreeing or [each for each in found if each[0].vector[-1] == generic[-1]]
     others = Counter(growth.vector for growth, _ in found if growth.vector != generic)
     evidence = GrowthEvidence(
@@ -129,28 +129,28 @@ def generic_growth(
 
 
 def _largest(vectors: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    """The largest dimension of each level; levels end where it grows no more."""
+    """Largest dimension of each level, up to the level after which it stops growing."""
     depth = max(map(len, vectors))
     whole = [max(vector[min(level, len(vector) - 1)] for vector in vectors) for level in range(depth)]
     return tuple(whole[: whole.index(whole[-1]) + 1])
 
 
 def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
-    """The filtration of span(R) at q, and its involutive closure.
+    """Return the filtration of span(R) at q, and its involutive closure.
 
-    Vector fields are written in the tangent space at q, in which the moving frames of planar, spherical
-    and free-flying joints have a bracket of their own. Brackets of the columns of R are exact; deeper
-    ones are jets along flows (``bracket_jets``).
+    Vector fields are written in the tangent space at q. There the moving frames of planar, spherical and free-flying
+    joints have a bracket of their own. Brackets of the columns of R are exact; deeper brackets are jets along flows
+    (``bracket_jets``).
 
-    Where constraints are affine, ``v = R v2 + b``, brackets with the given motion b are left out: what span(R) reaches
-    can be reached, and b may reach more.
+    For affine constraints, ``v = R v2 + b``, brackets with the given motion b are left out. So the result is a lower
+    bound: span(R) reaches these directions, and b may reach more.
 
     Args:
         reduced: the model.
         q: a configuration (nq,) at which the dimensions are the generic ones.
 
     Raises:
-        ConstraintError: a joint whose tangent space has no known bracket.
+        ConstraintError: a joint type has no known bracket.
         SingularityError: q is singular.
     """
     jets = BracketJets(reduced, q)
@@ -173,7 +173,7 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Dimensions of the levels below the first brackets."""
+    """Dimensions of the levels after the first brackets."""
 
     dimensions: tuple[int, ...]
     basis: np.ndarray
@@ -181,11 +181,11 @@ class _Levels:
     doubtful: bool
     error: float
     crowded: bool
-    """Whether a level has as many directions as there are functions: more might show more."""
+    """True if a level has as many directions as there are functions: more functions might give more directions."""
 
 
 def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -> _Levels:
-    """Levels up to an order, from the first flows that are accurate, or the most accurate ones."""
+    """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
     best: _Levels | None = None
     failure: SingularityError | None = None
     for time in _TIMES:
@@ -196,7 +196,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -
             while found.crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
                 found = _levels(drawn, basis, rejected, _FADES * time)
-        except SingularityError as error:  # the flow leads there
+        except SingularityError as error:  # the flow reaches a singular configuration
             failure = error
             continue
         if best is None or found.error < best.error:
@@ -210,10 +210,10 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -
 
 
 def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float) -> _Levels:
-    """Levels from jets: their dimensions, with a margin over errors and over what was ``rejected`` so far.
+    """Levels from jets: their dimensions, with a margin over errors and over the values ``rejected`` so far.
 
-    Singular values are relative to the size of a level, or to ``fading`` times that of the level before: where hardly
-    anything depends on q, what is left of a level is rounding.
+    Singular values are relative to the size of a level, or to ``fading`` times that of the level before. If hardly
+    anything depends on q, a level consists of rounding errors only.
     """
     fine, coarse = (np.concatenate(each, axis=-1) for each in zip(*drawn, strict=True))
     bases = [start, start]
@@ -246,9 +246,9 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
 
 
 def _with_first_brackets(basis: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """A basis with the brackets (nv, pairs) of two generators, the margin of the last, and the largest left out."""
+    """Basis with the brackets (nv, pairs) of two generators, margin of the smallest, and largest rejected value."""
     lengths = np.linalg.norm(vectors, axis=0)
-    # A coupling may be weak, and a pair's bracket small beside another's: each is judged on its own.
+    # A weak coupling makes one pair's bracket small beside another's: each bracket is judged on its own.
     long = lengths > _FIRST
     rejected = float(lengths[~long].max(initial=0.0))
     if not long.any():
@@ -264,7 +264,7 @@ def _with_first_brackets(basis: np.ndarray, vectors: np.ndarray) -> tuple[np.nda
 
 
 def _rest(basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """What of vectors (n, k) leads out of an orthonormal basis."""
-    for _ in range(2):  # twice is enough
+    """Components of vectors (n, k) orthogonal to an orthonormal basis."""
+    for _ in range(2):  # the second pass removes rounding errors
         vectors = vectors - basis @ (basis.T @ vectors)
     return vectors

@@ -1,8 +1,8 @@
-"""Which constraint rows are integrable (holonomic in disguise) and which are nonholonomic.
+"""Integrability of constraint rows: integrable (holonomic in disguise) or nonholonomic.
 
-Frobenius: motion stays on leaves whose tangent space is the involutive closure of span(R). A row that vanishes
-on the closure, not only on span(R), is the differential of a function up to a factor, given the other rows; and
-of the m rows there are ``n - dim(closure)`` such combinations.
+By Frobenius' theorem, motion stays on leaves whose tangent space is the involutive closure of span(R). A row that
+vanishes on the closure, not only on span(R), is the differential of a function up to a factor, given the other rows.
+The m rows have ``n - dim(closure)`` such combinations.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
 
-_TOLERANCE = 1e-5  # of unit rows; the closure is known to the accuracy of brackets
-_CLEAR = 1e6  # margin above which a closure is known well enough to judge rows by it
+_TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
+_CLEAR = 1e6  # margin above which a closure is accurate enough to judge rows
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Combination:
     """A combination of constraint rows that is integrable.
 
     Attributes:
-        coefficients: of the rows that take part, the first of them 1; at one configuration where they vary.
-        constant: whether they are the same at every sampled configuration.
+        coefficients: by row name, the first is 1; at one configuration if they vary.
+        constant: True if the coefficients are the same at every sampled configuration.
     """
 
     coefficients: dict[str, float]
@@ -45,14 +45,14 @@ class Combination:
 
 @dataclass(frozen=True)
 class Integrability:
-    """What becomes of the constraint rows when brackets are taken.
+    """Integrable and nonholonomic constraint rows, with the growth vector.
 
     Attributes:
         growth_vector: dimensions of span(R) and its brackets, level by level.
         integrable: rows that vanish on the involutive closure.
         nonholonomic: the others.
         combinations: all ``n - growth_vector[-1]`` independent integrable combinations, single rows among them.
-        evidence: at how many configurations the growth vector is this one, and by which margin.
+        evidence: number of configurations with this growth vector, and its margin.
     """
 
     growth_vector: tuple[int, ...]
@@ -63,11 +63,11 @@ class Integrability:
 
 
 def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | np.ndarray) -> Integrability:
-    """Sort the kept constraint rows, judged where the growth vector is the generic one.
+    """Sort the kept constraint rows into integrable and nonholonomic, at configurations of generic growth vector.
 
     Args:
         reduced: the model.
-        configurations: regular ones, (count, nq); as many of them are used as it takes (``generic_growth``).
+        configurations: regular configurations (count, nq); ``generic_growth`` uses as many as it needs.
     """
     evidence, growths = generic_growth(reduced, configurations)
     generic = growths[0][0].vector
@@ -93,7 +93,7 @@ def integrability(reduced: ReducedModel, configurations: Sequence[np.ndarray] | 
 def _combinations(
     rows: Sequence[np.ndarray], growths: Sequence[Growth], order: np.ndarray, names: Sequence[str], count: int
 ) -> tuple[Combination, ...]:
-    """A sparse basis of the ``count`` combinations c with ``c^T A`` zero on the closure; single rows come first."""
+    """Sparse basis of the ``count`` combinations c with ``c^T A`` zero on the closure; single rows come first."""
     if not count:
         return ()
     spaces = []
@@ -116,7 +116,7 @@ def _combinations(
 
 
 def _pivots(space: np.ndarray, order: np.ndarray, count: int) -> list[int]:
-    """Rows of a basis (m, count), in the order of preference, whose entries can be made an identity."""
+    """Pivot rows of a basis (m, count), in order of preference; their entries form a regular matrix."""
     chosen: list[int] = []
     for row in order:
         if len(chosen) < count and scipy.linalg.svdvals(unit_rows(space[[*chosen, row]]))[-1] > 1e-3:

@@ -1,4 +1,4 @@
-"""Does Lemma 1 hold for this system? Worst residuals at sampled states."""
+"""Numerical check of Lemma 1: worst residuals at sampled states."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pinocchio as pin
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
 
-_STEP = 5e-4  # of the differences, along the velocity's direction
+_STEP = 5e-4  # of the finite differences, along the direction of the velocity
 
 
 def lemma_1_residuals(
@@ -16,8 +16,8 @@ def lemma_1_residuals(
 ) -> dict[str, float]:
     """Worst residuals at configurations (count, nq) with seeded random velocities.
 
-    ``A R`` with unit rows and columns; ``H - H^T`` and ``Hdot - V - V^T`` relative to their size, with
-    Hdot by fourth-order differences of this step; the smallest eigenvalue of H relative to its largest;
+    The residuals are: ``A R`` with unit rows and columns; ``H - H^T`` and ``Hdot - V - V^T`` relative to their size,
+    with Hdot by fourth-order differences of this step; the smallest eigenvalue of H relative to its largest; and
     ``V(2 v2) - 2 V(v2)``.
     """
     count = len(configurations)
@@ -30,7 +30,7 @@ def lemma_1_residuals(
     )
     H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
     V = terms.V
-    # Affine in v2, and not linear, where constraints are.
+    # With affine constraints V is affine in v2 instead of linear.
     resting = reduced.terms(configurations, 0 * v2).V
     doubled = reduced.terms(configurations, 2 * v2).V
     eigenvalues = np.linalg.eigvalsh(terms.H)
