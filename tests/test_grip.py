@@ -91,7 +91,7 @@ def test_slowed_references_have_slowed_derivatives():
         for order in range(3):
             difference = (slowed.at(t + h)[order] - slowed.at(t - h)[order]) / (2 * h)
             np.testing.assert_allclose(slowed.at(t)[order + 1], difference, atol=1e-5)
-    with pytest.raises(rnc.InputError, match="slowed by a positive factor"):
+    with pytest.raises(rnc.InputError, match="time scale factor of a reference has to be positive"):
         Slowed(reference, 0.0)
 
 

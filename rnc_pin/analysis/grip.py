@@ -19,10 +19,10 @@ _SMALL = 1e-9
 class Grip:
     """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
 
-    A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its force is the multiplier
-    of its rows (``ReducedModel.contact_forces``). Dependent rows share the force evenly. Its load is its normal force
-    (``NormalForces``), accelerations included. A normal force below zero gives no grip. Casters do not grip but may
-    lift off: ``lift_off`` checks all contacts.
+    A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its force is the
+    multiplier of its rows (``ReducedModel.contact_forces``). Dependent rows share the force evenly. Its load is its
+    normal force (``NormalForces``), accelerations included. A normal force below zero gives no grip. Casters do not
+    grip but may lift off: ``lift_off`` checks all contacts.
 
     Args:
         reduced: the model.

@@ -19,22 +19,22 @@ from rnc_pin.errors import SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plain import Json
 
-MARGIN = 1e3  # a direction counts if its singular value is so many times that of error and of what was rejected
-_ZERO = 10.0  # times these: a singular value that is clearly none
-_FIRST = 1e-5  # of unit brackets of generators: shorter ones are the rounding of a file
-_ROUNDED, _SMALLEST = 1e-5, 1e-8  # of the brackets of its level, a tenth a level between: no direction counts below
-_NOTHING = 1e-11  # of them: the same as none
-_TIMES = (0.5, 0.2, 0.05, 0.0125)  # of flows, one after the other while the error is large
-_FADES = 0.2  # of the time: how much smaller than the level before a level is at most
-_ACCURATE = 1e-8  # error of a level, relative, below which no shorter time is tried
-_SHALLOW = 3  # order that is enough for most systems
+MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
+_ZERO = 10.0  # ratio to the same values below which a singular value is clearly zero
+_FIRST = 1e-5  # shortest bracket of unit generators; shorter ones are rounding errors of a file
+_ROUNDED, _SMALLEST = 1e-5, 1e-8  # smallest relative singular value: the first, a tenth per level, at least the second
+_NOTHING = 1e-11  # relative singular value that counts as zero
+_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
+_FADES = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
+_ACCURATE = 1e-8  # relative error of a level below which no shorter time is tried
+_SHALLOW = 3  # order that is sufficient for most systems
 _DEEPEST = 12
-_FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: at least, at most, and how many have to agree before no more are taken
+_FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
 
 
 @dataclass(frozen=True)
 class Growth:
-    """The filtration of a distribution at a configuration."""
+    """Filtration of a distribution at a configuration."""
 
     vector: tuple[int, ...]
     """Dimensions of span(R), with first brackets, with second brackets, ... until they stop growing."""

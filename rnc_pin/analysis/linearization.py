@@ -20,9 +20,9 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 
-_STEADY = 1e-8  # largest acceleration that still counts as none, relative to the accelerations that gravity causes
+_STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
 _CLOSED = (
-    ROUNDING  # relative: how much of the motion may depend on what is left out, as a wheel that is not quite round
+    ROUNDING  # largest relative dependence on omitted coordinates, such as the angle of a slightly non-round wheel
 )
 _INDEPENDENT = 1e-10
 
@@ -36,9 +36,9 @@ class Linearization:
     The arrays are what python-control's ``ss(A, B, C, D)`` and ``scipy.linalg.solve_continuous_are`` take.
 
     Attributes:
-        A, B: of s states and p inputs.
+        A, B: system matrix (s, s) and input matrix (s, p) for s states and p inputs.
         input_names: the actuators.
-        v2, T: reduced velocity and inputs of the motion that it was linearised about.
+        v2, T: reduced velocity and inputs of the linearised motion.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
@@ -53,14 +53,14 @@ class Linearization:
     A: Float[Array, "s s"]
     B: Float[Array, "s p"]
     state_names: tuple[str, ...]
-    """Coordinates, then reducing rates; those of coordinates end in ``_dot``."""
+    """Coordinates, then reducing rates; rates of coordinates end in ``_dot``."""
     input_names: tuple[str, ...]
     q: Float[Array, nq]
-    """Where it was linearised."""
+    """Configuration of the linearised motion."""
     v2: Float[Array, r]
     T: Float[Array, p]
     difference_error: float
-    """Estimated error of differences that had to be taken; 0.0 where every derivative is in closed form."""
+    """Estimated error of finite differences; 0.0 if every derivative is in closed form."""
     reducing: OutputStack = field(repr=False)
     """The outputs whose rates are states."""
     _read: _Coordinates = field(repr=False)
@@ -73,7 +73,7 @@ class Linearization:
         return values[np.lexsort((values.imag, values.real))]
 
     def deviation(self, q: Array, v2: Array) -> Array:
-        """The state x (s,) at a configuration q (nq,) and a velocity v2 (r,), for a feedback ``T = T_0 - K x``."""
+        """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``."""
         rates = (np.asarray(v2, float) - self.v2)[self._kept]
         return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
 
@@ -88,27 +88,27 @@ def linearize(
 ) -> Linearization:
     """Linearise a reduced system about an equilibrium or a steady motion.
 
-    In a steady motion q moves and ``v2`` does not: a bicycle that rolls straight ahead. The coordinates that move,
-    and those on which nothing depends (place, heading, angles of wheels), are then left out by naming the others in
-    ``coordinates``; so are, in ``rates``, velocities that keep to themselves (the forward speed). That what is kept
-    does not depend on what is left out is checked, and so is that the motion is steady. Perturbations keep the
-    holonomic constraints that are known as such.
+    In a steady motion q changes and ``v2`` is constant: a bicycle that rolls straight ahead. The state must then omit
+    the coordinates that move or that nothing depends on (place, heading, wheel angles). To omit them, name the others
+    in ``coordinates``. Likewise, ``rates`` may omit decoupled velocities (the forward speed). ``linearize`` checks that
+    the motion is steady and that no kept state depends on an omitted one. Perturbations satisfy the constraints that
+    are declared as holonomic.
 
     Args:
         reduced: the model, with any number of actuators.
         q: configuration (nq,).
         v2: reduced velocity (r,); at rest by default.
-        T: inputs that hold the motion (p,); by default the smallest that do.
-        coordinates: what the state says of the configuration: entries of ``v`` by name (``robot.velocity_names``: small
-            motions of that joint, ``"root_joint[3]"`` is the roll of a free base in its own axes) or outputs.
-            By default all entries of ``v``, perturbations measured in a frame that goes along with the motion.
+        T: inputs that hold the motion (p,); by default the smallest ones.
+        coordinates: configuration part of the state: outputs, or entries of ``v`` by name (``robot.velocity_names``).
+            An entry of ``v`` is a small motion of that joint; ``"root_joint[3]"`` is the roll of a free base in its own
+            axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion.
         rates: names of the reducing outputs whose rates are states; all of them by default.
 
     Raises:
         InputError: shapes do not fit, or no coordinate and no rate is left.
         ConstraintError: no equilibrium and no steady motion under these inputs; or the coordinates move, depend on
-            each other, or leave out something that matters.
-        ModelError: an unknown name.
+            each other, or are not a closed set.
+        ModelError: unknown name.
         SingularityError: the reducing outputs do not parametrise the motion at q.
 
     Example:
@@ -189,9 +189,9 @@ def _whole(reduced: ReducedModel, d: StateDerivatives) -> tuple[Array, Array]:
 def _restricted(
     reduced: ReducedModel, read: _Coordinates, kept: list[int], v: Array, q: Array, A: Array, B: Array
 ) -> tuple[Array, Array]:
-    """The system of chosen coordinates and rates alone, if there is one.
+    """Return A and B of the selected coordinates and rates, if these form a closed system.
 
-    That is, ``C A = A_chosen C`` on all perturbations that keep the holonomic constraints, C what is chosen.
+    The condition is ``C A = A_chosen C`` on all perturbations that satisfy the holonomic constraints; C selects.
     """
     J, J_dot = read.rows(q, v)
     moving = np.abs(J @ v) > _STEADY * (1.0 + np.abs(v).max())
@@ -216,19 +216,19 @@ def _restricted(
 
 
 def _holonomic_null_space(reduced: ReducedModel, q: Array) -> Array:
-    """Orthonormal basis (nv, k) of perturbations of q that keep the holonomic constraints."""
+    """Orthonormal basis (nv, k) of perturbations of q that satisfy the holonomic constraints."""
     rows = reduced.at(q).A[list(reduced.constraints.holonomic)]
     return scipy.linalg.null_space(rows) if len(rows) else np.eye(reduced.n)
 
 
 class _Coordinates:
-    """What a state says of the configuration."""
+    """Configuration part of a state: entries of v, or outputs."""
 
     def __init__(self, reduced: ReducedModel, chosen: Sequence[Coordinate] | None) -> None:
         self._robot = reduced.robot
         names = reduced.robot.velocity_names
         if isinstance(chosen, str):
-            raise InputError(f"coordinates have to be a list, found the text '{chosen}'")
+            raise InputError(f"coordinates have to be a list, found the string '{chosen}'")
         self._parts: list[int | OutputStack] = []
         self.names: tuple[str, ...] = ()
         for each in names if chosen is None else chosen:
@@ -259,7 +259,7 @@ class _Coordinates:
         return np.vstack(J), np.vstack(J_dot)
 
     def deviation(self, q: Array, q_0: Array) -> Array:
-        """Coordinates of q less those of q_0, (k,)."""
+        """Coordinates of q minus those of q_0, (k,)."""
         tangent = pin.difference(self._robot.model, q_0, q)
         kinematics, found = Kinematics(self._robot), []
         for part in self._parts:

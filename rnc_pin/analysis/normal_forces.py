@@ -1,4 +1,4 @@
-"""Normal forces of contacts, and when one is below zero: constraints hold wheels down that the ground would let go."""
+"""Normal forces of contacts. A force below zero means lift-off: the constraint pulls, but the ground cannot."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _SMALL = 1e-9
-_SAMPLES = 3  # configurations, beside the neutral one, that say which rows carry
-_ROUNDING = 1e-6  # share of the weight below which a force counts as none
+_SAMPLES = 3  # configurations, beside the neutral one, that decide which rows carry
+_ROUNDING = 1e-6  # share of the weight below which a force counts as zero
 
 
 class Contact(NamedTuple):
-    """Where a system touches the ground.
+    """Contact of a system with the ground.
 
     Attributes:
-        name: of the frame, or of the first row where there is none.
-        along: rows along the ground, among all constraint rows.
-        up: the row that carries, if there is one.
+        name: of the frame, or of the first row if there is no frame.
+        along: indices of the rows along the ground, among all constraint rows.
+        up: index of the row that carries, if any.
         point: a row whose line of action goes through the contact.
     """
 
@@ -43,13 +43,13 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class LiftOff:
-    """A contact that constraints pull down where the ground cannot.
+    """Lift-off of a contact: its normal force is below zero.
 
     Attributes:
-        contact: which.
-        time: when for the first time [s].
-        force: normal force then [N].
-        lowest: smallest normal force of this contact from then on [N].
+        contact: name of the contact.
+        time: first time of lift-off [s].
+        force: normal force at that time [N].
+        lowest: smallest normal force of this contact from that time on [N].
     """
 
     contact: str
@@ -58,7 +58,7 @@ class LiftOff:
     lowest: float
 
     def __str__(self) -> str:
-        """One line."""
+        """Return a text of one line."""
         return (
             f"contact '{self.contact}' would lift off at t = {self.time:.2f} s: the model pulls it down with up to "
             f"{-self.lowest:.3g} N"
@@ -66,7 +66,7 @@ class LiftOff:
 
 
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
-    """Contacts of a system with the ground: whatever does not slip along it, and what glides on it."""
+    """Return the contacts of a system with the ground: contacts without slip, and gliding contacts."""
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
     for position in _defined(reduced):
         acting |= np.isfinite(reduced.all_constraints.lines_of_action(position)[0]).all(axis=1)
@@ -74,7 +74,7 @@ def contacts_of(reduced: ReducedModel) -> list[Contact]:
 
 
 def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
-    """A few configurations, the neutral one among them, less those at which some row is undefined."""
+    """Neutral and a few random configurations, without those at which a row is undefined."""
     kinematics, generator = Kinematics(reduced.robot), np.random.default_rng(0)
     drawn = (reduced.robot.random_configuration(generator) for _ in range(_SAMPLES))
     for q in (reduced.robot.configuration(), *drawn):
@@ -86,7 +86,7 @@ def _defined(reduced: ReducedModel) -> Iterator[PositionKinematics]:
 
 
 def _contacts(place: Place, acting: Array) -> list[Contact]:
-    """Contacts of one constraint: one for its rows along the ground, and one for each further row that carries."""
+    """Contacts of one constraint: one for its rows along the ground, and one for each other row that carries."""
     block, start = place.block, place.where.start
     holonomic = block.holonomic or (False,) * len(block.names)
     along = tuple(start + row for row, fixed in enumerate(holonomic) if not fixed and acting[start + row])
@@ -105,22 +105,21 @@ def _contacts(place: Place, acting: Array) -> list[Contact]:
 
 
 class NormalForces:
-    """Forces with which the ground pushes up against each contact; below zero where the model pulls it down.
+    """Upward forces of the ground on each contact; below zero if the model pulls the contact down.
 
-    The model keeps contacts on the ground whatever that takes. Where a row keeps a contact at its height the force is
-    that row's multiplier. On a base that moves in the plane it follows from the motion: the ground gives what the
-    momentum of the robot and its weight ask for, upwards and about the axes along the ground. Forces on frames act at
-    their frames, and forces along the ground in its plane. Of forces that do all this those of least norm count, and
-    none below zero where that is possible. An axle of ``NoSideSlip`` has no width here: its two wheels take a couple
-    about its heading, of any size. What the supports cannot balance, such as the pitch of two wheels without casters,
-    is left out.
+    The model keeps every contact on the ground. If a row keeps the height of a contact, the force is the multiplier of
+    that row. On a base that moves in the plane, the forces follow from the motion. They balance the weight and the rate
+    of the robot's momentum, upwards and about the axes along the ground. Forces on frames act at their frames; forces
+    along the ground act in its plane. The result is the solution of least norm, without forces below zero if possible.
+    An axle of ``NoSideSlip`` has no width here: its two wheels take any couple about its heading. Moments that the
+    supports cannot balance, such as the pitch of two wheels without casters, are left out.
 
     Args:
         reduced: the model.
 
     Attributes:
-        contacts: that carry, (c,).
-        names: theirs.
+        contacts: contacts that carry, (c,).
+        names: their names, (c,).
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -153,7 +152,7 @@ class NormalForces:
         self._by_row = np.array([carries for _, carries in kept], dtype=bool)
 
     def _moves_along(self, q: Array, axis: int) -> bool:
-        """Whether the whole robot can move along an axis of the world without turning, constraints apart."""
+        """True if the whole robot can translate along a world axis, constraints ignored."""
         pin.computeJointJacobians(self._model, self._data, q)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         heavy = [joint for joint in range(1, self._model.njoints) if self._model.inertias[joint].mass > 0]
@@ -166,12 +165,12 @@ class NormalForces:
         return bool(np.abs(left).max() < _SMALL)
 
     def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
-        """Normal forces [N].
+        """Return the normal forces [N].
 
         Args:
             state: states (...,) of the model.
             T: inputs of the actuators (..., p).
-            external: generalized forces (..., nv) beside them, such as damping and friction.
+            external: additional generalized forces (..., nv), such as damping and friction.
         """
         batch = state.q.shape[:-1]
         forces = np.zeros((*batch, len(self.contacts)))
@@ -190,7 +189,7 @@ class NormalForces:
         return forces
 
     def _of_rows(self, multipliers: Array, rows: Array) -> Array:
-        """Forces of the contacts that rows keep at their height."""
+        """Forces of the contacts whose height a row keeps."""
         carried = zip(self.contacts, self._by_row, strict=True)
         up = [each.up for each, carries in carried if carries and each.up is not None]
         pushing = -multipliers[..., up]
@@ -200,12 +199,12 @@ class NormalForces:
         return pushing
 
     def _of_motion(self, q: Array, wrenches: Array, known: Array) -> Array:
-        """Forces (N, c) of the contacts that no row keeps at their height, for what is needed from outside (N, 6)."""
+        """Forces (N, c) of the contacts without a height row, for a needed external wrench (N, 6)."""
         lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
         points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
         ground = points[..., 2].min(axis=1)
         ones = np.ones(points.shape[:2])
-        # Upward forces by what they give: their sum, and moments about the axes along the ground.
+        # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         needed = np.stack(
@@ -219,7 +218,7 @@ class NormalForces:
         return balanced(gives[..., ~self._by_row], spread * headings[..., axles], needed)
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
-        """Force and moment about the origin that act from outside, beside gravity and forces on frames."""
+        """External force, and moment about the origin, without gravity and forces on frames."""
         model, data = self._model, self._data
         pin.rnea(model, data, q, v, v_dot)
         pin.framesForwardKinematics(model, data, q)
@@ -234,13 +233,13 @@ class NormalForces:
 def balanced(
     gives: Float[Array, "N 3 n"], couples: Float[Array, "N 3 k"], needed: Float[Array, "N 3"]
 ) -> Float[Array, "N n"]:
-    """Forces with a given sum and the best possible moments, of least norm together with couples.
+    """Return forces with a given sum and least moment error, of least norm together with couples.
 
-    No force is below zero where that is possible.
+    No force is below zero if that is possible.
 
     Args:
-        gives: sum (ones) and moments for unit forces.
-        couples: zeros, and moments for unit couples.
+        gives: sum (ones) and moments of unit forces.
+        couples: zeros, and moments of unit couples.
         needed: sum and moments.
     """
     count, everything = gives.shape[-1], np.concatenate([gives, couples], axis=-1)
@@ -257,11 +256,11 @@ def balanced(
 
 
 def nonnegative(forces: Float[Array, " c"], free: Float[Array, "c d"]) -> Float[Array, " c"]:
-    """The forces none of which is below zero, shifted as little as possible; unchanged where there are none.
+    """Return the nearest forces that are not below zero; the given forces if there are none.
 
     Args:
         forces: (c,).
-        free: orthonormal directions, of which these are the rows (c, d), along which they may be shifted.
+        free: orthonormal directions of allowed changes, as columns (c, d).
     """
     if not free.shape[1]:
         return forces
@@ -277,11 +276,11 @@ def nonnegative(forces: Float[Array, " c"], free: Float[Array, "c d"]) -> Float[
 
 
 def first_lift_off(times: Array, forces: Array, names: Sequence[str]) -> LiftOff | None:
-    """The first contact whose normal force is below zero by more than rounding; None where all hold.
+    """Return the first contact whose normal force is below zero by more than rounding; None if all contacts hold.
 
     Args:
         times: (N,) [s].
-        forces: normal forces (N, c) [N]; NaN where they are not known.
+        forces: normal forces (N, c) [N]; NaN if unknown.
         names: of the contacts (c,).
     """
     if not forces.size:

@@ -1,4 +1,4 @@
-"""Which kind of redundancy a task has: paper (11) and its subclasses, decided on sampled configurations."""
+"""Redundancy class of a task: paper (11) and its subclasses, decided on sampled configurations."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rnc_pin.plain import Json
 
 _ZERO = 1e-9
 _RANK = 1e-9  # of the largest singular value of all outputs' Jacobian
-_POSSIBLE = 1e-6  # by how much outputs that are held may move
+_POSSIBLE = 1e-6  # largest motion of outputs that must not move
 _STEERING = "d(A3 v21)/dx22"
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the samples."""
+    """Smallest, median and largest value of a quantity over the samples."""
 
     min: float
     median: float
@@ -27,19 +27,19 @@ class Spread:
 
     @classmethod
     def over(cls, values: np.ndarray) -> Spread:
-        """Of values (count,)."""
+        """Return the spread of values (count,)."""
         return cls(float(values.min()), float(np.median(values)), float(values.max()))
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block of A*, or of ``d(A3 v21)/dx22``, in figures.
+    """Size and singular values of a block of A*, or of ``d(A3 v21)/dx22``.
 
     Attributes:
         name: "A3" to "A6", or "d(A3 v21)/dx22".
         rows, columns: names of the outputs.
-        largest_entry: magnitude over all samples; None of a block without entries.
-        smallest_singular_value: over the samples; None of a block without entries.
+        largest_entry: largest magnitude over all samples; None for a block without entries.
+        smallest_singular_value: over the samples; None for a block without entries.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Block:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return len(self.rows), len(self.columns)
 
     def to_dict(self) -> dict[str, Json]:
@@ -69,15 +69,15 @@ class Block:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The figures that decide on a class.
+    """Numbers that decide on a class.
 
     Attributes:
         A3: largest entry in the rows of all vertical outputs.
-        A4_singular_values: smallest and largest of the rows of A4 that are not zero; zeros where all are.
+        A4_singular_values: smallest and largest of the nonzero rows of A4; zeros if all rows are zero.
         A6: largest entry in the other rows.
-        A5_along_x22: largest partial derivative of A5 with respect to a redundant output, all others held.
-        steering: largest entry of ``d(A3 v21)/dx22``, where A4 is zero.
-        blocks: A3 to A6 as the partition has them, and ``d(A3 v21)/dx22`` where A4 is zero.
+        A5_along_x22: largest partial derivative of A5 with respect to a redundant output, all others fixed.
+        steering: largest entry of ``d(A3 v21)/dx22``, if A4 is zero.
+        blocks: A3 to A6 of the partition, and ``d(A3 v21)/dx22`` if A4 is zero.
     """
 
     A3: float
@@ -101,14 +101,14 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Redundancy:
-    """The class, the partition of x1 that it needs, and why.
+    """Redundancy class of a task, its partition of x1, and the reason.
 
     Attributes:
         redundancy_class: "1", "2", "2s" or None.
         tracked: vertical outputs x11 that the redundant outputs can steer.
         driven: vertical outputs x12 that only the primary outputs move.
         reason: in words.
-        evidence: the figures that decided; None where there is nothing to decide.
+        evidence: the numbers that decided; None if there is nothing to decide.
     """
 
     redundancy_class: str | None
@@ -118,7 +118,7 @@ class Redundancy:
     evidence: Evidence | None = None
 
     def to_dict(self) -> dict[str, Json]:
-        """Partition, figures and reason as plain lists, numbers and strings, ready for JSON."""
+        """Return partition, numbers and reason as lists, numbers and strings that JSON can store."""
         figures = {} if self.evidence is None else self.evidence.to_dict()
         return {"tracked": list(self.tracked), "driven": list(self.driven), **figures, "reason": self.reason}
 
@@ -126,9 +126,9 @@ class Redundancy:
 def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed: int = 0) -> Redundancy:
     """Sort a task into the classes of paper section 3.2, at configurations (count, nq).
 
-    Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22: its partial derivative, with
-    x21, x11 and x12 held. (Along the motion that x22 has under the constraints x11 moves with it, and A5 may depend
-    on x11.) Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
+    Class 1: A4 has full row rank. Class 2: A6 = 0, A4 nonsingular, A5 independent of x22. The last condition uses the
+    partial derivative at fixed x21, x11 and x12. (Under the constraints, x11 moves with x22, and A5 may depend on x11.)
+    Class 2s: x22 enters through A3 only, ``d(A3 v21)/dx22`` nonsingular.
     """
     names = task.vertical_names
     if not len(task.redundant) or not names:
@@ -175,9 +175,9 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
 def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> np.ndarray:
     """Partial derivatives (count, k, r1, r2) of ``A_star``'s columns of x21 with respect to x22.
 
-    The paper's coordinates are (x1, x2): one redundant output is moved while all other outputs of the task stay, which
-    the constraints would not allow but a derivative does. Coordinates that are no outputs move as little as they can.
-    Where outputs depend on each other, so that this cannot be, it is the derivative under the constraints.
+    The paper's coordinates are (x1, x2): one redundant output moves while all other outputs of the task are fixed. The
+    constraints forbid this motion, but a derivative allows it. Coordinates that are not outputs move as little as
+    possible. If dependent outputs make this impossible, the result is the derivative under the constraints.
     """
     here = reduced.at(configurations)
     J1 = here.J1[:, task.vertical]
@@ -192,7 +192,7 @@ def _partial(reduced: ReducedModel, task: Task, configurations: np.ndarray) -> n
 
 
 def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends: bool) -> tuple[str | None, str]:
-    """The class and the reason, from the rows of A4 and of ``d(A3 v21)/dx22`` that are not zero."""
+    """Class and reason, from the nonzero rows of A4 and of ``d(A3 v21)/dx22``."""
     _, rows, columns = A4.shape
     moves = f"{rows} vertical output{'s'[: rows != 1]} moved by {columns} redundant one{'s'[: columns != 1]}"
     if not rows:
@@ -214,7 +214,7 @@ def _decide(A4: np.ndarray, steering: np.ndarray, moved: np.ndarray, A5_depends:
 
 
 def _described(name: str, block: np.ndarray, rows: tuple[str, ...], columns: tuple[str, ...]) -> Block:
-    """A block (count, k, l) in figures: its largest entry, and the spread of its singular values over the samples."""
+    """Description of a block (count, k, l): largest entry, and spread of its singular values over the samples."""
     if not block.size:
         return Block(name, rows, columns)
     smallest = np.linalg.svd(block, compute_uv=False)[:, -1]
@@ -231,7 +231,7 @@ def _smallest_largest(matrices: np.ndarray) -> tuple[float, float]:
 
 
 def _full_row_rank(matrices: np.ndarray) -> bool:
-    """Whether (count, k, l) has rank k at most configurations: at all but isolated ones, as far as samples tell."""
+    """True if matrices (count, k, l) have rank k at most samples: presumably at all but isolated configurations."""
     values = np.linalg.svd(matrices, compute_uv=False)
     if matrices.shape[-2] > matrices.shape[-1]:
         return False

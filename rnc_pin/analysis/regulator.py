@@ -14,23 +14,23 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 
 Cost = float | Sequence[float] | Mapping[str, float] | Array
 
-_SLOW = 1e-5  # of the size of A: real part above which a mode counts as one that does not fade by itself
-_UNREACHED = 1e-6  # of the size of A and of B, or of the cost: what counts as none
+_SLOW = 1e-5  # real part, relative to the size of A, above which a mode counts as not stable
+_UNREACHED = 1e-6  # zero limit, relative to the sizes of A and B, or of the cost
 
 
 def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Float[Array, "p s"]:
-    """The gain K of the feedback ``T = T_0 - K x`` that minimises the integral of ``x^T Q x + u^T R u``.
+    """Return the gain K of the feedback ``T = T_0 - K x`` that minimises the integral of ``x^T Q x + u^T R u``.
 
     Args:
-        linear: what is fed back.
-        state_cost: Q: weights by the names of the states, the others weigh nothing; or one number, one for each state,
-            or a matrix (s, s).
-        input_cost: R, in the same ways, by the names of the inputs; all of them have to weigh something.
+        linear: the linearised system.
+        state_cost: Q: weights by state name, zero for the others; or one number, one for each state, or a matrix
+            (s, s).
+        input_cost: R: weights in the same forms, by input name; every input needs a positive weight.
 
     Raises:
-        ConstraintError: the inputs do not reach a mode that does not fade by itself, or it costs nothing; names the
-            states that it moves.
-        ConfigurationError: a weight that makes no sense, or for a state or input that is not there.
+        ConstraintError: a mode that is not stable is not controllable, or has no cost; the message names the states
+            that it moves.
+        ConfigurationError: a weight is not valid, or names an unknown state or input.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
@@ -52,7 +52,7 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
         raise ConstraintError("a system without actuators has nothing to feed back to")
     if not np.linalg.eigvalsh(R).min() > 0:
         raise ConfigurationError("input_cost: every input has to weigh something")
-    # Each input in a unit of its own, of which one weighs 1: what units they come in must not matter.
+    # Scale each input so that its weight is 1: the result must not depend on units.
     unit = 1.0 / np.sqrt(np.diag(R))
     B, R = B * unit, unit[:, None] * R * unit
     size = float(np.abs(A).max(initial=1.0))

@@ -1,4 +1,4 @@
-"""Everything there is to know about a reduced system before it is controlled."""
+"""Analysis report of a reduced system before control."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from rnc_pin.plain import Json, plain_mapping
 
 _LEMMA_TOLERANCE = 1e-6
 _RANK = 1e-10  # of the largest singular value of R^T B
-_MISSING = 1e-6  # part of a unit force
+_MISSING = 1e-6  # limit of the missing part of a unit force
 
 
 @dataclass(frozen=True)
 class Report:
-    """What ``analyze`` found.
+    """Result of ``analyze``.
 
     Attributes:
         n, r, p: degrees of freedom, reducing outputs, actuators.
         rank: independent constraint rows, m.
         kept_rows, dropped_rows: constraint rows, the latter with reasons.
-        integrable_rows: kept rows that vanish on the involutive closure of span(R), holonomic given the others.
+        integrable_rows: kept rows that vanish on the involutive closure of span(R); holonomic given the other rows.
         nonholonomic_rows: the other kept rows.
-        integrable_combinations: ``n - growth_vector[-1]`` independent combinations of rows that are integrable, in
-            words; ``integrable_rows`` stand among them.
+        integrable_combinations: ``n - growth_vector[-1]`` independent integrable combinations of rows, as text;
+            includes ``integrable_rows``.
         growth_vector: dimensions of span(R) and its brackets, level by level, the largest over the samples.
-        growth_evidence: how many samples agree on it, by which margin, and what the others say.
-        completely_nonholonomic: whether they reach n.
+        growth_evidence: number of samples that agree on the growth vector, its margin, and the other results.
+        completely_nonholonomic: True if the growth vector reaches n.
         redundancy_class: "1", "2", "2s" or None for the task.
         redundancy: the class with x11 (``tracked``), x12 (``driven``), and the evidence.
-        actuation_rank: smallest rank of ``R^T B``; below r not every F can be realised.
-        unactuated: reducing outputs with a part in some F that no actuator produces.
+        actuation_rank: smallest rank of ``R^T B``; below r the actuators cannot realise every F.
+        unactuated: reducing outputs with a component of F that no actuator produces.
         condition: min, median and max condition number of E with unit rows.
-        samples: how many configurations were drawn.
-        singular_samples: how many of them were singular.
-        singularities: where E and A4 are singular: points on singular surfaces that lie between samples of opposite
-            sign of the determinant, or, where there are none, the worst samples.
+        samples: number of sampled configurations.
+        singular_samples: number of singular samples.
+        singularities: singular configurations of E and A4: points on singular surfaces between samples whose
+            determinants have opposite signs. If there are none, the worst samples.
         lemma1: worst residuals of Lemma 1.
-        lemma1_holds: whether they are all at the level of rounding and differencing.
-        lemma1_bounds: how large H, V and G are over the samples, and how H and V grow towards singular sets of E.
+        lemma1_holds: True if all residuals are at the level of rounding and finite differences.
+        lemma1_bounds: norms of H, V and G over the samples, and growth of H and V towards singular sets of E.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -104,11 +104,11 @@ def analyze(
 
     Args:
         reduced: the model.
-        primary: names of the reducing outputs that the task names; all that are not redundant by default.
-        redundant: names of those that it leaves free.
-        samples: how many configurations.
+        primary: names of the primary reducing outputs; by default all that are not redundant.
+        redundant: names of the redundant reducing outputs.
+        samples: number of configurations.
         seed: of the random configurations.
-        vertical: names of the vertical outputs that the task is about; all by default.
+        vertical: names of the vertical outputs of the task; all by default.
 
     Raises:
         ConfigurationError: unknown output names.
@@ -140,7 +140,7 @@ def analyze(
         raise failure
     configurations = np.stack(regular)
     conditions = np.asarray(reduced.condition(configurations))
-    # Next to a singular configuration differences say little: what holds is decided on the better half.
+    # Finite differences are inaccurate next to a singular configuration: decide on the better-conditioned half.
     good = configurations[conditions <= np.median(conditions)]
     rows = integrability(reduced, configurations[np.argsort(conditions)])
     growth = rows.growth_vector
@@ -180,7 +180,7 @@ def analyze(
 
 
 def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, tuple[str, ...]]:
-    """The smallest rank of ``R^T B``, and the reducing outputs in which forces are missing there."""
+    """Smallest rank of ``R^T B``, and the unactuated reducing outputs at that sample."""
     if not reduced.p:
         return 0, reduced.reducing.names
     left, values, _ = np.linalg.svd(reduced.input_matrix(configurations))

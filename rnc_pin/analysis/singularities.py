@@ -1,7 +1,7 @@
-"""Where a square matrix of the reduction becomes singular: the worst samples, and points on singular surfaces.
+"""Singular configurations of the square matrices of the reduction: points on singular surfaces, or worst samples.
 
-Samples alone almost never meet a singular configuration. A determinant that has both signs does: somewhere between
-two such configurations it is zero, and bisection along the way from one to the other finds a point where it is.
+Random samples almost never meet a singular configuration. But between two samples whose determinants have opposite
+signs, the determinant is zero somewhere. Bisection between the two samples finds such a point.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from rnc_pin.robots.robot import Robot
 
 _PAIRS = 8
 _HALVINGS = 50
-_VANISHES = 1e-7  # smallest singular value, of unit rows
+_VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
 _WORST = 3
-_TAKES_PART = 0.1  # of the largest weight in the weakest combination
+_TAKES_PART = 0.1  # weight in the weakest combination, relative to the largest, above which a row takes part
 
 MatrixOf = Callable[[np.ndarray], np.ndarray]
 SignOf = Callable[[np.ndarray], float]
@@ -29,14 +29,14 @@ SignOf = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True)
 class Singularity:
-    """A configuration at which a matrix is singular, or the nearest to it that was sampled.
+    """Configuration at which a matrix is singular, or the worst sample.
 
     Attributes:
         matrix: "E" or "A4".
-        rows: names of the rows that depend on each other there.
-        smallest_singular_value: of the matrix with unit rows for E, as it is for A4.
-        located: whether it lies on a singular surface (found by bisection), or is only the worst sample.
-        configuration: joint values, as ``Robot.configuration`` takes them.
+        rows: names of the rows that are linearly dependent at this configuration.
+        smallest_singular_value: of E with unit rows, or of A4 without scaling.
+        located: True for a point on a singular surface, found by bisection; False for the worst sample.
+        configuration: joint values in the form of ``Robot.configuration``.
     """
 
     matrix: str
@@ -47,7 +47,7 @@ class Singularity:
 
 
 def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> list[Singularity]:
-    """Of ``E = [A; J2]``: where the reducing outputs do not parametrise the motion. configurations (count, nq)."""
+    """Singularities of ``E = [A; J2]``, for configurations (count, nq): the outputs do not parametrise the motion."""
     names = (*reduced.constraints.names, *reduced.reducing.names)
 
     def matrix(q: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def stack_singularities(reduced: ReducedModel, configurations: np.ndarray) -> li
 def task_singularities(
     reduced: ReducedModel, task: Task, tracked: Sequence[str], configurations: np.ndarray
 ) -> list[Singularity]:
-    """Of A4, rows of the vertical outputs ``tracked``: where the redundant outputs cannot steer them."""
+    """Singularities of A4, rows of the vertical outputs ``tracked``: the redundant outputs cannot steer them."""
     rows = np.array([reduced.vertical.names.index(name) for name in tracked])
     block = np.ix_(rows, task.redundant)
 
@@ -67,8 +67,8 @@ def task_singularities(
         return reduced.at(q).A_star[block]
 
     def sign(q: np.ndarray) -> float:
-        # det E det A4 is the determinant of E with the rows of x11 in the place of those of x22: unlike det A4
-        # it has no pole where E is singular, so that it changes its sign at zeros only.
+        # det E det A4 is the determinant of E with the rows of x11 instead of x22. Unlike det A4 it has no pole
+        # at singular E, so it changes its sign at zeros only.
         return _sign(matrix(q)) * _sign(reduced.stacked_rows(q))
 
     square = len(rows) == len(task.redundant)
@@ -82,12 +82,12 @@ def _sign(matrix: np.ndarray) -> float:
 def _search(
     what: str, matrix: MatrixOf, sign: SignOf, names: Sequence[str], reduced: ReducedModel, configurations: np.ndarray
 ) -> list[Singularity]:
-    """Points on singular surfaces; where none was found, the worst samples."""
+    """Points on singular surfaces; the worst samples if no point was found."""
     samples: list[tuple[np.ndarray, np.ndarray]] = []
     for q in configurations:
         try:
             samples.append((q, matrix(q)))
-        except SingularityError:  # an output of its own is undefined there
+        except SingularityError:  # an output is undefined at this sample
             continue
     if not samples:
         return []
@@ -104,7 +104,7 @@ def _search(
         try:
             q = _between(sign, reduced, low, high)
             point = found(q, matrix(q), True)
-        except (SingularityError, ConstraintError):  # the way leads where the matrix is undefined, or a loop opens
+        except (SingularityError, ConstraintError):  # the path meets an undefined matrix, or a loop opens
             continue
         if point.smallest_singular_value < _VANISHES * scale:
             points.append(point)
@@ -115,7 +115,7 @@ def _search(
 
 
 def _apart(points: Sequence[Singularity]) -> list[Singularity]:
-    """Of points that share a row only the one with most rows: there the dependence shows as a whole."""
+    """Of points that share a row, keep only the one with most rows: it shows the complete dependence."""
     kept: list[Singularity] = []
     for point in sorted(points, key=lambda each: (-len(each.rows), each.smallest_singular_value)):
         if not any(set(point.rows) & set(other.rows) for other in kept):
@@ -124,7 +124,7 @@ def _apart(points: Sequence[Singularity]) -> list[Singularity]:
 
 
 def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Neighbours whose determinants differ in sign."""
+    """Pairs of neighbouring samples whose determinants differ in sign."""
     signs = np.array([sign(q) for q in samples])
     positive = [q for q, each in zip(samples, signs, strict=True) if each > 0]
     negative = [q for q, each in zip(samples, signs, strict=True) if each < 0]
@@ -136,7 +136,7 @@ def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tu
 
 
 def _between(sign: SignOf, reduced: ReducedModel, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Where on the way from low to high the determinant changes its sign, with holonomic rows satisfied all along."""
+    """Zero of the determinant on the path from low to high; every point satisfies the holonomic rows."""
 
     def way(share: float) -> np.ndarray:
         return reduced.assembly.project(pin.interpolate(reduced.robot.model, low, high, share))

@@ -1,9 +1,9 @@
-"""Directions of motion along which a reduced system does not change: over flat ground, about a wheel's own axle.
+"""Symmetries of a reduced system: directions of motion along which it does not change, such as over flat ground.
 
-Two kinds are looked for: motions of the whole robot in the world, and motions of joints in their own axes. A
-direction is a symmetry if neither the velocities of all bodies nor the reduced accelerations change along it, at given
-reduced velocities and inputs, and if it keeps the holonomic rows. These changes are linear in the direction and come
-from analytic derivatives, so that symmetries are a null space over sampled states.
+The search covers two kinds: motions of the whole robot in the world, and motions of joints in their own axes, such as
+about a wheel's axle. A direction is a symmetry if the velocities of all bodies and the reduced accelerations do not
+change along it, at given reduced velocities and inputs, and if it keeps the holonomic rows. These changes are linear
+in the direction and come from analytic derivatives. So the symmetries are a null space over sampled states.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from rnc_pin.robots.robot import Robot
 
 _SAMPLES, _TRIES = 4, 40
 _SPREAD = 1.0  # of sampled configurations [rad or m]
-_UNCHANGED = 1e-6  # of the largest change along any direction
+_UNCHANGED = 1e-6  # zero limit, relative to the largest change along any direction
 _DEPENDENT = 1e-9
-_NO_CHANGE = 1e-12  # what counts as none along all of them
+_NO_CHANGE = 1e-12  # absolute zero limit for the changes along all directions
 
 
 class Symmetries:
@@ -38,7 +38,7 @@ class Symmetries:
         joints: rates of joints in their own axes, (nv, s - k).
 
     Attributes:
-        size: how many there are, s.
+        size: number of symmetries, s.
     """
 
     def __init__(self, reduced: ReducedModel, twists: np.ndarray, joints: np.ndarray) -> None:
@@ -48,19 +48,19 @@ class Symmetries:
         self.size = twists.shape[1] + joints.shape[1]
 
     def coefficients(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Those of the symmetries (s,) that make up a velocity (nv,) best."""
+        """Return the least-squares coefficients (s,) of the symmetries in a velocity (nv,)."""
         return np.linalg.lstsq(self.directions(q), v, rcond=_DEPENDENT)[0]
 
     def own_axes(self, coefficients: np.ndarray) -> np.ndarray:
-        """The part (nv,) of a motion that joints make in their own axes."""
+        """Return the part (nv,) of a motion that joints make in their own axes."""
         return self._joints @ coefficients[self._twists.shape[1] :]
 
     def directions(self, q: np.ndarray) -> np.ndarray:
-        """Their velocities (nv, s) at a configuration (nq,)."""
+        """Return the velocities (nv, s) of the symmetries at a configuration (nq,)."""
         return np.hstack([self._whole(q)[0] @ self._twists, self._joints])
 
     def gradient(self, q: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """Derivatives (nv, nv) of ``directions(q) @ coefficients``, the last index that of the direction of change."""
+        """Return the derivatives (nv, nv) of ``directions(q) @ coefficients``; the last index is the direction."""
         n, model = self._model.nv, self._model
         result = np.zeros((n, n))
         k = self._twists.shape[1]
@@ -68,7 +68,7 @@ class Symmetries:
             return result
         X, inverse = self._whole(q)
         velocity = X @ self._twists @ coefficients[:k]
-        for direction in range(n):  # of J X = twist, the twist being constant
+        for direction in range(n):  # derivative of J X = twist, with constant twist
             pin.computeJointJacobiansTimeVariation(model, self._data, q, np.eye(n)[direction])
             rates = [
                 pin.getJointJacobianTimeVariation(model, self._data, joint, pin.WORLD).reshape(6, n) @ velocity
@@ -82,15 +82,15 @@ class Symmetries:
 
 
 def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] = ()) -> Symmetries:
-    """The symmetries of a system, by derivatives at sampled states near a configuration.
+    """Return the symmetries of a system, by derivatives at sampled states near a configuration.
 
     Args:
         reduced: the model.
-        q: configuration (nq,) around which to look.
+        q: configuration (nq,) in the middle of the samples.
         cyclic: joints, or entries of v, that count as symmetries although the dynamics depend on them.
 
     Raises:
-        ModelError: no such joint.
+        ModelError: unknown joint.
         ConstraintError: no regular configurations near q.
     """
     robot, n = reduced.robot, reduced.n
@@ -115,14 +115,14 @@ def _entries(robot: Robot, name: str) -> np.ndarray:
 
 
 class _Changes(NamedTuple):
-    """Changes of what a system does along each direction, (k, nv) each, at given velocities and inputs."""
+    """Changes of the system along each direction, (k, nv) each, at given velocities and inputs."""
 
     joints: np.ndarray
-    """Of the velocity in axes that move along with the joints."""
+    """Changes of the velocity in axes that move along with the joints."""
     bodies: np.ndarray
-    """Of the velocities of all bodies in their own axes, which tell of a robot that moves as a whole."""
+    """Changes of all body velocities in body axes; these show motions of the whole robot."""
     others: tuple[np.ndarray, np.ndarray]
-    """Of reduced accelerations, and of holonomic rows."""
+    """Changes of the reduced accelerations, and of the holonomic rows."""
 
 
 def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> _Changes:
@@ -134,7 +134,7 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
     bodies = []
     for joint in range(1, model.njoints):
         along_q, along_v = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
-        # One column comes as a vector.
+        # A single column arrives as a vector.
         bodies.append(along_q.reshape(6, -1) + along_v.reshape(6, -1) @ derivatives.v_q)
     closing = np.zeros((0, reduced.n))
     if assembly.size:
@@ -145,7 +145,7 @@ def _changes(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
 
 
 def _sampled(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generator) -> list[np.ndarray]:
-    """Regular configurations near one that satisfy the holonomic rows."""
+    """Regular configurations near a given one that satisfy the holonomic rows."""
     found: list[np.ndarray] = []
     for _ in range(_TRIES):
         tangent = generator.uniform(-_SPREAD, _SPREAD, reduced.n)
@@ -161,7 +161,7 @@ def _sampled(reduced: ReducedModel, q: np.ndarray, generator: np.random.Generato
 
 
 def _whole_motions(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Velocities (nv, 6) by which all bodies move with a unit twist, the inverse that gave them, and the misfit."""
+    """Velocities (nv, 6) that move all bodies with a unit twist, the inverse that gave them, and the misfit."""
     pin.computeJointJacobians(model, data, q)
     joints = range(1, model.njoints)
     J = np.vstack([pin.getJointJacobian(model, data, joint, pin.WORLD).reshape(6, -1) for joint in joints])
@@ -176,6 +176,6 @@ def _scaled(changes: np.ndarray) -> np.ndarray:
 
 
 def _null_space(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what changes nothing, to ``_UNCHANGED``."""
+    """Orthonormal basis of the directions without changes above ``_UNCHANGED``."""
     _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1], rows.shape[1]))]))
     return right[values < _UNCHANGED].T

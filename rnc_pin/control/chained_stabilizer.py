@@ -2,8 +2,8 @@
 
 A. Astolfi, "Discontinuous control of nonholonomic systems", Systems & Control Letters 27 (1996) 37-45:
 for ``x1dot = u1, x2dot = u2, x3dot = x2 u1, ..., xndot = x(n-1) u1`` the coordinates ``z_i = x_i / x1^(i-2)``
-are linear under ``u1 = -k x1``, so that a linear law places their poles and everything converges exponentially
-from wherever x1 is not zero.
+are linear under ``u1 = -k x1``. So a linear law places their poles, and the state converges exponentially from every
+initial state with nonzero x1.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from rnc_pin.printing import ReprMixin
 class ChainedStabilizer(ReprMixin):
     """``u1 = -k x1``, ``u2 = -P z`` with poles of z placed at -rate, -1.1 rate, -1.2 rate, ...
 
-    Inputs are held below ``fastest`` by slowing the whole motion down, which leaves its path as it is. Where x1 is zero
-    and anything else is not, no z exists: there the law refuses.
+    A common factor on both inputs keeps them below ``fastest`` and does not change the path. If x1 is zero and another
+    state is not, z does not exist, and the law raises an error.
 
     Args:
         n: length of the chain, at least 3.
-        k: rate at which x1 fades [1/s].
-        rate: at which z fades [1/s]; above k, so that z is gone before x1 is.
-        fastest: largest input that it asks for.
+        k: decay rate of x1 [1/s].
+        rate: decay rate of z [1/s]; above k, so that z decays before x1.
+        fastest: largest norm of the inputs.
     """
 
     def __init__(self, n: int, k: float = 0.5, rate: float = 1.5, fastest: float = 1e3) -> None:
@@ -41,7 +41,7 @@ class ChainedStabilizer(ReprMixin):
         self.P = place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
 
     def describe(self) -> Description:
-        """Its rates."""
+        """Return the rates."""
         return {
             "type": type(self).__name__,
             "n": self.n,
@@ -51,19 +51,19 @@ class ChainedStabilizer(ReprMixin):
         }
 
     def command(self, x: np.ndarray) -> np.ndarray:
-        """(u1, u2) at a chained state x (n,).
+        """Return (u1, u2) at a chained state x (n,).
 
         Raises:
-            InputError: x1 is zero, or so small beside the others that z is beyond all numbers.
+            InputError: x1 is zero, or so small beside the others that z overflows.
         """
         u = self._law(x)
         return u / self._slower(u)
 
     def coordinates(self, x: np.ndarray) -> np.ndarray:
-        """``z_i = x_i / x1^(i-2)`` for i = 2..n, (n - 1,).
+        """Return ``z_i = x_i / x1^(i-2)`` for i = 2..n, (n - 1,).
 
         Raises:
-            InputError: as for ``command``.
+            InputError: as in ``command``.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = x[1:] / x[0] ** np.arange(self.n - 1)
@@ -72,7 +72,7 @@ class ChainedStabilizer(ReprMixin):
         return z
 
     def command_rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Rate of the command while the chain moves under u."""
+        """Return the rate of the command while the chain moves under u."""
         z = self.coordinates(x)
         powers = x[0] ** np.arange(self.n - 1)
         x_dot = np.concatenate([[u[1]], x[1:-1] * u[0]])  # of x2, x3, ..., xn
@@ -81,13 +81,13 @@ class ChainedStabilizer(ReprMixin):
         slower = self._slower(law)
         along = (
             law * (law @ rate) / (law @ law) if slower > 1.0 else 0.0
-        )  # of a command at its limit only the direction
+        )  # at the limit only the direction of a command changes
         return (rate - along) / slower
 
     def _law(self, x: np.ndarray) -> np.ndarray:
-        """The command without its limit."""
+        """Command without its limit."""
         return np.array([-self.k * x[0], -self.P @ self.coordinates(x)])
 
     def _slower(self, u: np.ndarray) -> float:
-        """By what a command is divided so that its length stays within the limit."""
+        """Divisor that keeps the norm of a command within the limit, at least 1."""
         return max(1.0, float(np.linalg.norm(u)) / self.fastest)

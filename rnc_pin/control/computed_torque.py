@@ -1,4 +1,4 @@
-"""The model-based baseline: what knowing the model is worth."""
+"""Computed torque: the model-based baseline for the adaptive trackers."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rnc_pin.printing import ReprMixin
 class ComputedTorque(ReprMixin):
     """``F = H (v2d_dot + k (v2d - v2)) + V v2 + G``: the velocity error decays as exp(-k t).
 
-    Reads the model, unlike the adaptive trackers, and from the measurement ``q, v2`` and what its kinematic
-    controller reads.
+    Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``, and the quantities that its
+    kinematic controller reads.
 
     Args:
         reduced: the model.
@@ -26,7 +26,7 @@ class ComputedTorque(ReprMixin):
         self._reduced, self.target, self.k = reduced, target, k
 
     def describe(self) -> Description:
-        """Its gain, and what it follows."""
+        """Return the gain, and the kinematic controller."""
         return {
             "type": type(self).__name__,
             "k": listed(self.k),
@@ -34,7 +34,7 @@ class ComputedTorque(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> object:
-        """That of the kinematic controller."""
+        """Return the initial state of the kinematic controller."""
         return self.target.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:

@@ -1,14 +1,15 @@
-"""What adaptation takes of an error that noise is part of.
+"""Dead zone of adaptation against measurement noise.
 
-With ``error = e + n``, of which only the sum is measured, a law that learns at ``beta error`` also learns at
-``beta n``, and what it learns wanders off with the sum of all noise. A dead zone z with ``|n| <= z`` takes z off what
-is measured: what is left is zero or has the sign of e and is not longer, ``theta e`` with 0 <= theta <= 1. So
+Only the sum ``error = e + n`` of the true error e and the noise n is measured. A law that adapts at ``beta error`` also
+adapts at ``beta n``, and its estimates drift with the integral of the noise. A dead zone z with ``|n| <= z`` reduces
+the measured error by z. The result is ``theta e`` with 0 <= theta <= 1: zero, or of the sign of e and not larger. So
 
-* where e = 0 nothing is learnt: noise moves nothing;
-* elsewhere it is learnt from the true error, at a gain between 0 and beta. In the Lyapunov functions of Lemmas 2 to 4,
-  ``|learnt - true|^2 / (2 beta)`` changes by ``theta e`` times what is missing instead of ``e`` times it. As
-  ``|e| - |theta e| <= 2 z``, what no longer cancels in Lemmas 2 and 3 is at most 2 z times what is missing, and errors
-  end in a region of that size; in Lemma 4 every entry still shrinks its own part, so estimates only come closer.
+* where e = 0 the estimates do not change: noise has no effect;
+* elsewhere the law adapts from the true error, at a gain between 0 and beta. In the Lyapunov functions of Lemmas 2 to
+  4, the rate of ``|learnt - true|^2 / (2 beta)`` is ``theta e`` times the parameter error, instead of ``e`` times it.
+  As ``|e| - |theta e| <= 2 z``, the terms that no longer cancel in Lemmas 2 and 3 are at most 2 z times the parameter
+  error, and errors end in a region of that size. In Lemma 4 every entry still shrinks its own part, so estimates only
+  approach the true values.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from numpy import ndarray as Array
 
 
 def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:
-    """Errors less the zone, entry by entry; zero within it.
+    """Return the errors reduced by the zone, entry by entry; zero within it.
 
     Args:
-        error: as measured.
-        zone: not negative; a number, or one for each entry (k,).
+        error: measured errors.
+        zone: half width of the zone, not negative; a number, or one for each entry (k,).
     """
     return error - np.clip(error, -np.asarray(zone), zone)

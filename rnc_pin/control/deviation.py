@@ -1,4 +1,4 @@
-"""Where outputs should be against where they are."""
+"""Deviations of outputs from their references."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from rnc_pin.planning.references import ReferencePoint
 
 
 class Deviation(NamedTuple):
-    """What feedback of k outputs is made of, (..., k) each; of rotations all are angular rates in world axes."""
+    """Errors and feedforward of k outputs, (..., k) each; for rotations, angular quantities in world axes."""
 
     velocity: np.ndarray
-    """Of the reference, (k,)."""
+    """Velocity of the reference, (k,)."""
     acceleration: np.ndarray
-    """Of the reference, (k,)."""
+    """Acceleration of the reference, (k,)."""
     error: np.ndarray
-    """Desired less actual."""
+    """Desired minus actual output."""
     error_rate: np.ndarray
 
 
 def deviation(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> Deviation:
-    """A reference against outputs (..., k) and their rates (..., k)."""
+    """Return the deviation of outputs (..., k) and their rates (..., k) from a reference."""
     velocity, acceleration = coordinates.to_rates(desired.position, desired.velocity, desired.acceleration)
     error = coordinates.difference(desired.position, actual)
     return Deviation(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
 
 
 def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
-    """``gain * error`` (..., k); an output that has no value needs none where its gain is zero.
+    """Return ``gain * error`` (..., k); an output with zero gain needs no value.
 
     Raises:
-        InputError: there is a gain on a quasi-velocity whose integral nobody gave.
+        InputError: a quasi-velocity has a nonzero gain, but its integral is not given.
     """
     product = gain * error
     if np.isfinite(product).all():

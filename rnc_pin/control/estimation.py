@@ -1,6 +1,6 @@
-"""What estimators of uncertain kinematics have in common: a linear regression, and a model that believes its result.
+"""Common parts of estimators of uncertain kinematics: a linear regression, and a model with estimated parameters.
 
-Paper (14)-(21), for any constraint that is affine in what is not known about it: ``A_known(q) v + Y(q, v) p = 0``.
+Paper (14)-(21), for any constraint that is affine in its unknown parameters p: ``A_known(q) v + Y(q, v) p = 0``.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ class Regressor(Protocol):
 
     Attributes:
         names: of the parameters (s,).
-        predicted: what each entry of the prediction error belongs to (e,).
-        units: of the parameters (s,); of the prediction error (e,) in ``predicted_units``.
+        predicted: names of the entries of the prediction error (e,).
+        units: of the parameters (s,).
+        predicted_units: units of the entries of the prediction error (e,).
     """
 
     names: tuple[str, ...]
@@ -37,22 +38,22 @@ class Regressor(Protocol):
     predicted_units: tuple[str, ...]
 
     def regress(self, q: Array, v: Array) -> tuple[Float[Array, " e"], Float[Array, "e s"]]:
-        """Y and Y at a measured q (nq,) and v (nv,): ``y = Y p`` at the true p, whatever they are."""
+        """Return y and Y at a measured q (nq,) and v (nv,): ``y = Y p`` at the true parameters p."""
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """A model with the outputs of ``reduced``, and estimates in the place of what is not known."""
+        """Return a model with the outputs of ``reduced``, and estimates in place of the unknown parameters."""
 
 
 class EstimatedModel:
-    """The same outputs and actuators under constraints with estimated parameters.
+    """Model with the same outputs and actuators, under constraints with estimated parameters.
 
-    Bound rows know joints and frames by index alone, so those that no parameter enters are shared.
+    Bound rows refer to joints and frames by index only. So rows without unknown parameters are shared.
 
     Args:
-        reduced: whose outputs and constraints they are.
-        model: a copy of its model, to be changed.
-        rows: all its constraint rows, or copies of them to be changed.
-        believe: writes parameters (s,) into the copies.
+        reduced: the model with the true constraints.
+        model: a copy of its Pinocchio model; parameters change it.
+        rows: all its constraint rows, with copies of those that parameters change.
+        believe: function that writes parameters (s,) into the copies.
     """
 
     def __init__(
@@ -70,12 +71,12 @@ class EstimatedModel:
             known.reducing,
             known.vertical,
             known.singularity_limit,
-            row_scales(robot, rows, known.reducing, samples),  # those of the true rows are not known
+            row_scales(robot, rows, known.reducing, samples),  # the scales of the true rows are unknown
         )
         self._reduced = ReducedModel(parts, reduced.assembly)
 
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
-        """The model for these parameters: one and the same object, which the next call changes."""
+        """Return the model for these parameters; always the same object, which the next call changes."""
         self._believe(p)
         return self._reduced
 
@@ -90,12 +91,11 @@ def adapt(
     high: np.ndarray,
     dead_zone: float | np.ndarray = 0.0,
 ) -> np.ndarray:
-    """One sample of ``pdot = alpha W^T E`` (20), kept within bounds.
+    """Return the parameters after one sample of ``pdot = alpha W^T E`` (20), kept within bounds.
 
-    The step is bounded like that of the trackers: it never corrects more than the error that it sees, so that
-    ``|p - phat|`` does not grow (Lemma 4). Nor does it for small steps where the error is measured with noise within
-    the dead zone, of which nothing is learnt (``control.dead_zone``). Clipping to a box that holds p does not make it
-    grow either.
+    The step is bounded as in the trackers: it never corrects more than the measured error, so ``|p - phat|`` does not
+    grow (Lemma 4). With noise within the dead zone it does not grow for small steps, because the law ignores such
+    errors (``control.dead_zone``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
     correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * apply_dead_zone(error, dead_zone))

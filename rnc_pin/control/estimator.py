@@ -1,4 +1,4 @@
-"""Estimates of what is not known about constraints, improved once a sample. Paper (20), Lemma 4."""
+"""Estimator of unknown constraint parameters, updated once per sample. Paper (20), Lemma 4."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Bound = float | Sequence[float] | np.ndarray
 Bounds = tuple[Bound, Bound]
 
 BOUNDS = (0.05, 20.0)
-"""Lowest and highest estimate where nobody says otherwise."""
+"""Default lowest and highest estimate."""
 
 
 class EstimatorState(NamedTuple):
-    """What has been learnt."""
+    """State of the estimator: time of the last sample, and parameter estimates."""
 
     time: float | None
     p: Float[Array, " s"]
@@ -37,19 +37,19 @@ class Estimator(ReprMixin):
     """``phat_dot = alpha Y^T E`` with ``E = y - Y phat``, paper (20), at the measured q and v.
 
     Args:
-        reduced: the system; true values of what is unknown in it are never read.
-        regressor: what is unknown, e.g. ``MomentumRegressor`` or ``WheelRegressor``.
+        reduced: the system; the true values of its unknown parameters are never read.
+        regressor: model of the unknown parameters, e.g. ``MomentumRegressor`` or ``WheelRegressor``.
         initial: first estimates (s,), in the regressor's units.
         bounds: lowest and highest values, positive; a number or one for each parameter.
         alpha: adaptation gain; 0 switches it off.
-        dead_zone: prediction error below which nothing is learnt; a number or one each.
+        dead_zone: prediction error below which estimates do not change; a number or one for each entry.
 
     Attributes:
-        model: the system as it is believed to be, with the estimates of the last step and at first with ``initial``.
-            Whatever needs a model under a controller, or an inertia to scale gains to, takes this one.
+        model: the estimated model, with the estimates of the last step; at first with ``initial``. Use it for every
+            controller that needs a model, and for gains that are scaled to an inertia.
 
     Raises:
-        ConfigurationError: estimates outside the bounds or of the wrong number, or a momentum that is not zero.
+        ConfigurationError: estimates are outside the bounds or of the wrong number, or the momentum is not zero.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Estimator(ReprMixin):
         self.model = self._estimated.at(self.initial)
 
     def describe(self) -> Description:
-        """Its gain, first estimates by name, and bounds."""
+        """Return the gain, the first estimates by name, and the bounds."""
         return {
             "alpha": self.alpha,
             "dead_zone": listed(self.dead_zone),
@@ -91,12 +91,12 @@ class Estimator(ReprMixin):
         }
 
     def initial_state(self) -> EstimatorState:
-        """The first estimates, which ``model`` then has."""
+        """Return the first estimates, and write them into ``model``."""
         self.model = self._estimated.at(self.initial)
         return EstimatorState(None, self.initial)
 
     def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[EstimatorState, np.ndarray]:
-        """Better estimates, which ``model`` then has, and the prediction error E (e,) of those before.
+        """Update the estimates and ``model``; also return the prediction error E (e,) of the previous estimates.
 
         Reads from the measurement: ``q, v``.
 
@@ -117,7 +117,7 @@ class Estimator(ReprMixin):
 
 
 def believed(measurement: Measurement, guess: StateEvaluation) -> Measurement:
-    """A measurement with the kinematics of an estimated model in the place of the true ones."""
+    """Return a measurement with the kinematics of an estimated model instead of the true kinematics."""
     seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
     return seen if seen.missing is None else seen._replace(excess=apply(guess.input_matrix, seen.missing))
 

@@ -1,6 +1,6 @@
-"""Gains of the trackers (8)-(9) and (10): the paper's, those for a bound on H, and those scaled to H over a region.
+"""Gains of the trackers (8)-(9) and (10): from the paper, from a bound on H, or scaled to H over a region.
 
-Only ``scaled`` reads an inertia. ``paper`` reads nothing, ``normalised`` one bound that its user states.
+Only ``scaled`` reads an inertia. ``normalised`` needs a bound on H from the user; ``paper`` needs nothing.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ Gain = float | np.ndarray
 FASTEST = 0.2
 """Largest product of a closed-loop rate and the sampling period that the sampled tracker tolerates."""
 LATEST = np.pi / 4
-"""Largest product of a closed-loop rate and the age of what it is fed back from: half of pi / 2."""
+"""Largest product of a closed-loop rate and the age of the feedback signal: half of pi / 2."""
 
 
 @dataclass(frozen=True)
 class VelocityGains:
-    """Gains of (10); numbers, or one for each reducing output (r,).
+    """Gains of (10); each is a number, or one for each reducing output (r,).
 
     Attributes:
         k: feedback of the velocity error [force per velocity].
         beta: adaptation.
         sigma: leak of the adaptation [1/s].
-        dead_zone: velocity error below which nothing is learnt, as large as the noise of velocities; none in the paper
+        dead_zone: velocity error below which adaptation stops, as large as the velocity noise; zero in the paper
             (``control.dead_zone``).
     """
 
@@ -51,18 +51,18 @@ class VelocityGains:
     def normalised(
         cls, bound: Gain, bandwidth: float = 4.0, sigma: float = 0.1, adaptation: float = 1.0
     ) -> VelocityGains:
-        """``K = bandwidth D`` for whoever knows of H no more than ``H <= D = diag(bound)``.
+        """Return gains ``K = bandwidth D`` from a known bound ``H <= D = diag(bound)`` only.
 
-        With ``Hdot = V + V^T`` the error obeys ``d/dt (e^T H e / 2) = -e^T K e + e^T d``, where d is what adaptation
-        has not learnt. From ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e`` it fades at ``bandwidth`` or faster
-        wherever the bound holds, and adaptation with ``beta = adaptation K`` leaves that as it is (Lemma 3). How much
-        faster is up to the lightest motion: the loop has rates up to ``bandwidth D / H``, so that with a bandwidth of
-        4/s, twice the outer loop's, sampling every 2 ms leaves H room to be 25 times less than its bound before their
-        product with the period is ``FASTEST``, and 125 times less before adaptation makes it unstable.
+        With ``Hdot = V + V^T`` the error obeys ``d/dt (e^T H e / 2) = -e^T K e + e^T d``. Here d is the force that
+        adaptation has not learnt yet. As ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e``, the error decays at
+        ``bandwidth`` or faster wherever the bound holds. Adaptation with ``beta = adaptation K`` preserves this
+        (Lemma 3). The fastest rate is ``bandwidth D / H``, for the lightest motion. Consider a bandwidth of 4/s, twice
+        the outer loop's, and a sampling period of 2 ms. Then H may be 25 times less than its bound before the product
+        of rate and period reaches ``FASTEST``, and 125 times less before adaptation makes the loop unstable.
 
         Args:
             bound: on the reduced inertia, ``diag(bound) - H >= 0`` [force per acceleration]; a number, or one for
-                each reducing output (r,). Of a diagonally dominant H the sums of its rows' magnitudes will do.
+                each reducing output (r,). For a diagonally dominant H, the absolute row sums are a bound.
             bandwidth: lowest rate of the closed loop [1/s].
             sigma: leak of the adaptation [1/s].
             adaptation: ``beta / k`` [1/s].
@@ -86,34 +86,34 @@ class VelocityGains:
         adaptation: float = 1.0,
         delay: float = 0.0,
     ) -> VelocityGains:
-        """Diagonal gains ``K = bandwidth diag(H)`` that suit the inertia over a region.
+        """Return diagonal gains ``K = bandwidth diag(H)`` for the inertia over a region.
 
-        This reads the model's inertia, once and beforehand; the controller itself never does. The closed
-        velocity loop has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt
-        below ``FASTEST``) and fast for the outer loop (at least ``slowest``); the bandwidth is chosen in
-        this window, at its upper end unless one is asked for.
+        The method reads the model's inertia once, beforehand; the controller never reads it. The closed velocity loop
+        has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below ``FASTEST``) and fast for
+        the outer loop (at least ``slowest``). These limits are a window for the bandwidth; the default is its upper
+        end.
 
-        A delay bounds them too. What acts is ``delay`` old, and on average half a sample more for being held:
-        ``edot = -rate e(t - age)`` with ``age = delay + dt / 2`` has solutions ``exp(s t)`` with
-        ``s = -rate exp(-s age)``, and the first to cross the imaginary axis do so at ``rate age = pi / 2``. The rates
-        are kept below half of that, ``LATEST = pi / 4``: the other half of the phase is left to adaptation, which takes
-        ``atan(beta / k / rate)``, and to the outer loop.
+        A delay limits the rates too. The applied force is ``delay`` old, plus half a sample on average for the hold.
+        With ``age = delay + dt / 2``, ``edot = -rate e(t - age)`` has solutions ``exp(s t)`` with
+        ``s = -rate exp(-s age)``. The first solutions cross the imaginary axis at ``rate age = pi / 2``. The rates stay
+        below half of that, ``LATEST = pi / 4``. The other half of the phase is for the outer loop and for adaptation,
+        which takes ``atan(beta / k / rate)``.
 
         Args:
             reduced: the model.
             configurations: the region, (count, nq), e.g. along a roll-out of the reference.
             dt: sampling period [s].
             bandwidth: [rad/s]; by default the largest that the sampling allows.
-            slowest: lowest closed-loop rate accepted [1/s]; about twice the outer loop's gain.
+            slowest: lowest accepted closed-loop rate [1/s]; about twice the outer loop's gain.
             sigma: leak of the adaptation [1/s].
-            outputs: positions of the reducing outputs that the gains are for; all by default.
-            adaptation: ``beta / k`` [1/s]. Where gravity is large for the inertia that it acts on, as at a light wrist,
-                it has to be learnt as fast as it changes: 30.
-            delay: from a measurement until a force answers it, sampling apart [s].
+            outputs: indices of the reducing outputs of these gains; all by default.
+            adaptation: ``beta / k`` [1/s]. Use 30 if gravity is large for the inertia that it acts on, as at a light
+                wrist: adaptation must then be as fast as the gravity force changes.
+            delay: time from a measurement to the force that answers it, without sampling [s].
 
         Raises:
-            InfeasibleError: the window is empty; says the figures.
-            ConfigurationError: ``bandwidth`` is outside it, or the delay is negative.
+            InfeasibleError: the window is empty; the message gives its limits.
+            ConfigurationError: ``bandwidth`` is outside the window, or the delay is negative.
         """
         _check_delay(delay)
         H = reduced.inertia(np.atleast_2d(configurations))
@@ -135,15 +135,15 @@ class VelocityGains:
 
 @dataclass(frozen=True)
 class PositionGains:
-    """Gains of (8)-(9); numbers, or one for each output (k,).
+    """Gains of (8)-(9); each is a number, or one for each output (k,).
 
     Attributes:
-        k1: of the filtered error w, which stands for the rate.
-        k2: of the error.
-        gamma: of the filter [1/s], one number.
-        beta: adaptation.
+        k1: gain of the filtered error w, which replaces the rate.
+        k2: gain of the error.
+        gamma: rate of the filter [1/s], one number.
+        beta: adaptation gain.
         sigma: leak of the adaptation [1/s].
-        dead_zone: error below which nothing is learnt, as large as the noise of the outputs; none in the paper.
+        dead_zone: error below which adaptation stops, as large as the output noise; zero in the paper.
     """
 
     k1: Gain = 10.0
@@ -171,18 +171,18 @@ class PositionGains:
 
     @classmethod
     def normalised(cls, bound: Gain, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1) -> PositionGains:
-        """Gains for whoever knows of H no more than ``H <= D = diag(bound)``.
+        """Return gains from a known bound ``H <= D = diag(bound)`` only.
 
         With ``k1 = kappa1 D, k2 = kappa2 D`` every motion of ``H = D / rho``, rho at least 1, has the polynomial
         ``s^3 + 2 gamma s^2 + rho (omega^2 s + 2 kappa2 gamma^3)`` with ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``.
-        It is stable at every rho for ``kappa1 > 0``, its slow root tends to ``-rate = -2 kappa2 gamma^3 / omega^2``
-        as H gets lighter, and with ``omega = 4 rate`` that root is beyond ``-rate`` at the bound itself. Sampling
-        every dt is felt once ``rho omega^2 > gamma / dt``: at 2 ms H may be 27 times less than its bound.
+        It is stable at every rho for ``kappa1 > 0``. Its slow root tends to ``-rate = -2 kappa2 gamma^3 / omega^2`` as
+        H gets lighter. With ``omega = 4 rate`` that root is beyond ``-rate`` at the bound itself. Sampling every dt
+        matters once ``rho omega^2 > gamma / dt``: at 2 ms H may be 27 times less than its bound.
 
         Args:
             bound: on the inertia of the outputs, ``diag(bound) - H >= 0``; a number, or one for each output (k,).
-            gamma: of the filter [1/s].
-            rate: at which the error should fade [1/s]; below ``gamma / 2``.
+            gamma: rate of the filter [1/s].
+            rate: decay rate of the error [1/s]; below ``gamma / 2``.
             sigma: leak of the adaptation [1/s].
 
         Raises:
@@ -205,24 +205,23 @@ class PositionGains:
         sigma: float = 0.1,
         delay: float = 0.0,
     ) -> PositionGains:
-        """Diagonal gains that suit the inertia over a region.
+        """Return diagonal gains for the inertia over a region.
 
-        With ``k = kappa diag(H)`` the closed loop oscillates at ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``,
-        damped at about ``gamma`` by the filter, while holding inputs over a sample feeds it at
-        ``omega^2 dt / 4``, that is half of omega^2 times the half sample that inputs are old on average: omega^2 may
-        be gamma / dt, or with a delay ``gamma / (dt + 2 delay)``. The error itself then fades at
-        ``rate = 2 kappa2 gamma^3 / omega^2``.
+        With ``k = kappa diag(H)`` the closed loop oscillates at ``omega^2 = kappa1 gamma^4 + kappa2 gamma^2``. The
+        filter damps this oscillation at about ``gamma``. The zero-order hold excites it at ``omega^2 dt / 4``: half of
+        omega^2 times the average age of inputs, half a sample. So omega^2 may be gamma / dt, or with a delay
+        ``gamma / (dt + 2 delay)``. The error then decays at ``rate = 2 kappa2 gamma^3 / omega^2``.
 
         Args:
             inertia: of the outputs over the region, (count, k, k).
             dt: sampling period [s].
-            gamma: of the filter [1/s].
-            rate: at which the error should fade [1/s].
+            gamma: rate of the filter [1/s].
+            rate: decay rate of the error [1/s].
             sigma: leak of the adaptation [1/s].
-            delay: from a measurement until a force answers it, sampling apart [s].
+            delay: time from a measurement to the force that answers it, without sampling [s].
 
         Raises:
-            InfeasibleError: sampling is too slow for these rates; says the figures.
+            InfeasibleError: sampling is too slow for these rates; the message gives the limits.
             ConfigurationError: the delay is negative.
         """
         _check_delay(delay)
@@ -239,7 +238,7 @@ class PositionGains:
 
 
 def _positive(bound: Gain) -> np.ndarray:
-    """A bound on the inertia as an array, refused where it is not positive."""
+    """Return a bound on the inertia as an array; raise an error if it is not positive."""
     values = np.asarray(bound, dtype=float)
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
@@ -247,7 +246,7 @@ def _positive(bound: Gain) -> np.ndarray:
 
 
 def _zone(dead_zone: Gain) -> Description:
-    """A dead zone by name, where there is one."""
+    """Description of a dead zone, if there is one."""
     return {"dead_zone": listed(dead_zone)} if np.any(dead_zone) else {}
 
 
@@ -261,7 +260,7 @@ def _late(delay: float) -> str:
 
 
 def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A typical diagonal D (k,) of inertia matrices H (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
+    """Typical diagonal D (k,) of inertia matrices H (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
     H = 0.5 * (H + H.mT)  # an effective inertia need not be symmetric
     entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
     diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))

@@ -1,4 +1,4 @@
-"""Some actuators drive some outputs, the others are off. Paper section 4.1, "first joint off"."""
+"""Jacobian-transpose control of some outputs by some actuators; the others are off. Paper 4.1, "first joint off"."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from rnc_pin.printing import ReprMixin
 
 
 def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray, active: Sequence[str]) -> np.ndarray:
-    """What F21 has to move while some actuators are off: ``x21ddot = M^-1 F21`` at rest. For choosing gains beforehand.
+    """Return the inertia M that F21 moves while some actuators are off: ``x21ddot = M^-1 F21`` at rest.
 
-    Not symmetric: the joints that are off move along.
+    M serves to choose gains beforehand. It is not symmetric, because the joints that are off move along.
 
     Args:
         reduced: the model.
         q: configurations (..., nq).
-        outputs: positions of x21 in x2, k of them.
+        outputs: indices of x21 in x2, (k,).
         active: names of the actuators that are on; at least k.
 
     Returns:
@@ -43,13 +43,13 @@ def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray,
 class JacobianTransposeController(ReprMixin):
     """``T = (J21 B)^T F21`` on the active actuators, zero on the others.
 
-    F21 comes from (8)-(9), so neither rates nor inertia are read; J21 is the Jacobian of the tracked outputs.
-    On the space robot with its first joint off nothing acts on the platform, so it stays where it is.
+    F21 comes from (8)-(9), so the controller reads neither rates nor inertia. J21 is the Jacobian of the tracked
+    outputs. If the first joint of the space robot is off, no force acts on the platform, and it stays at rest.
 
     Reads from the measurement: ``q, x2``.
 
     Args:
-        reduced: whose kinematics they are.
+        reduced: model that provides the kinematics.
         tracker: position tracker of the outputs x21.
         active: names of the actuators that are on; at least as many as outputs.
 
@@ -63,7 +63,7 @@ class JacobianTransposeController(ReprMixin):
         self._active = _places(reduced, active, tracker.outputs)
 
     def describe(self) -> Description:
-        """The actuators that are on, and what drives them."""
+        """Return the active actuators, and the tracker."""
         names = self._reduced.actuation.names
         return {
             "type": type(self).__name__,
@@ -72,7 +72,7 @@ class JacobianTransposeController(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
-        """That of the tracker."""
+        """Return the initial state of the tracker."""
         return self.tracker.initial_state(measurement)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
@@ -84,7 +84,7 @@ class JacobianTransposeController(ReprMixin):
         return command._replace(F=None, T=T), state
 
     def effective_inertia(self, q: np.ndarray) -> np.ndarray:
-        """That of its outputs and actuators, (..., k, k)."""
+        """Return the effective inertia of the tracked outputs under the active actuators, (..., k, k)."""
         names = self._reduced.actuation.names
         return effective_inertia(self._reduced, q, self.tracker.outputs, [names[place] for place in self._active])
 

@@ -18,7 +18,7 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class UnknownMass:
-    """A body whose mass is not known; how the mass is spread over the body is.
+    """Body of unknown mass but known mass distribution.
 
     Args:
         joint: the joint that carries the body.
@@ -35,19 +35,19 @@ class MomentumRegressor:
     With the base columns of ``A_known`` nonsingular, the base moves as ``x1dot = W0 + W p``.
 
     Args:
-        robot: its model; the masses of unknown bodies in it are never read.
+        robot: the robot; the masses of its unknown bodies are never read.
         base: the joint whose momentum is conserved.
         unknown: the bodies.
 
     Raises:
         ModelError: unknown joint, or a body without mass.
-        ConfigurationError: nothing known is left to turn with the base.
+        ConfigurationError: no body of known mass turns with the base.
     """
 
     def __init__(self, robot: Robot, base: str, unknown: Sequence[UnknownMass]) -> None:
         if not unknown:
             raise ConfigurationError("name at least one body of unknown mass")
-        momentum = MomentumConservation(base).bind(robot)  # refuses a joint that is not cyclic
+        momentum = MomentumConservation(base).bind(robot)  # raises an error if the joint is not cyclic
         self.names = tuple(f"mass behind {each.joint}" for each in unknown)
         self.units = tuple("kg" if each.unit == 1.0 else f"{each.unit:g} kg" for each in unknown)
         self.rows = robot.velocity_indices(base)
@@ -60,7 +60,7 @@ class MomentumRegressor:
             inertia = robot.model.inertias[joint]
             if not inertia.mass > 0:
                 raise ModelError(f"body behind joint '{each.joint}' has no mass to estimate")
-            # The shape of the body alone: its inertia divided by its mass.
+            # Inertia of the body at unit mass.
             shape = inertia.toDynamicParameters() / inertia.mass
             self._unit.append(each.unit * shape)
             self._known.inertias[joint] = pin.Inertia.Zero()
@@ -70,16 +70,16 @@ class MomentumRegressor:
             raise ConfigurationError(f"no body of known mass turns with joint '{base}'")
 
     def inertia(self, index: int, value: float) -> pin.Inertia:
-        """Inertia of an unknown body for a value of its parameter."""
+        """Return the inertia of an unknown body for a value of its parameter."""
         return pin.Inertia.FromDynamicParameters(value * self._unit[index])
 
     def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y."""
+        """Return ``x1dot - W0`` (k,) and W (k, s), the paper's form of y and Y."""
         W0, W = self.predict(q, v)
         return v[self.rows] - W0, W
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """A model whose unknown bodies have the estimated masses."""
+        """Return a model whose unknown bodies have the estimated masses."""
         model = reduced.robot.model.copy()
         believe = partial(self._believe, model)
         believe(np.ones(len(self.names)))
@@ -90,7 +90,7 @@ class MomentumRegressor:
             model.inertias[joint] = self.inertia(index, float(value))
 
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
+        """Return W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
         model, rows = self._known, self.rows
         A = pin.crba(model, self._data, q)[rows]
         pin.computeJointJacobians(model, self._jacobians, q)

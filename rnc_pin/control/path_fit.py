@@ -1,4 +1,4 @@
-"""Where a path known by places is a chord away from a point: on the curve that fits the places around best."""
+"""Point of a sampled path at chord length L from another point, on a curve fitted to the samples around it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy import ndarray as Array
 from rnc_pin.math.coordinates import wrapped
 
 _DEGREE = 5
-_FEWEST = 4  # places, each with a heading, that a curve of this degree can be fitted to
-_STEEPEST = 1.0  # heading against the middle of the window up to which y(x) describes a path [rad]
-_CLOSE = 1e-13  # part of a step, or of the window, below which Newton has arrived
+_FEWEST = 4  # least number of places, each with a heading, for a curve of this degree
+_STEEPEST = 1.0  # largest heading against the middle of the window for which y(x) describes a path [rad]
+_CLOSE = 1e-13  # last Newton step, relative to a spacing or to the window
 
 
 class PathPoint(NamedTuple):
-    """A place on a path."""
+    """Place on a path."""
 
     x: float
     y: float
@@ -31,7 +31,10 @@ class PathPoint(NamedTuple):
 def chord_end_between(
     begin: list[float], end: list[float] | tuple[float, float, float], px: float, py: float, L: float
 ) -> PathPoint:
-    """Where a cubic Hermite curve between two places (x, y, heading) is L from (px, py), by Newton."""
+    """Return the point of a cubic Hermite curve between two places (x, y, heading) at distance L from (px, py).
+
+    The method is Newton's.
+    """
     x0, y0, dx, dy = begin[0], begin[1], end[0] - begin[0], end[1] - begin[1]
     h = hypot(dx, dy)
     ux, uy, vx, vy = h * cos(begin[2]), h * sin(begin[2]), h * cos(end[2]), h * sin(end[2])
@@ -44,7 +47,7 @@ def chord_end_between(
         rx, ry = px - x, py - y
         slope = rx * x_s + ry * y_s
         if slope <= 0.0:
-            break  # across the path: the caller says so
+            break  # the chord is across the path: the caller raises the error
         step = (rx * rx + ry * ry - L * L) / (2 * slope)
         moved = min(max(s + step, 0.0), 1.0)
         if abs(moved - s) < _CLOSE:
@@ -58,24 +61,24 @@ def chord_end_between(
 def chord_end_fitted(
     path: Float[Array, "n 4"], older: int, near: PathPoint, px: float, py: float, L: float, window: float
 ) -> PathPoint:
-    """Where the quintic that fits the places around best is L from (px, py).
+    """Return the point at distance L from (px, py) on the quintic fitted to the places around it.
 
-    In axes at ``near`` the path is y(x), and the places give values of y and, by their headings, of its slope. They are
-    weighed by ``(1 - u^2)^2``, u the distance along the path over the window, so that none comes or goes with a jump;
-    an error of heading counts like one of position L away. So noise of the places is averaged where the curve
-    through two of them would divide it by the square of their distance.
+    In axes at ``near`` the path is y(x). The places give values of y; their headings give values of its slope. The
+    weights are ``(1 - u^2)^2``, with u the distance along the path over the window, so no place enters or leaves with a
+    jump. A heading error counts like a position error at distance L. The fit averages the noise of the places. A curve
+    through only two places would divide the noise by the square of their distance.
 
     Args:
         path: x, y, heading and distance driven, oldest first.
         older: index of the place before ``near``.
-        near: where a curve through the two places around is L from (px, py).
+        near: point at distance L from (px, py) on a curve through the two places around it.
         px, py: the other end of the chord.
-        L: its length [m].
+        L: length of the chord [m].
         window: distance along the path beyond which places do not count [m].
 
     Returns:
-        The place on the fitted curve; ``near`` itself where there are too few places around it, or it is not between
-        two of them.
+        The point on the fitted curve; ``near`` itself if too few places are around it, or if it is not between two of
+        them.
     """
     x0, y0, axis, _ = near
     driven = path[:, 3]
@@ -96,7 +99,7 @@ def chord_end_fitted(
     powers = u[:, None] ** np.arange(_DEGREE + 1)
     slopes = np.zeros_like(powers)
     slopes[:, 1:] = powers[:, :-1] * np.arange(1, _DEGREE + 1)
-    # The heading that a slope means turns by cos^2 of it.
+    # d(heading) = cos^2(heading) d(slope).
     lever = weight * np.cos(turned) ** 2 * (L / window)
     rows = np.concatenate([weight[:, None] * powers, lever[:, None] * slopes])
     right = np.concatenate([weight * values, lever * np.tan(turned)])
@@ -105,7 +108,7 @@ def chord_end_fitted(
 
 
 def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, L: float, window: float) -> PathPoint:
-    """Where y(x), a polynomial in axes at ``near`` and in units of the window, is L from (px, py), by Newton."""
+    """Point of y(x), a polynomial in axes at ``near`` in units of the window, at distance L from (px, py), by Newton."""
     x0, y0, axis, _ = near
     c, s = cos(axis), sin(axis)
     ahead, left = (c * (px - x0) + s * (py - y0)) / window, (c * (py - y0) - s * (px - x0)) / window
@@ -115,7 +118,7 @@ def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, 
         rx, ry = ahead - u, left - y
         along = rx + ry * slope
         if along <= 0.0:
-            return near  # across the path: the caller says so
+            return near  # the chord is across the path: the caller raises the error
         step = (rx * rx + ry * ry - square) / (2 * along)
         u += step
         if abs(u) > 1.0:
@@ -128,7 +131,7 @@ def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, 
 
 
 def _derivatives(curve: list[float], u: float) -> tuple[float, float, float]:
-    """A polynomial and its first two derivatives, by Horner."""
+    """Polynomial and its first two derivatives, by Horner's scheme."""
     y = slope = bend = 0.0
     for coefficient in reversed(curve):
         bend = bend * u + 2.0 * slope

@@ -21,11 +21,11 @@ from rnc_pin.printing import ReprMixin
 
 
 class PositionState(NamedTuple):
-    """What the tracker remembers; batch axes lead. Primes mark what is left after integrating by parts."""
+    """State of the tracker, with leading batch axes. f, A and B are the primed parts from the integration by parts."""
 
     time: float | None
     z: Float[Array, "*batch k"]
-    """``w - gamma^2 e``, the filter's own state."""
+    """``w - gamma^2 e``, the state of the filter."""
     f: Float[Array, "*batch k"]
     """``f - beta e``."""
     A: Float[Array, "*batch k k"]
@@ -33,7 +33,7 @@ class PositionState(NamedTuple):
     B: Float[Array, "*batch k k"]
     """``B - beta e x2d_dot^T``."""
     e: Float[Array, "*batch k"]
-    """The error."""
+    """Error at the last sample."""
 
 
 class PositionTracker(ReprMixin):
@@ -49,21 +49,21 @@ class PositionTracker(ReprMixin):
 
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
-    Of outputs whose actuators gave too little nothing is learnt that would ask for more (``control.windup``), and of
-    those whose error is within the dead zone nothing at all.
+    For an output with saturated actuators, the learnt force does not grow in the saturated direction
+    (``control.windup``). For an output with an error within the dead zone, it does not change at all.
 
-    Reads from the measurement: ``x2``, and ``excess`` where somebody looked.
+    Reads from the measurement: ``x2``, and ``excess`` if available.
 
     Args:
-        reference: of the outputs that it tracks.
+        reference: reference of the tracked outputs.
         gains: k1, k2, gamma, beta, sigma, dead zone; the paper's by default.
-        outputs: positions of those outputs in x2; all by default. F has their length.
-        angular: which of them are angles, or their coordinates.
-        held: force on these outputs that holds the robot up where it starts (k,), as its actuators report while it
-            rests; f is what has to be learnt besides. Zero by default.
+        outputs: indices of the tracked outputs in x2; all by default. F has their length.
+        angular: mask of the outputs that are angles, or the coordinates of the outputs.
+        held: gravity compensation at the start (k,): force on these outputs that holds the robot, as its actuators
+            report at rest. The tracker learns f in addition. Zero by default.
 
     Raises:
-        ConfigurationError: one of them is an orientation: integrating by parts needs errors that simply subtract.
+        ConfigurationError: an output is an orientation: integration by parts needs errors that are plain differences.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class PositionTracker(ReprMixin):
         check_size(reference, len(self.outputs), "tracked")
 
     def describe(self) -> Description:
-        """Its gains, and the force that it starts with."""
+        """Return the gains and the gravity compensation."""
         return {
             "type": type(self).__name__,
             "gains": self.gains.describe(),
@@ -97,11 +97,11 @@ class PositionTracker(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
-        """Adaptive gains zero, and the filter at rest at the present error."""
+        """Return zero adaptive gains, and the filter at rest at the present error."""
         error = self._error(0.0, measurement)
         k, gamma = error.shape[-1], self.gains.gamma
         nothing, point = np.zeros((*error.shape, k)), self.reference.at(0.0)
-        # So that f, A and B, not their primed parts, are zero.
+        # f, A and B are zero here; their primed parts are not.
         step = np.broadcast_to(self.gains.beta * error, error.shape)
         return PositionState(
             time=None,
@@ -117,7 +117,7 @@ class PositionTracker(ReprMixin):
         return fed_back(1.0, error)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
-        """One sample; the time since the last one may vary.
+        """Compute one sample; the sampling interval may vary.
 
         Raises:
             InputError: time runs backwards.
@@ -126,7 +126,7 @@ class PositionTracker(ReprMixin):
         g, desired = self.gains, self.reference.at(t)
         xd, xdd, xddd = desired.velocity, desired.acceleration, desired.jerk
         e = self._error(t, measurement)
-        # z' = -2 gamma (z + gamma^2 e) with e held over the sample.
+        # z' = -2 gamma (z + gamma^2 e) with constant e over the sample.
         fade = np.exp(-2.0 * g.gamma * elapsed)
         z = fade * state.z - (1.0 - fade) * g.gamma**2 * e
         w = z + g.gamma**2 * e
@@ -172,10 +172,10 @@ class PositionTracker(ReprMixin):
         A: np.ndarray,
         B: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Primed f, A and B (8) where quiet outputs learn nothing, nor others what asks more of clipped actuators."""
+        """Primed f, A and B (8), frozen for ``quiet`` outputs and for adaptation that increases a saturated force."""
         before = desired if state.time is None else self.reference.at(state.time)
         w, w_before = _regressor(desired), _regressor(before)
-        # What would be primed now if the learnt force had stayed as it was.
+        # Primed values for an unchanged learnt force.
         same = _stacked(state.f, state.A, state.B)
         same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
@@ -186,7 +186,7 @@ class PositionTracker(ReprMixin):
 
 
 def _stacked(f: np.ndarray, A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """What is learnt as one matrix (..., k, 1 + 2 k), whose product with the regressor is a force."""
+    """Learnt f, A and B as one matrix (..., k, 1 + 2 k), whose product with the regressor is a force."""
     return np.concatenate([f[..., None], A, B], axis=-1)
 
 

@@ -1,13 +1,13 @@
-"""What controllers have in common.
+"""Protocols of controllers, and their common types.
 
-They hold gains only. What they learn is a state that is handed in and out, so that a run can be saved,
-resumed, batched and replayed to the bit:
+Controllers hold gains only. Everything that they learn is in a state, which is passed in and returned. So a run can be
+saved, resumed, batched and replayed bit for bit:
 
     state = controller.initial_state(measurement)
-    command, state = controller.step(t, measurement, state)      # once a sample
+    command, state = controller.step(t, measurement, state)      # once per sample
 
-Those of this package also describe themselves, so that the record of a run says with which gains it was made. One that
-does not runs all the same.
+Controllers of this package also implement ``describe()``, so that the record of a run contains their gains. This method
+is optional.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
 
 State: TypeAlias = Any
-"""What a controller remembers from one sample to the next: its own affair."""
+"""State of a controller from one sample to the next; only the controller knows its content."""
 Description: TypeAlias = Mapping[str, Json]
-"""What a controller says of itself: its ``type``, its gains, and the controllers under it by the same rule."""
+"""Description of a controller: its ``type``, its gains, and the descriptions of the controllers that it contains."""
 
 
 class VelocityTarget(NamedTuple):
-    """What a kinematic controller asks of the reducing outputs; batch axes lead."""
+    """Desired motion of the reducing outputs from a kinematic controller, with leading batch axes."""
 
     v2: Float[Array, "*batch r"]
     """Desired rates."""
     v2_dot: Float[Array, "*batch r"]
-    """Their rate."""
+    """Derivative of the desired rates."""
     x1: Float[Array, "*batch k"] | None = None
-    """Desired vertical outputs; NaN where the task has none."""
+    """Desired vertical outputs; NaN for outputs outside the task."""
     x2: Float[Array, "*batch r"] | None = None
-    """Desired reducing outputs; NaN where only the rate matters."""
+    """Desired reducing outputs; NaN if only the rate matters."""
     estimates: Float[Array, "*batch s"] | None = None
-    """Parameters that the controller has learnt."""
+    """Parameter estimates of the controller."""
     prediction_error: Float[Array, "*batch k"] | None = None
-    """Measured less predicted rates of the vertical outputs."""
+    """Measured minus predicted rates of the vertical outputs."""
 
 
 class Command(NamedTuple):
-    """What a controller decides; F or T is given, the rest is for the record."""
+    """Output of a controller: F or T; the other fields are for the record only."""
 
     F: Float[Array, "*batch r"] | None = None
-    """Reduced force, to be allocated to the actuators."""
+    """Reduced force; the loop allocates it to the actuators."""
     T: Float[Array, "*batch p"] | None = None
-    """Actuator inputs, where a controller knows its actuators."""
+    """Actuator inputs, from a controller that knows its actuators."""
     v2_desired: Float[Array, "*batch r"] | None = None
     x1_desired: Float[Array, "*batch k"] | None = None
     x2_desired: Float[Array, "*batch r"] | None = None
@@ -63,7 +63,7 @@ class Command(NamedTuple):
 
 @runtime_checkable
 class Controller(Protocol):
-    """Decides a command once a sample."""
+    """Controller that computes a command once per sample."""
 
     def initial_state(self, measurement: Measurement) -> State: ...
 
@@ -72,7 +72,7 @@ class Controller(Protocol):
 
 @runtime_checkable
 class KinematicController(Protocol):
-    """Decides a velocity target once a sample."""
+    """Kinematic controller that computes a velocity target once per sample."""
 
     def initial_state(self, measurement: Measurement) -> State: ...
 
@@ -81,18 +81,18 @@ class KinematicController(Protocol):
 
 @runtime_checkable
 class Describable(Protocol):
-    """Says what it is and with which gains: every controller here does."""
+    """Object with a description of its type and gains; all controllers of this package implement it."""
 
     def describe(self) -> Description: ...
 
 
 def describe(thing: object) -> Description:
-    """What something says of itself; the name of its class where it says nothing."""
+    """Return the description of an object; the name of its class if it has no ``describe``."""
     return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
 
 
 def listed(values: float | np.ndarray) -> Json:
-    """A gain as JSON holds it: a number, or a list of them."""
+    """Return a gain in a form that JSON can store: a number, or a list of numbers."""
     numbers: Json = np.asarray(values).tolist()
     return numbers
 
@@ -102,13 +102,13 @@ class _Sized(Protocol):
 
 
 def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
-    """Refuse a reference that is not one number for each of its outputs."""
+    """Raise an error if the size of a reference differs from the number of its outputs."""
     if reference.size != size:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
 
 
 def elapsed_time(t: float, last: float | None) -> float:
-    """Time since the last sample [s]; zero at the first.
+    """Return the time since the last sample [s]; zero at the first sample.
 
     Raises:
         InputError: time runs backwards.
@@ -121,14 +121,14 @@ def elapsed_time(t: float, last: float | None) -> float:
 
 
 def spread(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Values at some places of an array of this shape, and NaN, "no goal", at the others."""
+    """Return an array of this shape with values at some indices, and NaN ("no goal") at the others."""
     whole = np.full(shape, np.nan)
     whole[..., where] = values
     return whole
 
 
 def command_towards(target: VelocityTarget, F: np.ndarray) -> Command:
-    """A command with the record of what it aims at."""
+    """Return a command with force F and the record of its velocity target."""
     return Command(
         F=F,
         v2_desired=target.v2,

@@ -1,4 +1,4 @@
-"""Reducing outputs alone: what happens when nobody looks after the vertical ones."""
+"""Control of the reducing outputs alone; the vertical outputs are not controlled."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from rnc_pin.printing import ReprMixin
 class ReducingOutputController(ReprMixin):
     """``v2d = x2d_dot + k2 (x2d - x2)``: every reducing output follows a reference of its own.
 
-    The vertical outputs go wherever the constraints take them. Reads from the measurement: ``x1, x2, v2``.
+    The vertical outputs follow from the constraints. Reads from the measurement: ``x1, x2, v2``.
 
     Args:
-        reduced: whose outputs they are.
+        reduced: model that defines the outputs.
         reference: of x2.
-        k2: [1/s]; a number or one each.
-        watched: positions in x1 and reference of vertical outputs that should follow by themselves; for the record.
+        k2: [1/s]; a number or one for each output.
+        watched: indices in x1 and reference of monitored vertical outputs, which follow without control; for the
+            record only.
     """
 
     def __init__(
@@ -37,14 +38,14 @@ class ReducingOutputController(ReprMixin):
         self._coordinates = reduced.reducing.coordinates
 
     def describe(self) -> Description:
-        """Its gain."""
+        """Return the gain."""
         return {
             "type": type(self).__name__,
             "k2": listed(self.k2),
         }
 
     def initial_state(self, measurement: Measurement) -> None:
-        """It learns nothing."""
+        """Return None: the controller has no state."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)

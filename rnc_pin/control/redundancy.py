@@ -1,4 +1,4 @@
-"""Class 1: redundant outputs are spent on the vertical ones. Paper (12)."""
+"""Class 1: redundant outputs control the vertical outputs. Paper (12)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LIMIT = 1e8
 
 
 def check_freedom(task: Task) -> None:
-    """Refuse a secondary objective where A4 is square."""
+    """Raise an error for a secondary objective if A4 is square."""
     if len(task.redundant) <= len(task.vertical):
         raise ConfigurationError(
             "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
@@ -31,26 +31,26 @@ def check_freedom(task: Task) -> None:
 class RedundancyController(ReprMixin):
     """``v22d = A4^-1 (x1d_dot + k3 (x1d - x1) - A3 v21d)``, paper (12), with its exact rate.
 
-    The rate of the redundant outputs is chosen so that the vertical outputs follow their reference while
-    the primary outputs follow theirs. The paper feeds ``v21d = x21d_dot`` forward, so that x21 drifts by
-    what the inner loop misses; ``k21`` closes that loop (0 is the paper).
+    The rate of the redundant outputs lets the vertical outputs follow their reference, while the primary outputs follow
+    theirs. The paper uses feedforward only, ``v21d = x21d_dot``. Then x21 drifts with the errors of the inner loop;
+    ``k21`` closes that loop (0 is the paper).
 
-    Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``, and ``v1_offset`` where constraints are affine.
+    Reads from the measurement: ``x1, x2, v1, v2, A_star, A_star_dot``, and ``v1_offset`` with affine constraints.
 
     Args:
         task: the outputs; at least as many redundant as vertical.
         primary: reference of x21.
         vertical: reference of x1.
-        k3: [1/s], of the vertical outputs; a number or one each.
-        k21: [1/s], of the primary outputs; a number or one each.
-        weights: what moving each redundant output costs, where there are more of them than vertical ones.
-        secondary: what the freedom that is left then is for, from ``control.secondary``; to keep redundant outputs
-            slow by default.
+        k3: [1/s], of the vertical outputs; a number or one for each.
+        k21: [1/s], of the primary outputs; a number or one for each.
+        weights: cost of the rate of each redundant output, if there are more redundant than vertical outputs.
+        secondary: secondary objective for the remaining freedom, from ``control.secondary``; by default the redundant
+            outputs stay slow.
 
     Raises:
         ConfigurationError: the task has fewer redundant than vertical outputs, a reference has another size than
             its outputs, or a secondary objective has no freedom left.
-        SingularityError: while running, A4 cannot be inverted.
+        SingularityError: A4 is singular at a sample.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class RedundancyController(ReprMixin):
         self.secondary = secondary
 
     def describe(self) -> Description:
-        """Its gains, and where A4 is wide what moving each redundant output costs and what else they are for."""
+        """Return the gains; for a wide A4 also the weights and the secondary objective."""
         gains: dict[str, Json] = {"k3": listed(self.k3), "k21": listed(self.k21)}
         if len(self.task.redundant) > len(self.task.vertical):
             gains["weights"] = listed(self._weights)
@@ -91,7 +91,7 @@ class RedundancyController(ReprMixin):
         return {"type": type(self).__name__, **gains}
 
     def initial_state(self, measurement: Measurement) -> None:
-        """It learns nothing."""
+        """Return None: the controller has no state."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         task, m = self.task, measurement
@@ -105,7 +105,7 @@ class RedundancyController(ReprMixin):
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
         wanted = base.velocity + self.k3 * base.error - apply(A3, v21)
         wanted_dot = base.acceleration + self.k3 * base.error_rate - apply(A3_dot, v21) - apply(A3, v21_dot)
-        if m.v1_offset is not None:  # what the vertical outputs do by themselves
+        if m.v1_offset is not None:  # rates of the vertical outputs at v2 = 0
             wanted = wanted - m.v1_offset[..., task.vertical]
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
@@ -130,7 +130,7 @@ class RedundancyController(ReprMixin):
     def _spread_out(
         self, A4: np.ndarray, A4_dot: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray, t: float, m: Measurement
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The cheapest v22 with ``A4 v22 = wanted`` as seen from the secondary objective z, and its exact rate.
+        """Solution v22 of ``A4 v22 = wanted`` with least cost of ``v22 - z``, and its exact rate; z is secondary.
 
         ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
         """

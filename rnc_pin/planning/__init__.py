@@ -1,4 +1,4 @@
-"""Where outputs should go."""
+"""Reference trajectories and path planning for outputs."""
 
 from rnc_pin.planning.car_path import CarPath
 from rnc_pin.planning.chained_form import FireTruckChart

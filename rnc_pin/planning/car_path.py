@@ -1,4 +1,4 @@
-"""A path for a vehicle with front steering, from pose to pose in one leg or several: paper (22) and section 4.3."""
+"""Path of a vehicle with front steering, from pose to pose in one or several legs: paper (22) and section 4.3."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ _SAMPLES = 401  # of a leg
 
 
 class CarPath:
-    """From pose to pose, at rest with straight wheels at both ends and at stops in between.
+    """Path from pose to pose. The vehicle rests with straight wheels at both ends and at stops in between.
 
-    It is one leg where one can be driven, else two or three (``plan_legs``), forwards or backwards. The time is
-    shared among them in proportion to their lengths.
+    The path is one leg if possible, else two or three (``plan_legs``), forwards or backwards. Each leg takes a time in
+    proportion to its length.
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: the same.
         duration: [s].
         wheelbase: rear to front axle [m].
-        via: poses to stop at on the way, in this order.
-        max_steering: largest angle of a front wheel in the middle [rad]; with the wheelbase, the smallest radius.
-        forward_only: never back up.
-        geometry: of the steering, where the outputs are other than speed and the angle of a front wheel in the middle.
+        via: intermediate poses where the vehicle stops, in this order.
+        max_steering: largest angle of a front wheel in the middle [rad]; it and the wheelbase give the smallest radius.
+        forward_only: True forbids backing up.
+        geometry: steering geometry, if the outputs are not speed and the angle of a front wheel in the middle.
 
     Attributes:
-        legs: one after the other.
-        length: driven on all of them [m].
-        reference: of (signed distance driven, front steering angle), or of the outputs that ``geometry`` steers.
+        legs: in the order of driving.
+        length: distance driven on all legs [m].
+        reference: of (signed distance driven, front steering angle), or of the outputs of ``geometry``.
         position: of (x, y) of the rear axle.
         times: (N,) [s]; ``poses``: (N, 3) on the path, headings without jumps.
 
     Raises:
-        InfeasibleError: no such path is found, or the vehicle cannot steer as tightly.
+        InfeasibleError: no path was found, or the vehicle cannot steer as tightly.
         ConfigurationError: an argument is out of its range.
     """
 
@@ -80,7 +80,7 @@ class CarPath:
                 steering, ratios = geometry.outputs(np.tan(steering) / wheelbase)
                 speeds = speeds * ratios
             distance = driven + make_interp_spline(local, speeds, k=5).antiderivative()(local)
-            along[:, 2] += heading - along[0, 2]  # a pose between legs may name the same heading a turn apart
+            along[:, 2] += heading - along[0, 2]  # a pose between legs may have its heading shifted by full turns
             at = begin + local
             parts.append((ViaPoints(at, np.column_stack([distance, steering])), ViaPoints(at, along[:, :2])))
             times.append(at)
@@ -91,7 +91,7 @@ class CarPath:
         self.times, self.poses = np.concatenate(times), np.concatenate(poses)
 
     def distance(self, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
-        """Distances (N,) of points (N, 2) from the path and its straight continuation behind the start [m]."""
+        """Return the distances (N,) of points (N, 2) from the path and its straight extension behind the start [m]."""
         return distances(points, continued_back(self.poses, 3.0))
 
 

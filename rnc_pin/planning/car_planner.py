@@ -1,4 +1,4 @@
-"""Legs from pose to pose: one where one will do, else by way of one or two poses where the car stops."""
+"""Legs from pose to pose: one leg if possible, else two or three with stops in between."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from numpy import ndarray as Array
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.planning.leg import Leg, best_legs
 
-# First and last legs that are tried, in turning radii: what is too far for them is left to the leg in between.
+# Candidates for first and last legs, in turning radii; the middle leg covers longer distances.
 _DISTANCES = np.array([1.2, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0])
 _BEARINGS = np.deg2rad([-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0])
 _TURNS = np.deg2rad([-120.0, -90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0, 120.0])
-_COARSE = 25  # samples of a leg while many are looked at
-_CHECKED = 40  # cheapest ways of which all legs are looked at closely
+_COARSE = 25  # samples of a leg in the coarse search
+_CHECKED = 40  # number of cheapest paths whose legs are checked with fine sampling
 _STOP = 3.0  # cost of a stop, in turning radii
-_FEW = 13  # of them for each turn at either end, when there is a leg in between
+_FEW = 13  # number of candidates for each turn at either end, if there is a middle leg
 
 
 def plan_legs(
     start: Float[Array, " 3"], goal: Float[Array, " 3"], radius: float, forward_only: bool = False
 ) -> list[Leg]:
-    """One leg if it can be driven, else the cheapest two or three (``best_legs``) that a lattice of stops offers.
+    """Return one leg if it is feasible, else the cheapest two or three (``best_legs``) over a lattice of stops.
 
     The same poses always give the same legs.
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: the same.
-        radius: smallest that the car can turn at [m].
-        forward_only: never back up.
+        radius: smallest turning radius of the car [m].
+        forward_only: True forbids backing up.
 
     Raises:
         ConfigurationError: start and goal are the same.
-        InfeasibleError: no such legs are found.
+        InfeasibleError: no feasible legs were found.
     """
     single = _joined(start, goal[None], radius=radius, forward_only=forward_only)
     if single is not None:
@@ -47,7 +47,7 @@ def plan_legs(
     moves = _moves(forward_only) * [radius, radius, 1.0]
     after, before = _ahead(start, moves), _behind(goal, moves)
     once = _joined(start, np.concatenate([after, before]), goal, radius=radius, forward_only=forward_only)
-    # Costs of the first and last legs once each, of the middle ones for all pairs.
+    # Compute the costs of first and last legs once each, and of middle legs for all pairs.
     few = np.concatenate([np.flatnonzero(moves[:, 2] == turn)[:_FEW] for turn in _TURNS])
     first, last = np.repeat(after[few], len(few), axis=0), np.tile(before[few], (len(few), 1))
     middle, _ = best_legs(first, last, radius, forward_only, _COARSE)
@@ -66,7 +66,7 @@ def plan_legs(
 
 
 def _joined(*stops: Array, radius: float, forward_only: bool) -> tuple[float, list[Leg]] | None:
-    """Cost and legs of the cheapest of n rows of stops, each (3,) or (n, 3), or None where none can be driven."""
+    """Cost and legs of the cheapest of n sequences of stops, each (3,) or (n, 3); None if none is feasible."""
     poses = np.stack(np.broadcast_arrays(*stops))
     if poses.shape[1] > _CHECKED:
         coarse = np.sum([best_legs(a, b, radius, forward_only, _COARSE)[0] for a, b in pairwise(poses)], axis=0)
@@ -83,7 +83,7 @@ def _joined(*stops: Array, radius: float, forward_only: bool) -> tuple[float, li
 
 @cache
 def _moves(forward_only: bool) -> Float[Array, "n 3"]:
-    """Poses that one leg reaches from the origin at turning radius one, the cheapest first."""
+    """Poses that one leg reaches from the origin at turning radius 1, cheapest first."""
     grid = np.stack(np.meshgrid(_DISTANCES, _BEARINGS, _TURNS, indexing="ij"), axis=-1).reshape(-1, 3)
     distance, bearing, turn = grid.T
     poses = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
@@ -94,12 +94,12 @@ def _moves(forward_only: bool) -> Float[Array, "n 3"]:
 
 
 def _ahead(pose: Array, moves: Array) -> Array:
-    """Poses (n, 3) that moves (n, 3) lead to from a pose."""
+    """Poses (n, 3) reached by moves (n, 3) from a pose."""
     return _placed(pose[2], moves) + pose
 
 
 def _behind(pose: Array, moves: Array) -> Array:
-    """Poses (n, 3) from which moves (n, 3) lead to a pose."""
+    """Poses (n, 3) from which moves (n, 3) reach a pose."""
     turned = pose[2] - moves[:, 2]
     back = _placed(turned, moves)
     return np.column_stack([pose[:2] - back[:, :2], turned])

@@ -6,7 +6,7 @@ Proved symbolically (wheel bases L1, L2): with ``v1 = u cos theta1``,
     y1 = theta2           y0 = -sin(theta2 - theta1 + phi2) / (L2 cos phi2 cos theta1)
 
 and ``z0dot = v1, x0dot = v2, x1dot = x0 v1, x2dot = x1 v1, y0dot = v3, y1dot = y0 v1``. Valid while headings,
-steering angles and the hitch angle stay within 90 degrees. Without the trailer's two it is that of a car.
+steering angles and the hitch angle stay within 90 degrees. Without the trailer's y1 and y0 it is the form of a car.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class FireTruckChart:
     L2: float = 1.0
 
     def to_chain(self, state: np.ndarray) -> np.ndarray:
-        """(z0, x0, x1, x2, y0, y1) of (x, y, theta1, phi1, theta2, phi2).
+        """Return (z0, x0, x1, x2, y0, y1) for (x, y, theta1, phi1, theta2, phi2).
 
         Raises:
             InputError: an angle is outside the chart.
@@ -46,7 +46,7 @@ class FireTruckChart:
         return np.array([x, np.tan(phi1) / (self.L1 * c**3), np.tan(theta1), y, y0, theta2])
 
     def from_chain(self, chain: np.ndarray) -> np.ndarray:
-        """(x, y, theta1, phi1, theta2, phi2) of (z0, x0, x1, x2, y0, y1)."""
+        """Return (x, y, theta1, phi1, theta2, phi2) for (z0, x0, x1, x2, y0, y1)."""
         z0, x0, x1, x2, y0, y1 = chain
         theta1 = np.arctan(x1)
         c, hitch = np.cos(theta1), y1 - theta1
@@ -55,7 +55,7 @@ class FireTruckChart:
         return np.array([z0, x2, theta1, np.arctan(x0 * self.L1 * c**3), y1, phi2])
 
     def to_inputs(self, state: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(u, phi1_dot, phi2_dot) that give the chain the inputs (v1, v2, v3)."""
+        """Return (u, phi1_dot, phi2_dot) for the inputs (v1, v2, v3) of the chained form."""
         _, _, theta1, phi1, theta2, phi2 = state
         u = v[0] / np.cos(theta1)
         theta1_dot = u * np.tan(phi1) / self.L1

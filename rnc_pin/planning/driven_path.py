@@ -1,4 +1,4 @@
-"""How far points are from a path that is known by samples."""
+"""Distances of points from a sampled path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 
 def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m 2"]:
-    """Points of a path with a straight stretch before its first pose (x, y, heading) [m], sampled as finely."""
+    """Return the points of a path, extended straight back from its first pose (x, y, heading) [m], equally fine."""
     x, y, heading = poses[0]
     steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
     back = np.linspace(length, 0.0, 2 + int(length / max(float(steps.max(initial=0.0)), 1e-3 * length)))[:-1, None]
@@ -17,7 +17,7 @@ def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m
 
 
 def distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
-    """Distances (n,) of points from the nearest place on a polyline whose vertices are much closer than it bends."""
+    """Return the distances (n,) of points from a polyline whose segments are much shorter than its bend radii."""
     _, nearest = cKDTree(path).query(points)
     return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))
 

@@ -1,4 +1,4 @@
-"""The shortest way between two attitudes, at rest at both ends."""
+"""Shortest rotation between two orientations, at rest at both ends."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from rnc_pin.planning.references import MinimumJerk, ReferencePoint
 
 
 class Geodesic:
-    """Minimum jerk from start to goal, where rotations turn about one axis: ``R(t) = exp(s(t) log(R1 R0^T)) R0``.
+    """Minimum-jerk motion from start to goal, rotations about one axis: ``R(t) = exp(s(t) log(R1 R0^T)) R0``.
 
-    Outputs on lines and circles go as under ``MinimumJerk``. Positions are rotation vectors not longer than a half
-    turn; the jerk of a rotation is NaN, for no controller takes it.
+    Outputs on lines and circles move as in ``MinimumJerk``. Positions of rotations are rotation vectors of at most a
+    half turn. The jerk of a rotation is NaN, because no controller uses it.
 
     Args:
-        start: (k,), rotation vectors where there are rotations.
-        goal: the same.
+        start: (k,), with rotation vectors for rotations.
+        goal: (k,), in the same form.
         duration: of the motion [s].
-        coordinates: which of the outputs are rotations.
+        coordinates: coordinates of the outputs; they tell which outputs are rotations.
         begin: time at which it starts [s].
     """
 

@@ -1,10 +1,10 @@
-"""One stretch of a car's path: a polynomial in a chart of its own. Paper (22).
+"""One leg of a car's path: a polynomial in a chart of its own. Paper (22).
 
 (x, y) of the rear axle is a flat output of a car (Fliess, Levine, Martin and Rouchon 1995): heading, steering
 angle and speed follow from it by differentiation. In the chained form (22) ``x1 = tan theta = y'`` and
-``x0 = tan phi / (L cos^3 theta) = y''`` as functions of x, so from pose to pose with straight wheels goes the
-quintic y(x) with y, y' and y'' = 0 given at both ends. The form holds in any rotated axes: a leg has axes (a chart)
-from which its headings stay within 75 degrees. Where x falls along it, the car backs up.
+``x0 = tan phi / (L cos^3 theta) = y''`` are functions of x. So a leg from pose to pose with straight wheels is the
+quintic y(x) with given y, y' and y'' = 0 at both ends. The form holds in any rotated axes. Each leg has its own axes (a
+chart), and its headings stay within 75 degrees of them. If x decreases along the leg, the car backs up.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from rnc_pin.math.coordinates import wrapped
 from rnc_pin.planning.references import MinimumJerk
 
 _STEEPEST = np.deg2rad(75.0)
-FINE = 201  # samples of a leg that is to be driven
-_MARGIN = 0.99  # curvature is compared at samples; between them it may be a little more
-# Of charts from the mean heading, as parts of what 75 degrees leave.
+FINE = 201  # samples of a leg in the final path
+_MARGIN = 0.99  # factor on the largest curvature: between samples the curvature may be slightly larger
+# Angles of charts from the mean heading, as parts of the angle that the limit of 75 degrees leaves.
 _OFFSETS = np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.8, 0.8])
 
-# On s in [0, 1]: final value, initial slope and final slope one, and all other values, slopes and curvatures zero.
+# Quintics on s in [0, 1]: one each with unit final value, initial slope and final slope; all other end data are zero.
 _SHAPES = [Polynomial([0, 0, 0, 10, -15, 6]), Polynomial([0, 1, 0, -6, 8, -3]), Polynomial([0, 0, 0, -4, 7, -3])]
 _VALUES, _SLOPES, _BENDS = ([shape.deriv(order) if order else shape for shape in _SHAPES] for order in range(3))
 
 
 @cache
 def _sampled(samples: int) -> tuple[Array, Array, Array]:
-    """S (samples,), and slopes and bends (3, samples) of the shapes there."""
+    """Samples s (samples,), and first and second derivatives (3, samples) of the shapes at them."""
     s = np.linspace(0.0, 1.0, samples)
     return s, np.array([shape(s) for shape in _SLOPES]), np.array([shape(s) for shape in _BENDS])
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A path of one piece from a pose at rest to a pose at rest, wheels straight at both.
+    """Path of one piece between two poses; the car rests with straight wheels at both.
 
     Attributes:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: the same.
-        chart: direction of the axes in which it is y(x) [rad].
+        chart: direction of the x axis in which the leg is y(x) [rad].
     """
 
     start: Float[Array, " 3"]
@@ -54,7 +54,7 @@ class Leg:
 
     @property
     def length(self) -> float:
-        """Along the path [m]."""
+        """Length along the path [m]."""
         dx, factors = self._coefficients()
         s, slopes, _ = _sampled(FINE)
         return float(abs(dx) * np.trapezoid(np.sqrt(1 + (factors @ slopes / dx) ** 2), s))
@@ -65,12 +65,12 @@ class Leg:
         return float(dx), np.array([dy, dx * slopes[0], dx * slopes[1]])
 
     def drive(self, duration: float, wheelbase: float, samples: int) -> tuple[Array, Array, Array, Array]:
-        """The leg driven by a minimum-jerk motion along the chart's x.
+        """Return the motion along the leg; the chart's x is a minimum-jerk function of time.
 
         Args:
             duration: [s].
             wheelbase: rear to front axle [m].
-            samples: at equal times.
+            samples: number of equally spaced times.
 
         Returns:
             Times (N,) from zero, poses (N, 3), signed speeds (N,) and steering angles (N,).
@@ -86,7 +86,7 @@ class Leg:
         bend = sum(a * shape(s) for a, shape in zip(factors, _BENDS, strict=True)) / dx**2
         c, n = np.cos(self.chart), np.sin(self.chart)
         x = dx * s
-        # The start's heading is kept as it is given, not modulo a turn.
+        # Keep the start heading as given, not modulo a full turn.
         heading = self.start[2] + np.arctan(slope) - np.arctan(slope[0])
         poses = np.column_stack([self.start[0] + c * x - n * y, self.start[1] + n * x + c * y, heading])
         speeds = dx * s_dot * np.sqrt(1 + slope**2)
@@ -100,17 +100,17 @@ def best_legs(
     forward_only: bool = False,
     samples: int = FINE,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Costs (n,) and charts (n,) of the best legs between pairs of poses; infinite cost where there is none.
+    """Return costs (n,) and charts (n,) of the best legs between pairs of poses; infinite cost if there is no leg.
 
-    The cost is ``integral of 1 + (radius curvature)^2 along the leg``: its length, and more where it bends. The
-    shortest leg alone would turn as sharply as it may at both ends.
+    The cost is ``integral of 1 + (radius curvature)^2 along the leg``: its length plus a penalty on curvature. Without
+    the penalty the best leg would turn as sharply as possible at both ends.
 
     Args:
         starts: poses.
         goals: poses.
-        radius: smallest that the car can turn at [m].
-        forward_only: whether legs that back up do not count.
-        samples: places on a leg at which it is checked; with few of them sharp bends escape.
+        radius: smallest turning radius of the car [m].
+        forward_only: True excludes legs that back up.
+        samples: number of checked points on a leg; too few miss sharp bends.
     """
     s, slopes, bends = _sampled(samples)
     turn = wrapped(goals[:, 2] - starts[:, 2])
@@ -119,7 +119,7 @@ def best_legs(
     for offset in _OFFSETS:
         chart = starts[:, 2] + turn / 2 + offset * room
         dx, dy, (first, last) = _in_chart(starts, goals, chart)
-        # Else the headings at its ends are outside the chart, or there is nothing to drive along.
+        # Otherwise the end headings are outside the chart, or the leg has no extent.
         able = np.flatnonzero((room > 0) & ((dx if forward_only else np.abs(dx)) > 1e-6 * radius))
         dx, dy, first, last = (each[able, None] for each in (dx, dy, first, last))
         slope = dy / dx * slopes[0] + first * slopes[1] + last * slopes[2]

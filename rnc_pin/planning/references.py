@@ -1,4 +1,4 @@
-"""References: where outputs should be, and three derivatives of it.
+"""References: desired positions of outputs, with three time derivatives.
 
 Every reference has ``size`` and ``at(t)``. The polynomials and splines are SciPy's.
 """
@@ -18,7 +18,7 @@ from rnc_pin.errors import InputError
 
 
 class ReferencePoint(NamedTuple):
-    """A reference at one time, (k,) each."""
+    """Value of a reference at one time, (k,) each."""
 
     position: Float[Array, " k"]
     velocity: Float[Array, " k"]
@@ -28,17 +28,17 @@ class ReferencePoint(NamedTuple):
 
 @runtime_checkable
 class Reference(Protocol):
-    """A desired trajectory of k outputs."""
+    """Desired trajectory of k outputs."""
 
     size: int
     duration: float
-    """Time after which it rests [s]; infinite for one that never does, zero for a constant."""
+    """Time after which the reference rests [s]; infinite if it never rests, zero for a constant."""
 
     def at(self, t: float) -> ReferencePoint: ...
 
 
 class Hold:
-    """A constant.
+    """Constant reference.
 
     Args:
         value: (k,).
@@ -57,10 +57,10 @@ class Hold:
 
 
 class _Polynomial:
-    """A smooth curve on [begin, end], at rest at both ends and beyond."""
+    """Smooth curve on [begin, end], at rest at both ends and beyond."""
 
     def __init__(self, curve: PPoly, begin: float, end: float) -> None:
-        # The curve and three derivatives side by side in one piecewise polynomial: one look-up gives all.
+        # One piecewise polynomial holds the curve and three derivatives: one look-up gives all.
         orders = [curve.derivative(order).c for order in range(4)]
         together = np.zeros((curve.c.shape[0], curve.c.shape[1], 4, *curve.c.shape[2:]))
         for order, coefficients in enumerate(orders):
@@ -79,7 +79,7 @@ class _Polynomial:
 
 
 class MinimumJerk(_Polynomial):
-    """From rest to rest with the least integral of squared jerk: the quintic (Flash and Hogan 1985).
+    """Quintic from rest to rest, with the least integral of squared jerk (Flash and Hogan 1985).
 
     Args:
         start: (k,).
@@ -103,7 +103,7 @@ class MinimumJerk(_Polynomial):
 
 
 class ViaPoints(_Polynomial):
-    """Through given points at given times by a quintic spline, at rest at both ends.
+    """Quintic spline through given points at given times, at rest at both ends.
 
     Args:
         times: increasing, (n,) [s].
@@ -125,7 +125,7 @@ class ViaPoints(_Polynomial):
 
 
 class Harmonic:
-    """``center + amplitude sin(2 pi frequency t + phase)``, blended in from rest at the center.
+    """``center + amplitude sin(2 pi frequency t + phase)``; the amplitude grows from zero, at rest at the center.
 
     Args:
         center: (k,).
@@ -154,7 +154,7 @@ class Harmonic:
             )
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
-        # The seventh-degree step has three derivatives that vanish at both ends.
+        # The step of degree seven has three derivatives that vanish at both ends.
         self._growth = BPoly.from_derivatives([0.0, max(ramp, 1e-9)], [[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
         self._growths = [self._growth, *(self._growth.derivative(order) for order in (1, 2, 3))]
         self._ramp = ramp
@@ -177,21 +177,21 @@ class Harmonic:
 
 
 class TaskReference(NamedTuple):
-    """What a task asks for."""
+    """References of a task."""
 
     primary: Reference
-    """Of x21."""
+    """Reference of x21."""
     vertical: Reference
-    """Of x1."""
+    """Reference of x1."""
 
     @property
     def duration(self) -> float:
-        """Time after which both rest [s]."""
+        """Time after which both references rest [s]."""
         return max(self.primary.duration, self.vertical.duration)
 
 
 class Joined:
-    """Several references as one, their outputs one after the other."""
+    """Concatenation of several references: outputs of all parts in one vector."""
 
     def __init__(self, references: Sequence[Reference]) -> None:
         self._parts = list(references)
@@ -204,10 +204,10 @@ class Joined:
 
 
 class InTurn:
-    """Several references of the same outputs, each until it rests, where the next one takes over.
+    """Sequence of references of the same outputs; each runs until it rests, then the next one takes over.
 
     Args:
-        references: each begins where and when the one before it ends.
+        references: each begins at the end position and end time of the one before it.
     """
 
     def __init__(self, references: Sequence[Reference]) -> None:
@@ -219,11 +219,11 @@ class InTurn:
 
 
 class Slowed:
-    """Another reference in slower time: rates by the factor, accelerations by its square less.
+    """Another reference on a slower time scale: rates divided by the factor, accelerations by its square.
 
     Args:
-        reference: as it was meant.
-        factor: by which everything takes longer.
+        reference: the original reference.
+        factor: ratio of the new to the original duration.
 
     Raises:
         InputError: the factor is not positive.
@@ -231,7 +231,7 @@ class Slowed:
 
     def __init__(self, reference: Reference, factor: float) -> None:
         if not 0 < factor < np.inf:
-            raise InputError(f"a reference is slowed by a positive factor, found {factor}")
+            raise InputError(f"time scale factor of a reference has to be positive and finite, found {factor}")
         self._reference, self._factor = reference, factor
         self.size, self.duration = reference.size, reference.duration * factor
 

@@ -1,4 +1,4 @@
-"""Curvature of the path that a vehicle drives, as a function of its steering output, from the constraint rows."""
+"""Path curvature of a vehicle as a function of its steering output, derived from the constraint rows."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_STEPS = 100  # of the table from curvature zero to the largest; outputs between them are exact to 1e-9
+_STEPS = 100  # table steps from curvature zero to the largest; interpolated outputs are exact to 1e-9
 _ROUNDED = 1e-3  # side slip, or motion while the vehicle only steers, that rounding in a file may cause
-_FLAT = 1e-3  # part of the first slope of the curvature below which the output turns no tighter
+_FLAT = 1e-3  # slope of the curvature, relative to the first slope, below which the table ends
 
 
 class _Row(NamedTuple):
-    """One configuration; slopes are derivatives by the steering output."""
+    """Table row of one configuration; slopes are derivatives by the steering output."""
 
     output: float
     curvature: float
@@ -32,21 +32,20 @@ class _Row(NamedTuple):
 
 
 class SteeringGeometry:
-    """Steering output and speed output for each curvature of the path of a frame.
+    """Steering output and speed output for each path curvature of a frame.
 
-    At unit rate of the speed output the frame moves at u along its x axis and turns at w: entries of ``J R``, where J
-    has the rows of the frame's velocity. The curvature is ``w / u``. Its derivative by the steering output follows
-    from ``d(J R)/dt`` while that output alone moves at unit rate. A table of both is inverted by cubic Hermite
-    interpolation. It holds for one steered wheel, for the left wheel of Ackermann's linkage, and for any other
-    geometry that the rows describe.
+    At unit rate of the speed output the frame moves at u along its x axis and turns at w. Both are entries of ``J R``;
+    J has the rows of the frame's velocity. The curvature is ``w / u``. Its derivative by the steering output follows
+    from ``d(J R)/dt`` while only that output moves, at unit rate. Cubic Hermite interpolation inverts a table of both.
+    The class supports one steered wheel, the left wheel of an Ackermann linkage, and any other geometry of the rows.
 
     Args:
         reduced: the vehicle.
-        q: a configuration from which it is steered (nq,).
-        frame: drives the path, x forward: in the middle of an axle that does not steer.
-        speed: position of the speed in x2.
-        steering: position of the steering output in x2.
-        largest: curvature that the table should reach [1/m].
+        q: initial configuration of the table (nq,).
+        frame: frame that follows the path, x forward, in the middle of an axle that does not steer.
+        speed: index of the speed in x2.
+        steering: index of the steering output in x2.
+        largest: largest curvature of the table [1/m].
 
     Raises:
         ConfigurationError: the frame slips sideways, moves while the vehicle only steers, or the curvature depends on
@@ -83,15 +82,15 @@ class SteeringGeometry:
         if len(table) < 2:
             raise ConfigurationError(f"'{self._name}' does not steer frame '{frame}'")
         self.range: tuple[float, float] = float(curvature[0]), float(curvature[-1])
-        """Curvatures that the output reaches [1/m]."""
+        """Smallest and largest curvature that the output reaches [1/m]."""
         self._outputs = CubicHermiteSpline(curvature, output, 1.0 / curvature_slope)
         self._ratios = CubicHermiteSpline(curvature, ratio, speed_slope / curvature_slope)
 
     def outputs(self, curvatures: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Steering outputs (n,) for curvatures (n,) [1/m], and speed outputs (n,) per speed of the frame.
+        """Return steering outputs (n,) for curvatures (n,) [1/m], and speed outputs (n,) per unit speed of the frame.
 
         Raises:
-            InfeasibleError: the output cannot steer as tightly.
+            InfeasibleError: a curvature is outside the range of the output.
         """
         low, high = self.range
         slack = 1e-9 * self._largest
@@ -104,7 +103,7 @@ class SteeringGeometry:
         return self._outputs(curvatures), 1.0 / self._ratios(curvatures)
 
     def _march(self, q: Array, first: _Row, sign: float) -> list[_Row]:
-        """Rows of the table in one direction of the curvature, until it is large enough or the output ends."""
+        """Table rows in one direction of curvature, up to the largest curvature or the end of the output's range."""
         found: list[_Row] = []
         row, step = first, sign * self._largest / _STEPS
         while sign * row.curvature < self._largest:
@@ -120,7 +119,7 @@ class SteeringGeometry:
         return found
 
     def _steered(self, q: Array, by: float) -> Array:
-        """The configuration after the steering output alone has moved, by the midpoint rule, assembled."""
+        """Assembled configuration after a motion of the steering output alone, by the midpoint rule."""
         model = self._reduced.robot.model
         middle = pin.integrate(model, q, 0.5 * by * self._reduced.at(q).R[:, self._steering])
         end = pin.integrate(model, q, by * self._reduced.at(middle).R[:, self._steering])
