@@ -108,7 +108,7 @@ def chord_end_fitted(
 
 
 def _chord_end_along(curve: list[float], near: PathPoint, px: float, py: float, L: float, window: float) -> PathPoint:
-    """Point of y(x), a polynomial in axes at ``near`` in units of the window, at distance L from (px, py), by Newton."""
+    """Point at distance L from (px, py) on y(x), a polynomial in axes at ``near`` in units of the window, by Newton."""
     x0, y0, axis, _ = near
     c, s = cos(axis), sin(axis)
     ahead, left = (c * (px - x0) + s * (py - y0)) / window, (c * (py - y0) - s * (px - x0)) / window

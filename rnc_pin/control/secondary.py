@@ -1,8 +1,8 @@
-"""What the freedom that is left is for, where more outputs are redundant than vertical.
+"""Secondary objectives for the remaining freedom, if there are more redundant than vertical outputs.
 
-A secondary objective says which rates z the redundant outputs should have; ``RedundancyController`` follows it as far
-as the vertical outputs let it (A. Liegeois, IEEE Trans. SMC 7(12), 1977, does so for a fixed arm). The gradients here
-are steepest for equal weights of that controller; with weights w choose k proportional to 1/w.
+A secondary objective gives desired rates z of the redundant outputs. ``RedundancyController`` follows them as far as
+the vertical outputs allow (A. Liegeois, IEEE Trans. SMC 7(12), 1977, for a fixed arm). The gradients here are steepest
+for equal weights of that controller. For weights w choose k proportional to 1/w.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
 
-_NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float where a joint has none
-_STEP = 2e-5  # [rad or m]; of a central difference along the motion
+_NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float for a joint without a limit
+_STEP = 2e-5  # [rad or m]; step of a central difference along the motion
 
 Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
-"""Rates z that the redundant outputs should have as far as the task lets them (..., r2), and their rate."""
+"""Function that returns desired rates z of the redundant outputs (..., r2), and the derivative of z."""
 
 
 class Combined(ReprMixin):
-    """The sum of several objectives; their gains say what each is worth.
+    """Sum of several objectives; their gains are the weights.
 
     Args:
         parts: the objectives.
@@ -44,7 +44,7 @@ class Combined(ReprMixin):
         self.reduction_data = tuple(parts)
 
     def describe(self) -> Description:
-        """What its parts say of themselves."""
+        """Return the descriptions of the objectives."""
         return {"type": type(self).__name__, "parts": [describe(part) for part in self.reduction_data]}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
@@ -53,14 +53,14 @@ class Combined(ReprMixin):
 
 
 class Posture(ReprMixin):
-    """Redundant outputs near a reference of their own, ``z = x22d_dot + k (x22d - x22)``.
+    """Objective that keeps redundant outputs near a reference: ``z = x22d_dot + k (x22d - x22)``.
 
     Reads from the measurement: ``x2, v2``.
 
     Args:
-        task: whose redundant outputs they are.
+        task: task that defines the redundant outputs.
         reference: of x22.
-        k: [1/s]; a number or one each. 0 for those that may go anywhere.
+        k: [1/s]; a number or one for each output. 0 for outputs without a desired position.
     """
 
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
@@ -79,30 +79,30 @@ class Posture(ReprMixin):
 
 
 class JointLimits(ReprMixin):
-    """Joints away from their limits: downhill on a potential that rises towards each end of a joint's range.
+    """Objective that keeps joints away from their limits: descent on a potential that rises towards each limit.
 
-    In a zone of width delta at each end the potential of a joint is ``s^3 / 3``, s going from 0 where the zone begins
-    to 1 at the limit and on beyond it: finite everywhere, twice differentiable, and the same for a joint that turns and
-    one that slides. Joints need not be outputs. With ``v = R v2`` and R22 the redundant columns of R,
+    In a zone of width delta at each end the potential of a joint is ``s^3 / 3``. s is 0 at the start of the zone, 1 at
+    the limit and larger beyond it. The potential is finite everywhere, twice differentiable, and the same for revolute
+    and prismatic joints. Joints need not be outputs. With ``v = R v2`` and R22 the redundant columns of R,
 
         z = -k R22^T grad,        z_dot = -k (R22_dot^T grad + R22^T hess v),        both exact.
 
-    A redundant output that is a joint leaves its own limit at ``k / delta``, and its loop there has the rate
-    ``2 k / delta^2``, which times the sampling interval has to stay below about 0.2: give joints of short range a small
-    k, or leave them out of ``joints``.
+    A redundant output that is a joint leaves its own limit at the rate ``k / delta``. Its loop there has the rate
+    ``2 k / delta^2``. This rate times the sampling interval has to stay below about 0.2. So give joints of short range
+    a small k, or omit them from ``joints``.
 
     Reads from the measurement: ``q, v``.
 
     Args:
         reduced: the system.
-        task: whose redundant outputs are free.
+        task: task that defines the redundant outputs.
         k: [m^2/s or rad^2/s]; a number or one for each redundant output.
-        margin: width of a zone as a share of the joint's range, up to a half.
-        joints: names; by default every joint that has limits.
+        margin: width of a zone as a share of the joint's range, up to 0.5.
+        joints: names; by default every joint with limits.
 
     Raises:
         ModelError: unknown joint.
-        ConfigurationError: a joint without limits, nothing limited at all, or not one k for each output.
+        ConfigurationError: a named joint has no limits, no joint has limits, or k has the wrong size.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class JointLimits(ReprMixin):
         self._v: list[int] = []
         for name in robot.joint_names if joints is None else joints:
             joint = model.joints[robot.joint_id(name)]
-            places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no ends
+            places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no limits
             limited = [i for i in places if _has_ends(model, joint.idx_q + i)]
             if joints is not None and not limited:
                 raise ConfigurationError(f"joint '{name}' has no position limits")
@@ -134,7 +134,7 @@ class JointLimits(ReprMixin):
         self._begin_low, self._begin_high = low + self._zone, high - self._zone
 
     def describe(self) -> Description:
-        """Its gain, and how wide the zones are [rad or m]."""
+        """Return the gain, and the widths of the zones [rad or m]."""
         return {"type": type(self).__name__, "k": listed(self.k), "zone": listed(self._zone)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +149,7 @@ class JointLimits(ReprMixin):
 
 
 class SingularityDistance(ReprMixin):
-    """Away from singular configurations: uphill on ``w = log |det E| + log det(A4 A4^T) / 2``.
+    """Objective that avoids singular configurations: ascent on ``w = log |det E| + log det(A4 A4^T) / 2``.
 
     First derivatives along the motion of each redundant output i are exact,
 
@@ -157,7 +157,7 @@ class SingularityDistance(ReprMixin):
 
     with ``E_i`` and ``A4_i`` the derivatives of E and A4 along column i of R, and ``z = k dw/dx22``. The manipulability
     of T. Yoshikawa, Int. J. Robotics Research 4(2), 1985, is ``sqrt(det(A4 A4^T))``. The rate of z needs second
-    derivatives, which Pinocchio does not have: it is a central difference along the measured motion.
+    derivatives, which Pinocchio does not provide. So it is a central difference along the measured motion.
 
     Reads from the measurement: ``q, v``.
 
@@ -167,7 +167,7 @@ class SingularityDistance(ReprMixin):
         k: [m^2/s or rad^2/s]; a number or one for each redundant output.
 
     Raises:
-        SingularityError: while running, at a singular configuration, where w has no gradient.
+        SingularityError: the configuration at a sample is singular, so w has no gradient.
     """
 
     def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:
@@ -178,7 +178,7 @@ class SingularityDistance(ReprMixin):
         return {"type": type(self).__name__, "k": listed(self.k)}
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
-        """dw/dx22 (..., r2) at configurations (..., nq)."""
+        """Return dw/dx22 (..., r2) at configurations (..., nq)."""
         reduced, task = self._reduced, self._task
         A4 = reduced.at(q).A_star[..., task.vertical, :][..., task.redundant]
         along = reduced.kinematic_gradient(q, task.redundant)[..., task.vertical, :, :][..., task.redundant, :]

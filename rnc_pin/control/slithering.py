@@ -1,4 +1,4 @@
-"""Where a trailer has to point for its axle to stay on the path that the tractor has driven: paper section 4.3."""
+"""Heading reference that keeps a trailer's axle on the path that the tractor has driven: paper section 4.3."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from rnc_pin.model.task import Task
 from rnc_pin.planning.references import ReferencePoint
 from rnc_pin.printing import ReprMixin
 
-_ACROSS = 0.2  # cosine between trailer and path, or trailer and tractor, below which it cannot slither
-_JUMP = 0.7  # change of the desired heading in a sample that means the same [rad]
-_KEPT = 2.0  # lengths of the trailer along the path that are remembered at least
-_PLACES = 5  # remembered on each side that the path is fitted to
+_ACROSS = 0.2  # smallest cosine between trailer and path, or trailer and tractor, at which slithering is possible
+_JUMP = 0.7  # largest change of the desired heading in a sample without a jump [rad]
+_KEPT = 2.0  # least length of the recorded path, in lengths of the trailer
+_PLACES = 5  # number of recorded places on each side for the fit of the path
 _UNKNOWN = np.full(1, np.nan)
 _UNKNOWN.flags.writeable = False
 
 
 class DrivenPath(NamedTuple):
-    """What the reference remembers."""
+    """State of the reference: recorded path and last heading."""
 
     path: Float[Array, "n 4"]
-    """Tractor's x, y, heading and distance driven at places a spacing apart, oldest first; straight before them."""
+    """Tractor's x, y, heading and distance driven, at places one spacing apart, oldest first; straight before them."""
     heading: float
-    """Desired heading at the last sample, so that it goes on without jumps [rad]."""
+    """Desired heading at the last sample, for continuity [rad]."""
 
 
 class SlitheringReference(ReprMixin):
@@ -47,30 +47,29 @@ class SlitheringReference(ReprMixin):
         w = pdot - sdot t,      b = pddot - sdot^2 c m,    m across t and n across e, to the left.
 
     For a kingpin on the tractor's axle that is ``sdot = u cos(theta1 - theta) / cos(psi - theta)``. Place, direction
-    and curvature are those of a quintic that fits the places around best, positions and headings, so that noise of
-    sensors is not differentiated; and nothing is differentiated in time, so that it rests where the tractor rests. A
-    tractor that backs up a little finds the path it came by; farther back, what lies ahead of it is forgotten. Before
-    the start the path is straight.
+    and curvature come from a quintic fitted to the positions and headings of the places around. So sensor noise is not
+    differentiated. No quantity is differentiated in time, so the reference rests while the tractor rests. A tractor
+    that backs up a little stays on the recorded path. If it backs up farther, the part of the path ahead of it is
+    deleted. Before the start the path is straight.
 
     Reads from the measurement: ``x1, v1, v2, A_star, A_star_dot``, and ``q`` once, for the initial state. One state
     at a time.
 
     Args:
-        reduced: among its vertical outputs are position and yaw of the tractor, and of the trailer the yaw.
-        task: its one vertical output is the trailer's yaw, or that of any frame on the trailer.
-        tractor: frame whose path is followed, in the middle of an axle that does not steer, x forward.
+        reduced: model whose vertical outputs include the tractor's position and yaw and the trailer's yaw.
+        task: its only vertical output is the trailer's yaw, or the yaw of any frame on the trailer.
+        tractor: frame that drives the path, in the middle of an axle that does not steer, x forward.
         axle: frame in the middle of the trailer's axle.
-        kingpin: frame at the kingpin, on either body; that of the tractor by default. If it is another one, its
-            position has to be a vertical output too.
-        spacing: of the places remembered [m]; a fiftieth of the trailer's length by default.
-        window: along the path on each side of the axle, over which the path is fitted [m]; five spacings by default.
-            Longer is smoother, and blurs bends that change within it.
+        kingpin: frame at the kingpin, on either body; the tractor frame by default. The position of another frame has
+            to be a vertical output too.
+        spacing: distance between recorded places [m]; a fiftieth of the trailer's length by default.
+        window: length of path on each side of the axle for the fit [m]; five spacings by default. A longer window
+            gives a smoother path, but less accurate bends.
 
     Raises:
         ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
             with that yaw.
-        SingularityError: while running, the path bends so tightly that the trailer would stand across it or across the
-            tractor.
+        SingularityError: the path bends so tightly that the trailer would stand across it or across the tractor.
     """
 
     size = 1
@@ -104,7 +103,7 @@ class SlitheringReference(ReprMixin):
         self._names = (*task.vertical_names, names[self._tractor[2]])
 
     def initial_state(self, measurement: Measurement) -> DrivenPath:
-        """A tractor that came straight along its heading."""
+        """Return a straight path behind the tractor, along its heading."""
         x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
         back = _KEPT * self.length
         behind = [x - back * cos(heading), y - back * sin(heading), heading, -back]
@@ -115,12 +114,12 @@ class SlitheringReference(ReprMixin):
     def step(
         self, measurement: Measurement, v2_dot: Float[Array, " r"], state: DrivenPath
     ) -> tuple[ReferencePoint, DrivenPath]:
-        """Once a sample.
+        """Compute the reference and the new state, once per sample.
 
         Args:
             measurement: of outputs and kinematics.
-            v2_dot: accelerations of the reducing outputs as far as they are known, else zero.
-            state: the path so far.
+            v2_dot: accelerations of the reducing outputs; zero if unknown.
+            state: the recorded path.
 
         Returns:
             The trailer's heading with two derivatives (its jerk is NaN: unknown), and the path with the present place.
@@ -162,7 +161,7 @@ class SlitheringReference(ReprMixin):
         return point, DrivenPath(path, desired)
 
     def _recorded(self, path: Array, x: float, y: float, heading: float) -> Array:
-        """The path with the present place, if it is a spacing beyond the last one, and without those ahead of it."""
+        """Path with the present place, if it is one spacing beyond the last one, and without places ahead of it."""
         while True:
             lx, ly, psi, driven = path[-1].tolist()
             ahead = (x - lx) * cos(psi) + (y - ly) * sin(psi)
@@ -173,12 +172,12 @@ class SlitheringReference(ReprMixin):
             path = path[:-1]
 
     def _behind(self, path: Array, px: float, py: float, x: float, y: float, heading: float) -> tuple[int, PathPoint]:
-        """The place one chord behind the kingpin, and the index of the one recorded before it."""
+        """Point one chord length behind the kingpin, and the index of the recorded place before it."""
         L = self.length
         dx, dy = path[:, 0] - px, path[:, 1] - py
         far = np.flatnonzero(dx * dx + dy * dy >= L * L)
         if not len(far):
-            # Straight on behind the oldest place: |p - o + tau t| = L.
+            # Straight extension behind the oldest place: |p - o + tau t| = L.
             ox, oy, psi, _ = path[0].tolist()
             along = (px - ox) * cos(psi) + (py - oy) * sin(psi)
             tau = sqrt(along**2 + L * L - (px - ox) ** 2 - (py - oy) ** 2) - along
@@ -198,7 +197,7 @@ def _places(names: tuple[str, ...], wanted: list[str]) -> Array:
 
 
 def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axle: str) -> tuple[float, float]:
-    """Kingpin to axle [m], and by how much the trailer's yaw is ahead of the direction to the kingpin [rad]."""
+    """Distance from kingpin to axle [m], and trailer's yaw minus the direction from axle to kingpin [rad]."""
     robot, generator = reduced.robot, np.random.default_rng(0)
     data, frames = robot.model.createData(), [robot.frame_id(frame) for frame in (tractor, kingpin, axle)]
     found = []

@@ -1,4 +1,4 @@
-"""Several controllers for one robot, each for some of the reducing outputs."""
+"""Several controllers for one robot; each controls some of the reducing outputs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from rnc_pin.printing import ReprMixin
 
 
 class SplitController(ReprMixin):
-    """Each part sees and commands its own reducing outputs; what they do to each other they take as disturbance.
+    """Controller of several parts; each measures and commands its own reducing outputs.
 
-    A part's measurement has ``x2`` and ``v2`` cut down to its outputs; everything else is whole.
+    The coupling forces between the parts are disturbances. The measurement of a part has ``x2`` and ``v2`` of its own
+    outputs only; all other fields are complete.
 
     Args:
-        parts: controllers and the positions of their outputs in x2.
-        r: number of reducing outputs; every one has to belong to one part.
+        parts: controllers and the indices of their outputs in x2.
+        r: number of reducing outputs; each has to belong to one part.
 
     Raises:
         ConfigurationError: an output belongs to no part, or to two.
@@ -35,12 +36,12 @@ class SplitController(ReprMixin):
             )
 
     def describe(self) -> Description:
-        """What its parts say of themselves, and the positions of their outputs in x2."""
+        """Return the descriptions of the parts, and the indices of their outputs in x2."""
         parts = [{**describe(part), "outputs": outputs.tolist()} for part, outputs in self._parts]
         return {"type": type(self).__name__, "parts": parts}
 
     def initial_state(self, measurement: Measurement) -> tuple[State, ...]:
-        """Those of the parts."""
+        """Return the initial states of the parts."""
         return tuple(controller.initial_state(_part(measurement, outputs)) for controller, outputs in self._parts)
 
     def step(self, t: float, measurement: Measurement, state: tuple[State, ...]) -> tuple[Command, tuple[State, ...]]:

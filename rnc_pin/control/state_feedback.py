@@ -16,21 +16,21 @@ from rnc_pin.printing import ReprMixin
 
 
 class StateFeedback(ReprMixin):
-    """``T = T_0 - K x``, x the deviation from what a linearisation was made about, or from a reference.
+    """``T = T_0 - K x``, x the deviation from the linearised motion, or from a reference.
 
-    It knows the model: T_0 and K come of it. It serves systems with fewer actuators than velocities, near where they
-    were linearised. Of a quasi-velocity a reference moves the rate alone, as its integral is no state.
+    The controller uses the model, which gives T_0 and K. It suits systems with fewer actuators than velocities, near
+    the linearised motion. A reference of a quasi-velocity changes the rate only, because its integral is not a state.
 
-    Reads from the measurement ``q, v2``, and ``x2`` of outputs that have a reference. One state at a time.
+    Reads from the measurement ``q, v2``, and ``x2`` of outputs with a reference. One state at a time.
 
     Args:
-        linear: the linearisation.
-        K: the gain (p, s), as ``rnc.lqr`` gives it.
-        reference: of some reducing outputs, where they are to go instead of where the linearisation has them.
+        linear: the linearization.
+        K: the gain (p, s), e.g. from ``rnc.lqr``.
+        reference: of some reducing outputs; it replaces their values in the linearised motion.
         outputs: names of these; all reducing outputs by default.
 
     Raises:
-        ConfigurationError: K or the reference has another size, or no state is that of an output.
+        ConfigurationError: K or the reference has the wrong size, or neither an output nor its rate is a state.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class StateFeedback(ReprMixin):
                 )
 
     def describe(self) -> Description:
-        """Its gain, of what, and the inputs that it starts from."""
+        """Return the gain with the names of its states, and the inputs T_0."""
         return {
             "type": type(self).__name__,
             "states": list(self.linear.state_names),
@@ -73,7 +73,7 @@ class StateFeedback(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> None:
-        """It learns nothing."""
+        """Return None: the controller has no state."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
         linear = self.linear
@@ -86,7 +86,7 @@ class StateFeedback(ReprMixin):
                 x[place] = -seen.error[k]
             for k, place in self._rates:
                 x[place] = -seen.error_rate[k]
-            known = [k for k, _ in self._values]  # of the others only the rate matters
+            known = [k for k, _ in self._values]  # for the other outputs only the rate matters
             x2_desired = spread(point.position[known], of[known], v2.shape)
             v2_desired = linear.v2.copy()
             v2_desired[of] = seen.velocity

@@ -1,4 +1,4 @@
-"""Class 2s: redundant outputs that steer. Where A4 = 0 their angle, not their rate, moves the vertical outputs."""
+"""Class 2s: redundant outputs that steer. As A4 = 0, their angle, not their rate, moves the vertical outputs."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ _A4_ZERO = 1e-9
 class SteeringController(ReprMixin):
     """Backstepping for ``x11dot = A3(x, x22) v21``.
 
-    The paper puts its fire truck into class 2, but (13) has nothing to invert there: A4 = 0. Wanted is the rate
-    ``w = x11d_dot + k3 (x11d - x11)``; the redundant outputs are moved so that what ``A3 v21`` misses of it fades
-    at ``k4``,
+    The paper puts its fire truck into class 2, but there (13) has no matrix to invert: A4 = 0. The desired rate is
+    ``w = x11d_dot + k3 (x11d - x11)``. The redundant outputs move so that the error ``w - A3 v21`` decays at ``k4``,
 
         N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22,      N = d(A3 v21)/dx22,
 
-    with N from the exact gradient of A_star. N vanishes with v21, for a vehicle that stands cannot be steered;
-    there the inverse is damped and x22 rests.
+    with N from the exact gradient of A_star. N vanishes with v21, because a standing vehicle cannot be steered. Near
+    v21 = 0 the inverse is damped, and x22 rests.
 
     Reads from the measurement: ``q, v2, v1, x1, x2, A_star, A_star_dot``. One state at a time.
 
     Args:
-        reduced: whose kinematics they are.
-        task: as many redundant as vertical outputs; the latter are x11.
+        reduced: model that provides the kinematics.
+        task: task with as many redundant as vertical outputs; the latter are x11.
         primary: reference of x21.
-        vertical: reference of x11 in time, or one that follows from what the vehicle does.
+        vertical: reference of x11 in time, or a ``SlitheringReference``.
         k3: [1/s], of the vertical outputs.
-        k4: [1/s], of their rates; some times k3.
+        k4: [1/s], of their rates; several times k3.
         k21: [1/s], of the primary outputs.
-        damping: value of N below which steering fades out. What noise of the vertical outputs asks of the redundant
-            ones is at most ``k3 k4 / (2 damping)`` times as large.
-        fastest: largest rate asked of the redundant outputs.
-        watched: positions in x1 and reference of vertical outputs that only the primary ones drive (x12); for the
-            record.
+        damping: value of N below which steering fades out. The gain from noise of the vertical outputs to rates of the
+            redundant outputs is at most ``k3 k4 / (2 damping)``.
+        fastest: largest rate of the redundant outputs.
+        watched: indices in x1 and reference of monitored vertical outputs, driven by the primary outputs only (x12);
+            for the record only.
 
     Raises:
-        ConfigurationError: not as many redundant as vertical outputs, A4 is not zero, or constraints are affine.
+        ConfigurationError: the numbers of redundant and vertical outputs differ, A4 is not zero, or the constraints are
+            affine.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class SteeringController(ReprMixin):
         self.watched = watched
 
     def describe(self) -> Description:
-        """Its gains."""
+        """Return the gains."""
         return {
             "type": type(self).__name__,
             "k3": listed(self.k3),
@@ -88,7 +88,7 @@ class SteeringController(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
-        """What the vertical reference remembers, if anything; refuses a system whose redundant rates move x11."""
+        """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
         if np.abs(A4).max() > _A4_ZERO:
             raise ConfigurationError(
@@ -104,7 +104,7 @@ class SteeringController(ReprMixin):
         x21d = self.primary.at(t)
         first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         v21d_dot = first.acceleration + self.k21 * first.error_rate
-        v2_dot = np.zeros(m.v2.shape)  # of steering rates unknown: it would take the references' third derivatives
+        v2_dot = np.zeros(m.v2.shape)  # unknown for steering rates: it needs third derivatives of the references
         v2_dot[..., task.primary] = v21d_dot
         if isinstance(self.vertical, SlitheringReference):
             if state is None:

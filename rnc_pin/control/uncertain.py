@@ -1,4 +1,4 @@
-"""Any controller where constraints are not known: kinematics and allocation of the estimates. Paper (14)-(21)."""
+"""Any controller under unknown constraints: kinematics and allocation use the estimates. Paper (14)-(21)."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from rnc_pin.printing import ReprMixin
 
 
 class UncertainState(NamedTuple):
-    """What has been learnt, and what the controller under it remembers."""
+    """States of the estimator and of the inner controller."""
 
     estimator: EstimatorState
     controller: State
 
 
 class UncertainController(ReprMixin):
-    """Certainty equivalence: a controller sees the kinematics of the estimates, which also allocate what it asks for.
+    """Certainty equivalence: the inner controller and the allocation use the estimated kinematics.
 
-    Once a sample the estimates are improved by (20); then the controller is shown ``A_star`` and its rate as the
-    estimated constraints have them; then the reduced force F that it asks for is allocated by the estimated
-    ``R^T B``. Under a momentum constraint that matrix depends on the unknown masses through R: who allocates by the
-    true one knows them. With (12) this is (16), and any other controller of this package will do: for class 2 the
-    same law, for class 2s ``SteeringController``, for class 3 a ``SplitController``.
+    Each sample has three steps. The estimator updates the estimates by (20). The controller receives ``A_star`` and its
+    rate from the estimated constraints. The estimated ``R^T B`` allocates its reduced force F to the actuators. Under a
+    momentum constraint ``R^T B`` depends on the unknown masses through R. So an allocation by the true matrix would use
+    the unknown masses. With (12) this is (16). Any other controller of this package works too: for class 2 the same
+    law, for class 2s ``SteeringController``, for class 3 a ``SplitController``.
 
-    Nothing that decides an input reads true values of what is unknown, as long as whatever needs a model under the
-    controller, and gains that are scaled to an inertia, are made from ``estimator.model``.
+    No input depends on the true values of unknown parameters, under one condition: models for the inner controller, and
+    gains that are scaled to an inertia, come from ``estimator.model``.
 
-    Reads from the measurement: ``q, v, v2``, and what its controller reads. One state at a time.
+    Reads from the measurement: ``q, v, v2``, and the quantities that its controller reads. One state at a time.
 
     Args:
-        estimator: what is unknown, and how it is learnt.
-        controller: what decides the reduced force.
+        estimator: estimator of the unknown parameters.
+        controller: controller that computes the reduced force.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -52,7 +52,7 @@ class UncertainController(ReprMixin):
         self.estimator, self.controller = estimator, controller
 
     def describe(self) -> Description:
-        """Gain, first estimates and bounds of the estimation, and the controller under it."""
+        """Return gain, first estimates and bounds of the estimator, and the inner controller."""
         return {
             "type": type(self).__name__,
             **self.estimator.describe(),
@@ -60,7 +60,7 @@ class UncertainController(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> UncertainState:
-        """The first estimates, and what the controller starts with where they hold."""
+        """Return the first estimates, and the initial state of the controller under them."""
         state = self.estimator.initial_state()
         seen = believed(measurement, self.estimator.model.at(measurement.q, measurement.v2))
         return UncertainState(state, self.controller.initial_state(seen))

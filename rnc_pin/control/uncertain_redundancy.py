@@ -1,4 +1,4 @@
-"""Class 1 with constraints that are not known: certainty equivalence. Paper (14)-(21), Lemma 4."""
+"""Class 1 with unknown constraint parameters: certainty equivalence. Paper (14)-(21), Lemma 4."""
 
 from __future__ import annotations
 
@@ -18,26 +18,27 @@ from rnc_pin.printing import ReprMixin
 class UncertainRedundancyController(ReprMixin):
     """(16): ``v22d = A4hat^-1 (x1d_dot + k3 (x1d - x1) - A3hat v21d)`` with estimates from (20).
 
-    Constraints are affine in what is not known, ``A_known v + Y p = 0``, so with ``y = -A_known v`` the prediction
-    error is ``E = y - Y phat = Y (p - phat)``, exactly, when Y is evaluated at the measured velocity, and
-    ``phat_dot = alpha Y^T E`` gives ``Vdot = -alpha |E|^2`` for ``V = |p - phat|^2 / 2``. For momentum y and Y
-    are the paper's ``x1dot - W0`` and W. A model of its own carries the estimates; true values of what is
-    unknown in the system that it is given are never read. What it decides still has to be allocated to actuators:
-    ``UncertainController`` does that with the estimates, too.
+    Constraints are affine in the unknown parameters, ``A_known v + Y p = 0``. With ``y = -A_known v`` and Y at the
+    measured velocity, the prediction error is exactly ``E = y - Y phat = Y (p - phat)``. Then
+    ``phat_dot = alpha Y^T E`` gives ``Vdot = -alpha |E|^2`` for ``V = |p - phat|^2 / 2``. For momentum, y and Y are the
+    paper's ``x1dot - W0`` and W. The controller has its own model with the estimates. It never reads the true values of
+    unknown parameters from the given system. It does not allocate forces to actuators; ``UncertainController`` does,
+    also with the estimates.
 
     Reads from the measurement: ``q, v, v1, v2, x1, x2``. One state at a time.
 
     Args:
         reduced: the system.
         controller: the class-1 controller to feed with estimated kinematics.
-        regressor: what is unknown, e.g. ``MomentumRegressor`` or ``WheelRegressor``.
+        regressor: model of the unknown parameters, e.g. ``MomentumRegressor`` or ``WheelRegressor``.
         initial: first estimates (s,), in the regressor's units.
         bounds: lowest and highest values, positive; a number or one for each parameter.
         alpha: adaptation gain; 0 switches it off.
-        dead_zone: prediction error below which nothing is learnt, as large as its noise; a number or one for each.
+        dead_zone: prediction error below which estimates do not change, as large as its noise; a number or one for
+            each entry.
 
     Raises:
-        ConfigurationError: estimates outside the bounds or of the wrong number, or a momentum that is not zero.
+        ConfigurationError: estimates are outside the bounds or of the wrong number, or the momentum is not zero.
     """
 
     def __init__(
