@@ -18,7 +18,7 @@ class ComputedTorque(ReprMixin):
 
     Args:
         reduced: the model.
-        target: kinematic controller that decides ``v2d`` and its rate.
+        target: kinematic controller that computes ``v2d`` and its rate.
         k: [1/s]; a number or one for each output.
     """
 

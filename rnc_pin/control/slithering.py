@@ -146,14 +146,14 @@ class SlitheringReference(ReprMixin):
             )
         s_dot = (ex * vx + ey * vy) / along
         wx, wy = vx - s_dot * tx, vy - s_dot * ty
-        # Acceleration of the chord's ends but for s'' t: centripetal at the path.
+        # Acceleration difference of the chord's ends without s'' t: centripetal at the path.
         bx, by = ax + s_dot**2 * curvature * ty, ay - s_dot**2 * curvature * tx
         s_ddot = (ex * bx + ey * by + (wx * wx + wy * wy) / L) / along
         rate = (ex * wy - ey * wx) / L
         acceleration = (ex * (by - s_ddot * ty) - ey * (bx - s_ddot * tx)) / L
         desired = state.heading + turn
         point = ReferencePoint(np.array([desired]), np.array([rate]), np.array([acceleration]), _UNKNOWN)
-        # What is far behind the axle's place is of no use, not even for backing up.
+        # Delete places far behind the axle: they are not needed, not even for backing up.
         oldest = path[-1, 3] - _KEPT * L
         if older > 1 and path[1, 3] < oldest:
             first = int(np.searchsorted(path[:, 3], min(path[older, 3] - self.window, oldest)))

@@ -55,11 +55,11 @@ class UncertainRedundancyController(ReprMixin):
         self.estimator = Estimator(reduced, regressor, initial, bounds, alpha, dead_zone)
 
     def describe(self) -> Description:
-        """Gains of the class-1 controller, and of the estimation: alpha, first estimates by name, bounds."""
+        """Return the gains of the class-1 controller, and the estimator's alpha, first estimates by name and bounds."""
         return {**self.controller.describe(), "type": type(self).__name__, **self.estimator.describe()}
 
     def initial_state(self, measurement: Measurement) -> EstimatorState:
-        """The first estimates."""
+        """Return the first estimates."""
         return self.estimator.initial_state()
 
     def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[VelocityTarget, EstimatorState]:

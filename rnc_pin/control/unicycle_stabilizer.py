@@ -1,8 +1,8 @@
-"""Point stabilisation of a unicycle: position and heading, from anywhere.
+"""Point stabilisation of a unicycle: position and heading, from any pose.
 
 M. Aicardi, G. Casalino, A. Bicchi, A. Balestrino, "Closed loop steering of unicycle like vehicles via Lyapunov
-techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35: with the distance e to the goal, the angle alpha
-from the heading to the line of sight and the angle theta from the goal's heading to it,
+techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35. e is the distance to the goal, alpha the angle from
+the heading to the line of sight, and theta the angle from the goal's heading to the line of sight. The inputs
 
     v = k e cos(alpha),    w = c alpha + k cos(alpha) sinc(alpha) (alpha + h theta)
 
@@ -21,22 +21,22 @@ from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
 
-_WAKE = 2.0  # times ``close``: how far from its goal a vehicle that rests sets out again
-_TURN_ABOUT = 0.5  # share of what the angles add to V below which driving the other way round is worth a change
-_STRAIGHT = 1e-3  # [rad] below which quotients by alpha are taken from their series
+_WAKE = 2.0  # distance or heading error, in multiples of ``close``, at which a resting vehicle starts again
+_TURN_ABOUT = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction
+_STRAIGHT = 1e-3  # alpha [rad] below which quotients by alpha use their series
 
 
 class DrivingState(NamedTuple):
-    """What the vehicle is about."""
+    """State of the stabiliser: waiting, resting or driving, and the driving direction."""
 
     since: float | None
-    """When it set out [s]; None while it waits."""
+    """Time of the last start [s]; None while it waits."""
     resting: bool
     backwards: bool
 
 
 class _Sight(NamedTuple):
-    """A pose as seen from the goal, driving forwards or backwards."""
+    """Pose in the coordinates of the control law, for forward or backward driving."""
 
     distance: float
     alpha: float
@@ -46,29 +46,29 @@ class _Sight(NamedTuple):
 
 
 class UnicycleStabilizer(ReprMixin):
-    """Drives a unicycle (forward speed, yaw) to a pose, from every other pose.
+    """Controller that drives a unicycle (forward speed, yaw) to a pose, from any other pose.
 
-    The law is that of Aicardi and others, with V as above, forwards or backwards: whichever needs less turning.
-    Changing between them only where V falls keeps V falling. Speed and turning are held below their limits by
-    slowing the whole motion down, which leaves its path and so V as they are. It rests until ``begin``, and where
-    distance, heading and motion are all small; pushed away from there it sets out again. At the goal the line of sight
-    has no direction (no continuous law exists, Brockett 1983): nearer than half of ``close`` it only turns.
+    The law is that of Aicardi and others, with V as above, forwards or backwards: the direction with less turning. The
+    direction changes only if that decreases V, so V always decreases. A common factor on speed and yaw rate keeps both
+    below their limits; it does not change the path, nor V along it. The vehicle rests until ``begin``, and when
+    distance, heading error and motion are all small. After a disturbance it starts again. At the goal the line of sight
+    has no direction (no continuous law exists, Brockett 1983): closer than half of ``close`` the vehicle only turns.
 
     Reads from the measurement: ``x1`` (positions), ``x2`` (of speed and yaw), ``v2``. One state at a time.
 
     Args:
         goal: (x, y, heading) [m, m, rad].
-        position: where in x1 the vehicle's x and y stand.
+        position: indices of the vehicle's x and y in x1.
         begin: time at which it starts [s].
-        k: rate at which the distance fades [1/s].
-        rate: at which the angles fade [1/s]; above k, so that they are gone before the distance is.
-        close: distance [m] and heading [rad], and their rates [per s], at which it rests.
-        soft: time over which it takes up speed [s].
-        fastest: largest forward speed [m/s] and yaw rate [rad/s] that it asks for.
+        k: decay rate of the distance [1/s].
+        rate: decay rate of the angles [1/s]; above k, so that the angles decay before the distance.
+        close: distance [m], heading error [rad] and their rates [per s] below which the vehicle rests.
+        soft: time over which the speed grows from zero [s].
+        fastest: largest desired forward speed [m/s] and yaw rate [rad/s].
 
     Raises:
-        ConfigurationError: rates or limits that make no sense.
-        InputError: while running, the vehicle's position or heading is not given.
+        ConfigurationError: rates or limits are not valid.
+        InputError: the vehicle's position or heading is not given at a sample.
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class UnicycleStabilizer(ReprMixin):
         self.goal, self.position = np.asarray(goal, dtype=float), np.asarray(position, dtype=int)
         self.begin, self.k, self.rate = begin, k, rate
         self.close, self.soft, self.fastest = close, soft, (float(fastest[0]), float(fastest[1]))
-        # Of s^2 + c s + k^2 h, what the angles obey near the line of sight: poles at -rate and -1.2 rate.
+        # Near the line of sight the angles have the polynomial s^2 + c s + k^2 h: poles at -rate and -1.2 rate.
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
 
     def describe(self) -> Description:
-        """Where it drives, from when, and how fast."""
+        """Return the goal, the start time, the rates and the limits."""
         return {
             "type": type(self).__name__,
             "goal": listed(self.goal),
@@ -109,7 +109,7 @@ class UnicycleStabilizer(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
-        """Waiting."""
+        """Return the waiting state."""
         self._pose(measurement)
         return DrivingState(None, False, False)
 
@@ -128,7 +128,7 @@ class UnicycleStabilizer(ReprMixin):
         return VelocityTarget(v2=share * desired, v2_dot=share * rate + growth * desired, x1=x1, x2=x2), state
 
     def _pose(self, measurement: Measurement) -> np.ndarray:
-        """x, y in the goal's axes, and the heading from the goal's in (-pi, pi]."""
+        """Position in the goal's axes, and the heading relative to the goal's in (-pi, pi]."""
         dx, dy = measurement.x1[self.position] - self.goal[:2]
         c, s = np.cos(self.goal[2]), np.sin(self.goal[2])
         pose = np.array([c * dx + s * dy, c * dy - s * dx, wrapped(measurement.x2[1] - self.goal[2])])
@@ -137,7 +137,7 @@ class UnicycleStabilizer(ReprMixin):
         return pose
 
     def _settled(self, t: float, pose: np.ndarray, v2: np.ndarray, state: DrivingState) -> DrivingState:
-        """Whether it waits, rests or drives now, and which way round."""
+        """New state: waiting, resting or driving, and the driving direction."""
         if t < self.begin:
             return state
         off = max(float(np.hypot(pose[0], pose[1])), abs(float(pose[2])))
@@ -146,31 +146,31 @@ class UnicycleStabilizer(ReprMixin):
         if state.resting and off < _WAKE * self.close:
             return state
         forwards, backwards = (self._turning(self._sight(pose, way)) for way in (False, True))
-        if state.since is None or state.resting:  # it sets out
+        if state.since is None or state.resting:  # start to drive
             return DrivingState(t, False, backwards < forwards)
         now, other = (backwards, forwards) if state.backwards else (forwards, backwards)
         return state._replace(backwards=state.backwards != (other < _TURN_ABOUT * now))
 
     def _sight(self, pose: np.ndarray, backwards: bool) -> _Sight:
-        """The pose as the law sees it; backwards both headings are turned round."""
+        """Pose in the coordinates of the law; for backward driving both headings turn by pi."""
         x, y, heading = pose
         about, e = np.pi if backwards else 0.0, float(np.hypot(x, y))
-        if e < self.close / 2:  # there, but for the heading
+        if e < self.close / 2:  # at the goal, except for the heading
             return _Sight(0.0, wrapped(-heading), 0.0)
         bearing = float(np.arctan2(-y, -x))
         return _Sight(e, wrapped(bearing - heading - about), wrapped(bearing - about))
 
     def _turning(self, sight: _Sight) -> float:
-        """What the angles add to V."""
+        """Angle terms of 2 V."""
         return sight.alpha**2 + self._h * sight.theta**2
 
     def _law(self, sight: _Sight, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
-        """(v, w), and their rates while the vehicle moves at v2."""
+        """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""
         (e, alpha, theta), k, h = sight, self.k, self._h
         sign = -1.0 if backwards else 1.0
         speed, turn = sign * v2[0], v2[1]
         c, s = np.cos(alpha), np.sin(alpha)
-        # Nearer than ``close`` the line of sight turns as it would there: the vehicle is about to rest.
+        # Closer than ``close``, bound the rate of the line of sight: the vehicle is about to rest.
         theta_dot = speed * s * e / max(e, self.close) ** 2
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
@@ -184,7 +184,7 @@ class UnicycleStabilizer(ReprMixin):
         return np.array([sign * k * e * c, w]), np.array([sign * v_dot, w_dot])
 
     def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slower along the same path, below the limits; and the rate of that."""
+        """Inputs slowed below the limits along the same path, and their rates."""
         limits = np.array(self.fastest)
         slower = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
         slower_dot = np.sum(v2 * v2_dot / limits**2) / slower

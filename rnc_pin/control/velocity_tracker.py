@@ -27,7 +27,7 @@ from rnc_pin.printing import ReprMixin
 
 
 class TrackerState(NamedTuple):
-    """What the tracker has learnt; batch axes lead."""
+    """State of the tracker: adaptive gains, with leading batch axes."""
 
     time: float | None
     g: Float[Array, "*batch r"]
@@ -40,21 +40,22 @@ class TrackerState(NamedTuple):
 class VelocityTracker(ReprMixin):
     """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
 
-    The scan of the paper loses the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time
-    the leak is exact over a sample, and the step along the regressor w is bounded: what one sample adds
-    to F is at most ``k e_v``, however large ``beta |w|^2 dt`` (under explicit Euler more than 2 diverges).
-    For small steps both are the paper's. With a dead zone z the laws learn from what of ``e_v`` is beyond it, and of
-    outputs within it what is learnt stays as it is, leak included: noise of velocities that is smaller than z cannot
-    make it drift (``control.dead_zone``); errors of up to z are left to k. Of outputs whose actuators gave too little
-    nothing is learnt that would ask for more (``control.windup``).
+    The scan of the paper omits the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time the leak is
+    exact over a sample. The step along the regressor w is bounded: one sample adds at most ``k e_v`` to F, however
+    large ``beta |w|^2 dt`` is (explicit Euler diverges above 2). For small steps both are the paper's.
 
-    Reads from the measurement: ``v2``, ``excess`` where somebody looked, and what its kinematic controller reads.
+    With a dead zone z the laws use only the part of ``e_v`` beyond z. For an output within the zone, adaptation and
+    leak stop. So velocity noise below z causes no drift (``control.dead_zone``); only the feedback k corrects errors
+    below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
+    (``control.windup``).
+
+    Reads from the measurement: ``v2``, ``excess`` if available, and the quantities that its kinematic controller reads.
 
     Args:
-        target: kinematic controller that decides ``v2d`` and its rate.
+        target: kinematic controller that computes ``v2d`` and its rate.
         gains: k, beta, sigma, dead zone.
-        held: reduced force that holds the robot up where it starts (r,), as its actuators report while it rests; g is
-            what has to be learnt besides. Zero by default, so that a robot under gravity drops until g has grown.
+        held: gravity compensation at the start (r,): reduced force that holds the robot, as its actuators report at
+            rest. The tracker learns g in addition. Zero by default: a robot under gravity then drops until g has grown.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class VelocityTracker(ReprMixin):
         self.held = 0.0 if held is None else np.asarray(held, dtype=float)
 
     def describe(self) -> Description:
-        """Its gains, the force that it starts with, and what it follows."""
+        """Return the gains, the gravity compensation, and the kinematic controller."""
         return {
             "type": type(self).__name__,
             "gains": self.gains.describe(),
@@ -75,7 +76,7 @@ class VelocityTracker(ReprMixin):
         }
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
-        """All adaptive gains zero."""
+        """Return zero adaptive gains."""
         shape = np.shape(measurement.v2)
         r = shape[-1]
         return TrackerState(
@@ -87,7 +88,7 @@ class VelocityTracker(ReprMixin):
         )
 
     def step(self, t: float, measurement: Measurement, state: TrackerState) -> tuple[Command, TrackerState]:
-        """One sample; the time since the last one may vary.
+        """Compute one sample; the sampling interval may vary.
 
         Raises:
             InputError: time runs backwards.

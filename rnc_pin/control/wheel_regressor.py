@@ -1,4 +1,4 @@
-"""Unknown wheel radii and tracks in rolling constraints. Paper (14)-(21), for wheels."""
+"""Regressor of unknown wheel radii and tracks in rolling constraints. Paper (14)-(21), for wheels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SILENT = 1e-9  # entries of Y below which a parameter does not enter a row
 
 @dataclass(frozen=True)
 class UnknownRadius:
-    """Wheels that share a radius which is not known.
+    """Unknown common radius of several wheels.
 
     Args:
         wheels: frames of ``RollingWheel`` constraints.
@@ -37,7 +37,7 @@ class UnknownRadius:
 
 @dataclass(frozen=True)
 class UnknownTrack:
-    """Two wheels of one axle whose distance is not known; the middle and the direction of the axle are.
+    """Unknown distance of the two wheels of one axle; the middle and direction of the axle are known.
 
     Args:
         wheels: frames of two ``RollingWheel`` constraints on wheels that turn on one body.
@@ -48,24 +48,24 @@ class UnknownTrack:
 
 class _Wheel(NamedTuple):
     rows: RollingRows
-    """A copy; of radius 1 where the radius is unknown."""
+    """A copy; with radius 1 if the radius is unknown."""
     kept: list[int]
-    """Which of its rows count: rolling, lateral and vertical, or what the wheel has instead."""
+    """Indices of the rows in use: rolling, lateral and vertical, or the rows that the wheel has instead."""
     radius: int | None
     """Column of the radius, if it is unknown."""
     axle: _Axle | None
-    """What is known of the axle, if its track is unknown."""
+    """Known data of the axle, if its track is unknown."""
 
 
 class _Axle(NamedTuple):
     column: int
-    """Of the track."""
+    """Column of the track in Y."""
     joint: int
-    """That the wheel turns on."""
+    """Joint of the wheel."""
     carrier: int
-    """Joint of the body that carries it."""
+    """Joint of the body that carries the wheel."""
     middle: np.ndarray
-    """Of the axle, in the carrier's axes (3,) [m]."""
+    """Middle of the axle, in the carrier's axes (3,) [m]."""
     side: np.ndarray
     """Half the unit vector to this wheel from the other, in the carrier's axes (3,)."""
     centre: np.ndarray
@@ -80,16 +80,16 @@ class WheelRegressor:
 
         D (v_middle +- track/2 omega_body x e + radius omega_wheel x u) = 0,
 
-    for wheels upright or leaning. The residual needs a measured velocity of the body besides the wheels' rates
-    (``Measurement.v``): from wheels alone nothing can be said of their size. Rows that no parameter enters are left
+    for upright or leaning wheels. The residual needs a measured velocity of the body in addition to the wheel rates
+    (``Measurement.v``): wheel rates alone do not determine the size of wheels. Rows without unknown parameters are left
     out. One state at a time.
 
     Args:
-        reduced: a system with ``RollingWheel`` constraints; true radii and tracks in it are never read.
-        unknown: what is not known, all in metres.
+        reduced: a system with ``RollingWheel`` constraints; its true radii and tracks are never read.
+        unknown: unknown radii and tracks, all in metres.
 
     Raises:
-        ConfigurationError: a wheel that no constraint is about, named twice, or a pair that has no track.
+        ConfigurationError: a wheel has no constraint or is named twice, or a pair has no track.
     """
 
     def __init__(self, reduced: ReducedModel, unknown: Sequence[UnknownRadius | UnknownTrack]) -> None:
@@ -137,7 +137,7 @@ class WheelRegressor:
                 raise ConfigurationError(f"unknown {what}: wheel '{wheel}' is named twice")
 
     def _that_tell(self, robot: Robot) -> list[_Wheel]:
-        """The wheels with those rows that a parameter enters; refuses parameters that enter no row."""
+        """Wheels with the rows that depend on a parameter; raise an error if a parameter enters no row."""
         generator = np.random.default_rng(0)
         samples: list[np.ndarray] = []
         for _ in range(_SAMPLES):
@@ -152,7 +152,7 @@ class WheelRegressor:
         return [wheel for wheel in chosen if wheel.kept]
 
     def regress(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``y = -A_known v`` (e,) [m/s] and Y (e, s) at the measured q (nq,) and v (nv,).
+        """Return ``y = -A_known v`` (e,) [m/s] and Y (e, s) at the measured q (nq,) and v (nv,).
 
         Raises:
             SingularityError: a wheel lies flat.
@@ -182,7 +182,7 @@ class WheelRegressor:
         return y, Y
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """A model whose wheels have the estimated radii and stand the estimated tracks apart."""
+        """Return a model with the estimated radii and tracks."""
         model = reduced.robot.model.copy()
         blocks = [
             copy(block) if isinstance(block, RollingRows) else block for block, *_ in reduced.all_constraints.places
@@ -195,7 +195,7 @@ class WheelRegressor:
 
 
 def _believe(model: pin.Model, wheels: Sequence[tuple[RollingRows, int | None, _Axle | None]], p: np.ndarray) -> None:
-    """Let a model have estimated radii and tracks p."""
+    """Write estimated radii and tracks p into a model."""
     for rows, radius, axle in wheels:
         if radius is not None:
             rows.radius = float(p[radius])
@@ -210,7 +210,7 @@ def _kind(each: UnknownRadius | UnknownTrack) -> str:
 
 
 def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axle]:
-    """Where two wheels stand on the body that carries them: the middle and the direction, not the distance."""
+    """Axle data of two wheels on the body that carries them: the middle and the direction, not the distance."""
     model = robot.model
     frames = [model.frames[robot.frame_id(wheel)] for wheel in (first, second)]
     joints = [frame.parentJoint for frame in frames]
@@ -237,7 +237,7 @@ def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axl
 
 
 def _turns_about(robot: Robot, joint: int, point: np.ndarray) -> bool:
-    """Whether a point of a body, in the axes of its joint, stays in place when the joint turns."""
+    """True if a point of a body, in the axes of its joint, is on the axis of the joint."""
     model = robot.model
     if model.joints[joint].nv != 1:
         return False

@@ -1,15 +1,15 @@
-"""What adaptation does while actuators give less than they are asked for.
+"""Anti-windup of adaptation by conditional integration, while actuators are saturated.
 
-In Lemmas 2 and 3 the force that acts is the one that was asked for. Where x of it is missing, ``V = e^T H e / 2 +
-|learnt - true|^2 / (2 beta)`` changes by ``e^T x`` more a second. Of output i
+Lemmas 2 and 3 assume that the applied force is the commanded force. If the applied force is x less than commanded,
+``V = e^T H e / 2 + |learnt - true|^2 / (2 beta)`` has the additional rate ``e^T x``. For output i,
 
-* with ``e_i x_i <= 0`` that is nothing that makes V grow: its law stays as it is, and so does the lemma's inequality;
-* with ``e_i x_i > 0`` the law would answer the error that the clipped actuator leaves by asking for more of the same,
-  to be unlearnt for as long afterwards: the windup. What is learnt stays there as it is, its leak included.
+* if ``e_i x_i <= 0``, this rate does not increase V: the law does not change, and the inequality of the lemma holds;
+* if ``e_i x_i > 0``, the law would respond to the error of the saturated actuator with a larger force. It would then
+  need as long to unlearn it: windup. So adaptation and leak of this output stop.
 
-So what is learnt never moves away from the truth because of a clipped actuator: the learnt part of V grows at no sample
-at which the lemma does not bound it. Only e may grow meanwhile, as far as a robot goes under forces that are bounded;
-and once nothing is clipped any more the lemma holds from there on, with all that was learnt before.
+So saturation never moves the learnt values away from the true values: their part of V does not grow at any sample
+without a bound from the lemma. Only e may grow meanwhile, as far as a robot moves under bounded forces. After the
+saturation ends the lemma holds again, with everything that was learnt before.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from numpy import ndarray as Array
 
 
 def saturation_mask(excess: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:
-    """Outputs whose learnt force must stay as it is.
+    """Return a mask of the outputs whose learnt force must not change.
 
     Args:
-        excess: force asked for at the last sample and not given.
-        added: by which the learnt force is about to change, or anything of its sign.
+        excess: commanded minus applied force at the last sample.
+        added: next change of the learnt force, or any quantity with the same sign.
     """
     return np.asarray(excess * added > 0.0)
