@@ -189,7 +189,7 @@ def test_grip_has_limits(friction, loads):
 
 def test_a_loop_grips_no_ground():
     """Its rows act on points, and keep a position."""
-    with pytest.raises(rnc.ConfigurationError, match="nothing of this system grips the ground by friction"):
+    with pytest.raises(rnc.ConfigurationError, match="no contact of this system grips the ground by friction"):
         rnc.Grip(systems.four_bar(), 0.5)
 
 

@@ -224,7 +224,7 @@ def with_wheel(frame, kind, place, centre=(0.0, 0.0, 0.0)):
     ("kind", "place", "message"),
     [
         (pin.JointModelSpherical(), (0.0, 0.0, 0.0), "frame 'third' is not on the axis of its joint"),
-        (pin.JointModelRY(), (0.0, 0.2, 0.0), "are in one place: the direction of their axle is not known"),
+        (pin.JointModelRY(), (0.0, 0.2, 0.0), "have the same position: the direction of their axle is undefined"),
     ],
 )
 def test_wheels_without_a_track(kind, place, message):

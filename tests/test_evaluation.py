@@ -302,7 +302,7 @@ def test_an_integral_that_a_task_needs_is_asked_for():
     assert np.isfinite(seen.x2[[0, 1, 3]]).all()
     redundant = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, 1.0)
     tracker = PositionTracker(Hold(np.zeros(4)))
-    words = "an output that has to be fed back has no value: it is a quasi-velocity"
+    words = "a feedback gain acts on an output without a value: it is a quasi-velocity"
     for controller in (tracker, VelocityTracker(redundant, VelocityGains.paper())):
         with pytest.raises(rnc.InputError, match=words):
             controller.step(0.0, seen, controller.initial_state(reduced.measure(q, rest, rest)))

@@ -134,7 +134,7 @@ def test_a_second_factor_is_asked_of_the_slowed_reference(sleigh):
     ("friction", "loads", "words"),
     [
         (0.0, None, "friction of the ground has to be positive"),
-        (0.5, {"slegh": 1.0}, "nothing grips at 'slegh'; did you mean 'sleigh'"),
+        (0.5, {"slegh": 1.0}, "no gripping contact 'slegh'; did you mean 'sleigh'"),
         (0.5, {"sleigh": -1.0}, "load of 'sleigh' has to be positive"),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_joint_whose_bracket_is_not_known_is_named():
     model.addJoint(0, both, pin.SE3.Identity(), "both")
     with pytest.raises(rnc.ConstraintError) as told:
         frame_bracket(model)
-    assert str(told.value) == "no growth vector for a robot with a joint of type JointModelComposite"
+    assert str(told.value) == "no Lie bracket is known for a joint of type JointModelComposite"
     single = pin.JointModelComposite()
     single.addJoint(pin.JointModelRUBX())
     model = pin.Model()

@@ -88,7 +88,7 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
     np.testing.assert_array_equal(fed_back(gains, np.array([np.inf, np.nan, 1.0])), [np.inf, 0.0, -3.0])
     for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
         with pytest.raises(
-            rnc.InputError, match=r"has no value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
+            rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
         ):
             fed_back(gain, error)
 

@@ -30,7 +30,7 @@ def test_a_state_of_nothing_is_refused():
     reduced = rnc.NonholonomicSystem(sliders(2), []).reduce()
     with pytest.raises(rnc.InputError) as told:
         rnc.linearize(reduced, np.zeros(2), coordinates=[], rates=[])
-    assert str(told.value) == "coordinates and rates are both empty: nothing is left to be the state"
+    assert str(told.value) == "coordinates and rates are both empty: the state needs at least one entry"
     assert rnc.linearize(reduced, np.zeros(2), coordinates=[]).state_names == ("s0", "s1")
 
 

@@ -67,31 +67,31 @@ OSCILLATOR = [[0.3, 2.7, 0.0, 0.0], [-1.9, -0.3, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0
             OSCILLATOR,
             [[0, 0], [0, 0], [0, 1], [1, 0]],
             1.0,
-            "the actuators u0, u1 do not reach a mode that does not fade by itself: it moves x0, x1",
+            "the actuators u0, u1 do not control a mode that is not stable: it moves x0, x1",
         ),
         (
             OSCILLATOR,
             [[1, 0], [0, 0], [0, 0], [0, 0]],
             1.0,
-            "the actuators u0, u1 do not reach a mode that does not fade by itself: it moves x3",
+            "the actuators u0, u1 do not control a mode that is not stable: it moves x3",
         ),
         (
             OSCILLATOR,
             [[1, 0], [0, 0], [0, 0], [0, 1]],
             {"x2": 1.0, "x3": 2.0},
-            "state_cost: a mode that does not fade by itself costs nothing: it moves x0, x1",
+            "state_cost: a mode that is not stable has zero cost: it moves x0, x1",
         ),
         (
             OSCILLATOR,
             [[1, 0], [0, 0], [0, 0], [0, 1]],
             {"x0": 1.0},
-            "state_cost: a mode that does not fade by itself costs nothing: it moves x3",
+            "state_cost: a mode that is not stable has zero cost: it moves x3",
         ),
         (
             np.diag([0.5, 0.2]),
             [[1.0], [0.0]],
             1.0,
-            "the actuators u0 do not reach a mode that does not fade by itself: it moves x1",
+            "the actuators u0 do not control a mode that is not stable: it moves x1",
         ),
     ],
 )
@@ -134,8 +134,8 @@ def test_a_double_integrator_in_other_units_of_time_is_regulated(size):
         ([[1.0, 2.0]], 1.0, "or a symmetric matrix, found"),
         ([1.0], 1.0, "state_cost: expected a number, one for each of x0, x1, or a symmetric matrix, found"),
         (1.0, [1.0, 1.0], "input_cost: expected a number, one for each of u0, or a symmetric matrix, found"),
-        (1.0, 0.0, "input_cost: every input has to weigh something"),
-        (1.0, -1.0, "input_cost: every input has to weigh something"),
+        (1.0, 0.0, "input_cost: every input needs a positive weight"),
+        (1.0, -1.0, "input_cost: every input needs a positive weight"),
         (1.0, {"u": 1.0}, "input_cost: no 'u'; did you mean 'u0'"),
     ],
 )
@@ -208,7 +208,7 @@ def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
     reduced = unicycle()
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.linearize(reduced, reduced.robot.configuration(), [0.5, 2.0], coordinates=[rnc.FramePosition("body", "y")])
-    missing = "the motion depends on more than body_y, body_speed_x, body_yaw: on 'root_joint[2]' among others"
+    missing = "not a closed system: the motion of body_y, body_speed_x, body_yaw also depends on 'root_joint[2]'"
     assert str(told.value) == missing
 
 

@@ -95,7 +95,7 @@ def test_wheels_have_a_track_from_a_billionth_of_a_metre_on():
     here = np.array([0.1, 0.3, 0.2])
     for apart in (1.01e-9, 0.99e-9):
         robot = cart(left=here, right=here + np.array([0.0, 0.0, apart]))
-        words = "are in one place: the direction of their axle is not known"
+        words = "have the same position: the direction of their axle is undefined"
         assert_track(robot, ("left", "right"), apart > 1e-9, words)
     for aside in ((0.99e-9, 0.4, 0.0), (0.0, -0.4, -0.99e-9), (1.01e-9, 0.4, 0.0), (0.0, 0.0, -1.01e-9)):
         words = "have no fixed track: frame 'left' is not on the axis of its joint"

@@ -6,8 +6,8 @@ import pytest
 import rnc_pin as rnc
 from test_linear_pinned import linear
 
-NOT_REACHED = "the actuators u0 do not reach a mode that does not fade by itself: it moves "
-COSTS_NOTHING = "state_cost: a mode that does not fade by itself costs nothing: it moves "
+NOT_REACHED = "the actuators u0 do not control a mode that is not stable: it moves "
+COSTS_NOTHING = "state_cost: a mode that is not stable has zero cost: it moves "
 
 
 def told(system, *costs):
@@ -85,7 +85,7 @@ def test_costs_are_numbers(cost):
 
 
 def test_nothing_feeds_back_to_no_actuators():
-    assert told(linear([[1.0]], np.zeros((1, 0))), 1.0) == "a system without actuators has nothing to feed back to"
+    assert told(linear([[1.0]], np.zeros((1, 0))), 1.0) == "a regulator needs at least one actuator, found none"
 
 
 def test_inputs_of_unlike_weights_share_a_state_in_proportion_to_what_they_do_for_it():

@@ -266,7 +266,7 @@ def test_brackets_of_a_spherical_joint_are_those_of_rotations():
     composite = pin.JointModelComposite(pin.JointModelRUBX())
     composite.addJoint(pin.JointModelRUBY())
     model.addJoint(0, composite, pin.SE3.Identity(), "hinges")
-    with pytest.raises(rnc.ConstraintError, match="no growth vector for a robot with a joint of type JointModelComp"):
+    with pytest.raises(rnc.ConstraintError, match="no Lie bracket is known for a joint of type JointModelComp"):
         frame_bracket(model)
 
 

@@ -20,7 +20,7 @@ def frame_bracket(model: pin.Model) -> Bracket:
         if kind in ("JointModelPlanar", "JointModelFreeFlyer", "JointModelSpherical"):
             parts.append((slice(joint.idx_v, joint.idx_v + joint.nv), kind))
         elif joint.nv > 1 and joint.nq != joint.nv:
-            raise ConstraintError(f"no growth vector for a robot with a joint of type {kind}")
+            raise ConstraintError(f"no Lie bracket is known for a joint of type {kind}")
 
     def bracket(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         result = np.zeros_like(x)

@@ -53,11 +53,11 @@ class Grip:
         self._contacts = [each for each in contacts_of(reduced) if each.along]
         self.names = tuple(each.name for each in self._contacts)
         if not self.names:
-            raise ConfigurationError("nothing of this system grips the ground by friction")
+            raise ConfigurationError("no contact of this system grips the ground by friction")
         self._known = np.full(len(self.names), np.nan)
         for name, load in (loads or {}).items():
             if name not in self.names:
-                raise ConfigurationError(f"loads: nothing grips at '{name}'{nearest(name, self.names)}")
+                raise ConfigurationError(f"loads: no gripping contact '{name}'{nearest(name, self.names)}")
             if not load > 0:
                 raise ConfigurationError(f"load of '{name}' has to be positive, found {load}")
             self._known[self.names.index(name)] = load

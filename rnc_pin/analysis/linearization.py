@@ -131,7 +131,7 @@ def linearize(
     read = _Coordinates(reduced, coordinates)
     kept = _kept_rates(reduced, rates)
     if not (read.names or kept):
-        raise InputError("coordinates and rates are both empty: nothing is left to be the state")
+        raise InputError("coordinates and rates are both empty: the state needs at least one entry")
     if coordinates is not None or len(kept) < reduced.r:
         A, B = _restricted(reduced, read, kept, derivatives.v, q, A, B)
     outputs = reduced.reducing
@@ -211,7 +211,7 @@ def _restricted(
     if np.abs(rest).max() > _CLOSED * max(1.0, np.abs(A).max()):
         missing = (*reduced.robot.velocity_names, *reduced.reducing.names)[int(np.argmax(np.abs(rest).max(axis=0)))]
         known = ", ".join((*read.names, *(reduced.reducing.names[i] for i in kept)))
-        raise ConstraintError(f"the motion depends on more than {known}: on '{missing}' among others")
+        raise ConstraintError(f"not a closed system: the motion of {known} also depends on '{missing}'")
     return chosen, C @ B
 
 

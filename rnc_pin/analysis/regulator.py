@@ -49,9 +49,9 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     if np.linalg.eigvalsh(Q).min() < -1e-12 * np.abs(Q).max():
         raise ConfigurationError("state_cost: no weight may be negative")
     if not len(R):
-        raise ConstraintError("a system without actuators has nothing to feed back to")
+        raise ConstraintError("a regulator needs at least one actuator, found none")
     if not np.linalg.eigvalsh(R).min() > 0:
-        raise ConfigurationError("input_cost: every input has to weigh something")
+        raise ConfigurationError("input_cost: every input needs a positive weight")
     # Scale each input so that its weight is 1: the result must not depend on units.
     unit = 1.0 / np.sqrt(np.diag(R))
     B, R = B * unit, unit[:, None] * R * unit
@@ -64,13 +64,13 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
         if values[-1] < _UNREACHED:
             names = _moved(left[:, -1], linear.state_names)
             raise ConstraintError(
-                f"the actuators {', '.join(linear.input_names)} do not reach a mode that does not fade by itself: "
+                f"the actuators {', '.join(linear.input_names)} do not control a mode that is not stable: "
                 f"it moves {names}"
             )
         _, values, right = np.linalg.svd(np.vstack([shifted / size, Q / max(np.abs(Q).max(), 1e-300)]))
         if values[-1] < _UNREACHED and abs(mode.real) <= _SLOW * size:
             names = _moved(right[-1], linear.state_names)
-            raise ConstraintError(f"state_cost: a mode that does not fade by itself costs nothing: it moves {names}")
+            raise ConstraintError(f"state_cost: a mode that is not stable has zero cost: it moves {names}")
     try:
         P = scipy.linalg.solve_continuous_are(A, B, Q, R)
     except np.linalg.LinAlgError as error:

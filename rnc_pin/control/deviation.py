@@ -41,7 +41,7 @@ def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
         return product
     if np.isnan(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, error)).any():
         raise InputError(
-            "an output that has to be fed back has no value: it is a quasi-velocity, and its integral was not given; "
-            "measure(q, v2, integrals) takes it"
+            "a feedback gain acts on an output without a value: it is a quasi-velocity, and its integral is not given; "
+            "pass it to measure(q, v2, integrals)"
         )
     return np.asarray(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, product))

@@ -77,7 +77,7 @@ class Estimator(ReprMixin):
                 f"{self._low[first]:g} and {self._high[first]:g}"
             )
         if reduced.affine:
-            raise ConfigurationError("estimation assumes A v = 0, a momentum of zero, and this one is not zero")
+            raise ConfigurationError("estimation assumes A v = 0 (zero momentum), but the momentum is not zero")
         self._estimated = regressor.estimated(reduced)
         self.model = self._estimated.at(self.initial)
 

@@ -228,7 +228,7 @@ def _axles(robot: Robot, column: int, first: str, second: str) -> dict[str, _Axl
     apart = centres[0] - centres[1]
     length = float(np.linalg.norm(apart))
     if length < 1e-9:
-        raise ConfigurationError(f"{pair} are in one place: the direction of their axle is not known")
+        raise ConfigurationError(f"{pair} have the same position: the direction of their axle is undefined")
     middle, half = (centres[0] + centres[1]) / 2, apart / length / 2
     return {
         wheel: _Axle(column, joint, carriers[0], middle, sign * half, offset)
