@@ -244,12 +244,12 @@ def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
     # The window: omega at least four times the rate of the quickest, ``sqrt(2)`` of a typical one.
     edge = gamma * 0.35 / ((4 * rate) ** 2 * 2.0)
     PositionGains.scaled(UNEVEN, edge * (1 - 1e-9), gamma, rate)
-    words = r"every 0.0389 s allows oscillations of 8.48 rad/s, errors that fade at 1.5/s with gamma 8 need more"
+    words = r"every 0.0389 s allows oscillations of 8.48 rad/s, a decay rate of 1.5/s with gamma 8 needs more"
     with pytest.raises(rnc.InfeasibleError, match=words):
         PositionGains.scaled(UNEVEN, round(edge + 1e-5, 4), gamma, rate)
     one = np.array([[[1.0]]])
     PositionGains.scaled(one, 1e-4, 1.0, 1.99)
-    with pytest.raises(rnc.InfeasibleError, match="gamma 1 need more"):
+    with pytest.raises(rnc.InfeasibleError, match="gamma 1 needs more"):
         PositionGains.scaled(one, 1e-4, 1.0, 2.0)
 
 

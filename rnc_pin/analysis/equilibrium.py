@@ -79,8 +79,8 @@ def equilibrium(
         hold: joints whose positions stay as in the guess.
         v2: reduced velocities (r,) of a steady motion; or those of some reducing outputs by name. The search then finds
             the others, near zero. At rest by default.
-        cyclic: joints, or entries of v by name, that may move in a steady motion although the dynamics depend on them,
-            such as a slightly unbalanced wheel. The motion is then steady at their present position only.
+        cyclic: joints, or entries of v by name, that may move although the dynamics depend on them, such as a slightly
+            unbalanced wheel. The motion is then steady at their present position only.
 
     Raises:
         ConstraintError: no solution was found; the message names the shape variable or velocity that changes.

@@ -1,9 +1,9 @@
 """Symmetries of a reduced system: directions of motion along which it does not change, such as over flat ground.
 
 The search covers two kinds: motions of the whole robot in the world, and motions of joints in their own axes, such as
-about a wheel's axle. A direction is a symmetry if the velocities of all bodies and the reduced accelerations do not
-change along it, at given reduced velocities and inputs, and if it keeps the holonomic rows. These changes are linear
-in the direction and come from analytic derivatives. So the symmetries are a null space over sampled states.
+about a wheel's axle. Along a symmetry, the velocities of all bodies, the reduced accelerations and the holonomic rows
+do not change, at given reduced velocities and inputs. These changes are linear in the direction and come from analytic
+derivatives. So the symmetries are a null space over sampled states.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ the measured error by z. The result is ``theta e`` with 0 <= theta <= 1: zero, o
 * elsewhere the law adapts from the true error, at a gain between 0 and beta. In the Lyapunov functions of Lemmas 2 to
   4, the rate of ``|learnt - true|^2 / (2 beta)`` is ``theta e`` times the parameter error, instead of ``e`` times it.
   As ``|e| - |theta e| <= 2 z``, the terms that no longer cancel in Lemmas 2 and 3 are at most 2 z times the parameter
-  error, and errors end in a region of that size. In Lemma 4 every entry still shrinks its own part, so estimates only
+  error. So errors end in a region of that size. In Lemma 4 every entry still shrinks its own part, so estimates only
   approach the true values.
 """
 

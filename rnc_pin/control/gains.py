@@ -57,8 +57,8 @@ class VelocityGains:
         adaptation has not learnt yet. As ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e``, the error decays at
         ``bandwidth`` or faster wherever the bound holds. Adaptation with ``beta = adaptation K`` preserves this
         (Lemma 3). The fastest rate is ``bandwidth D / H``, for the lightest motion. Consider a bandwidth of 4/s, twice
-        the outer loop's, and a sampling period of 2 ms. Then H may be 25 times less than its bound before the product
-        of rate and period reaches ``FASTEST``, and 125 times less before adaptation makes the loop unstable.
+        the outer loop's, and a sampling period of 2 ms. The product of rate and period reaches ``FASTEST`` if H is 25
+        times less than its bound. Adaptation makes the loop unstable if H is 125 times less.
 
         Args:
             bound: on the reduced inertia, ``diag(bound) - H >= 0`` [force per acceleration]; a number, or one for
@@ -232,7 +232,8 @@ class PositionGains:
         if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(spread.max()):
             raise InfeasibleError(
                 f"no position gains suit this region: sampling every {dt:g} s{_late(delay)} allows oscillations of "
-                f"{np.sqrt(square):.3g} rad/s, errors that fade at {rate:g}/s with gamma {gamma:g} need more"
+                f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs "
+                "more; sample faster or choose a smaller rate"
             )
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
 

@@ -68,7 +68,7 @@ class Posture(ReprMixin):
         self._task, self.reference, self.k = task, reference, _one_each(k, task)
 
     def describe(self) -> Description:
-        """Its gain."""
+        """Return the gain."""
         return {"type": type(self).__name__, "k": listed(self.k)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
@@ -174,7 +174,7 @@ class SingularityDistance(ReprMixin):
         self._reduced, self._task, self.k = reduced, task, _one_each(k, task)
 
     def describe(self) -> Description:
-        """Its gain."""
+        """Return the gain."""
         return {"type": type(self).__name__, "k": listed(self.k)}
 
     def gradient(self, q: np.ndarray) -> np.ndarray:

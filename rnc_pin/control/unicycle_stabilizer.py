@@ -1,8 +1,8 @@
 """Point stabilisation of a unicycle: position and heading, from any pose.
 
 M. Aicardi, G. Casalino, A. Bicchi, A. Balestrino, "Closed loop steering of unicycle like vehicles via Lyapunov
-techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35. e is the distance to the goal, alpha the angle from
-the heading to the line of sight, and theta the angle from the goal's heading to the line of sight. The inputs
+techniques", IEEE Robotics & Automation Magazine 2(1) (1995) 27-35. e is the distance to the goal. alpha and theta are
+the angles to the line of sight: alpha from the heading, theta from the goal's heading. The inputs
 
     v = k e cos(alpha),    w = c alpha + k cos(alpha) sinc(alpha) (alpha + h theta)
 

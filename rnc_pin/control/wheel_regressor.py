@@ -75,8 +75,8 @@ class _Axle(NamedTuple):
 class WheelRegressor:
     """``A_known(q) v + Y(q, v) p = 0``: rolling rows are affine in radii and tracks.
 
-    With unit vector u from the centre to the contact of a wheel of radius 1, directions D of the three rows and
-    the centre at ``c = middle +- track/2 e`` of the body that carries the wheel,
+    u is the vector from the centre to the contact of a wheel of radius 1, and D has the directions of the three rows.
+    With the centre at ``c = middle +- track/2 e`` of the body that carries the wheel,
 
         D (v_middle +- track/2 omega_body x e + radius omega_wheel x u) = 0,
 
