@@ -65,7 +65,7 @@ def test_modes_out_of_reach_are_named():
         [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
     )
     linear = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"])
-    with pytest.raises(rnc.ConstraintError, match=r"do not reach a mode .* it moves base_yaw_dot$"):
+    with pytest.raises(rnc.ConstraintError, match=r"do not control a mode .* it moves base_yaw_dot$"):
         rnc.lqr(linear, 1.0)
     alone = rnc.linearize(reduced, robot.configuration(), coordinates=["pitch"], rates=["base_speed_x", "pitch"])
     assert rnc.lqr(alone, 1.0).shape == (1, 3)
