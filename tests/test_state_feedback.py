@@ -71,7 +71,7 @@ def test_modes_out_of_reach_are_named():
     assert rnc.lqr(alone, 1.0).shape == (1, 3)
     free = wheeled_pendulum(())
     linear = rnc.linearize(free, free.robot.configuration(), coordinates=["pitch"])
-    with pytest.raises(rnc.ConstraintError, match="without actuators"):
+    with pytest.raises(rnc.ConstraintError, match="at least one actuator"):
         rnc.lqr(linear, 1.0)
 
 
