@@ -132,25 +132,25 @@ class TwoCasters(Rows):
     units = ("m/s", "m/s")
 
     def bind(self, robot):
-        self.reduction_data = [rnc.Caster(name, WHEEL).bind(robot) for name in ("nose", "tail")]
+        self.parts = [rnc.Caster(name, WHEEL).bind(robot) for name in ("nose", "tail")]
         self.names = ("front", "back")
-        self.joints = tuple({joint for part in self.reduction_data for joint in part.joints})
+        self.joints = tuple({joint for part in self.parts for joint in part.joints})
         return self
 
     def jacobian(self, at):
-        return np.concatenate([part.jacobian(at) for part in self.reduction_data], axis=-2)
+        return np.concatenate([part.jacobian(at) for part in self.parts], axis=-2)
 
     def jacobian_dot(self, at):
-        return np.concatenate([part.jacobian_dot(at) for part in self.reduction_data], axis=-2)
+        return np.concatenate([part.jacobian_dot(at) for part in self.parts], axis=-2)
 
     def bias_acceleration(self, at):
-        return np.concatenate([part.bias_acceleration(at) for part in self.reduction_data], axis=-1)
+        return np.concatenate([part.bias_acceleration(at) for part in self.parts], axis=-1)
 
     def residual(self, at):
-        return np.concatenate([part.residual(at) for part in self.reduction_data], axis=-1)
+        return np.concatenate([part.residual(at) for part in self.parts], axis=-1)
 
     def lines_of_action(self, at):
-        both = [part.lines_of_action(at) for part in self.reduction_data]
+        both = [part.lines_of_action(at) for part in self.parts]
         return tuple(np.concatenate(each, axis=-2) for each in zip(*both, strict=True))
 
 

@@ -162,7 +162,7 @@ CENTER = np.array([3.0, 2.0])
 def round_a_center():
     """Distance from a point, and heading against the bearing from there; rows in the body's own axes."""
 
-    def reduction_data(q):
+    def parts(q):
         (x, y), (c, s) = q[:2] - CENTER, q[2:]
         ahead, beside = x * c + y * s, y * c - x * s
         return ahead, beside, np.hypot(x, y)

@@ -151,7 +151,7 @@ def test_batches_are_one_call():
         one = reduced.measure(q[i], v2[i], still[i])
         for whole, alone in zip(together, objective(0.0, one), strict=True):
             np.testing.assert_allclose(whole[i], alone, atol=1e-6 * (1 + np.abs(alone).max()))
-        added = sum(part(0.0, one)[0] for part in objective.reduction_data)
+        added = sum(part(0.0, one)[0] for part in objective.parts)
         np.testing.assert_allclose(together[0][i], added, atol=ROUNDING * (1 + np.abs(added).max()))
 
 

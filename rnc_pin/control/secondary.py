@@ -41,14 +41,14 @@ class Combined(ReprMixin):
     def __init__(self, parts: Sequence[Secondary]) -> None:
         if not parts:
             raise ConfigurationError("name at least one secondary objective")
-        self.reduction_data = tuple(parts)
+        self.parts = tuple(parts)
 
     def describe(self) -> Description:
         """Return the descriptions of the objectives."""
-        return {"type": type(self).__name__, "parts": [describe(part) for part in self.reduction_data]}
+        return {"type": type(self).__name__, "parts": [describe(part) for part in self.parts]}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        each = [part(t, measurement) for part in self.reduction_data]
+        each = [part(t, measurement) for part in self.parts]
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
 
 
