@@ -94,7 +94,7 @@ def test_one_velocity_at_many_configurations_and_many_at_one():
         expected = [reduced.forward_dynamics(p, w, T) for p, w in np.broadcast(*map(list_of, given))]
         np.testing.assert_allclose(reduced.forward_dynamics(*given, T), expected, atol=ROUNDING)
     assert reduced.forward_dynamics(q[:0], v2[:0], np.zeros((0, 3))).shape == (0, 3)
-    with pytest.raises(rnc.InputError, match=r"q of shape \(6, 4\) and v2 of shape \(5, 3\) do not go together"):
+    with pytest.raises(rnc.InputError, match=r"q of shape \(6, 4\) and v2 of shape \(5, 3\) do not broadcast"):
         reduced.at(q, v2[:5])
 
 
@@ -157,7 +157,7 @@ def test_a_configuration_has_no_velocity():
     position = space_robot().at(space_robot().robot.configuration({"joint_2": 1.0})).position
     assert not hasattr(position, "acceleration")
     assert not hasattr(position.with_velocity(np.zeros(4)), "jacobian_dot")
-    with pytest.raises(rnc.InputError, match="'v' needs a velocity: give v2, or v as it was measured"):
+    with pytest.raises(rnc.InputError, match=r"'v' needs a velocity: use at\(q, v2\)"):
         _ = space_robot().at(position.q).v
 
 

@@ -203,7 +203,7 @@ def test_loops_that_cannot_close_are_refused():
     aside = pin.SE3(np.eye(3), np.array([ROCKER, 0.02, 0.0]))
     model.addFrame(pin.Frame("far", 3, 0, too_far, pin.FrameType.OP_FRAME))
     model.addFrame(pin.Frame("aside", 3, 0, aside, pin.FrameType.OP_FRAME))
-    for frame, words in (("far", "closure_x"), ("aside", r"closure_y\(coupler_tip, aside\) is left 0.02 from zero")):
+    for frame, words in (("far", "closure_x"), ("aside", r"closure_y\(coupler_tip, aside\) has residual 0.02")):
         with pytest.raises(rnc.ConstraintError, match=words) as caught:
             rnc.NonholonomicSystem(rnc.Robot(model), [rnc.LoopClosure("coupler_tip", frame, "point")])
         assert "\n" not in str(caught.value)

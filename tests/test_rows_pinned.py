@@ -214,7 +214,7 @@ def test_one_configuration_goes_with_many_velocities():
     many, wide = spread(np.ones((2, 4, 3)), v, "v")
     assert many.shape == (2, 4, 3)
     np.testing.assert_array_equal(wide, np.stack([v, v]))
-    with pytest.raises(rnc.InputError, match=r"q of shape \(3, 3\) and v of shape \(4, 2\) do not go together"):
+    with pytest.raises(rnc.InputError, match=r"q of shape \(3, 3\) and v of shape \(4, 2\) do not broadcast"):
         spread(np.ones((3, 3)), v, "v")
 
 

@@ -116,7 +116,7 @@ def test_loops_couplings_and_balls_can_be_asked_for(tmp_path):
         "plots": {},
         "view": {},
     }
-    with pytest.raises(rnc.ConfigurationError, match=r"initial.q: .* is left"):
+    with pytest.raises(rnc.ConfigurationError, match=r"initial.q: .* has residual"):
         plan_of(changes, tmp_path)  # both cannot stay where they are
     changes["initial"] = {"q": {"crank_joint": 0.8}}
     experiment = plan_of(changes, tmp_path).experiment

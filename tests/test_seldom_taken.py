@@ -218,7 +218,7 @@ def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept(
 def test_batches_that_do_not_go_together_are_refused():
     reduced = sleigh()
     q = np.tile(reduced.robot.configuration(), (2, 3, 1))
-    with pytest.raises(rnc.InputError, match=r"q of shape \(2, 3, 4\) and v2 of shape \(2, 2\) do not go together"):
+    with pytest.raises(rnc.InputError, match=r"q of shape \(2, 3, 4\) and v2 of shape \(2, 2\) do not broadcast"):
         reduced.at(q, np.zeros((2, 2)))
 
 

@@ -253,7 +253,7 @@ def test_wrong_shapes_and_numbers_are_caught_at_the_boundary(name):
         (lambda: reduced.forward_dynamics(q, nan, T), "v2 holds values that are not finite"),
         (lambda: reduced.forward_dynamics(q, v2, T * np.nan), "T holds values that are not finite"),
         (lambda: reduced.forward_dynamics(q * np.nan, v2, T), "q holds values that are not finite"),
-        (lambda: reduced.forward_dynamics(np.stack([q] * 2), np.stack([v2] * 3), T), "do not go together"),
+        (lambda: reduced.forward_dynamics(np.stack([q] * 2), np.stack([v2] * 3), T), "do not broadcast"),
         (lambda: reduced.allocate(q, v2[:-1]), "F has shape"),
     ):
         with pytest.raises(rnc.InputError, match=words):

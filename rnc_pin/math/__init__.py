@@ -1,1 +1,1 @@
-"""Small matrices, and what outputs live on."""
+"""Small dense matrices, and the coordinates of outputs."""

@@ -1,7 +1,7 @@
-"""Formulas written once in components, for one state and for many.
+"""Component formulas that serve one state and many states.
 
-The components of one vector are Python numbers, those of a stack of vectors are arrays: arithmetic between them reads
-the same, and a single state does not pay for arrays of one entry.
+The components of one vector are Python numbers. The components of a stack of vectors are arrays. The arithmetic is the
+same for both, and a single state avoids the cost of arrays with one entry.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Triple: TypeAlias = "tuple[Component, Component, Component]"
 
 
 def components(vectors: np.ndarray) -> Sequence[Component]:
-    """The entries of a vector (k,), or of vectors (..., k) one array (...) each."""
+    """Entries of a vector (k,) as numbers, or entries of vectors (..., k) as one array (...) each."""
     if vectors.ndim == 1:
         entries: Sequence[Component] = vectors.tolist()
         return entries
@@ -24,11 +24,11 @@ def components(vectors: np.ndarray) -> Sequence[Component]:
 
 
 def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
-    """A matrix (..., k, l) of components; those that are numbers are the same in the whole stack.
+    """Matrix (..., k, l) of components. A component that is a number is equal in the whole stack.
 
     Args:
         rows: k times l components.
-        like: one of them that is an array where there are many states.
+        like: one of the components; it is an array if there are many states.
     """
     if not isinstance(like, np.ndarray):
         return np.array(rows)
@@ -40,20 +40,20 @@ def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
 
 
 def packed_vector(entries: Sequence[Component], like: Component) -> np.ndarray:
-    """A vector (..., k) of components."""
+    """Vector (..., k) of components."""
     return np.array(entries) if not isinstance(like, np.ndarray) else np.stack(entries, axis=-1)
 
 
 def cross(a: Sequence[Component], b: Sequence[Component]) -> Triple:
-    """The vector product of two triples of components."""
+    """Vector product of two triples of components."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
-    """The scalar product of two triples of components."""
+    """Scalar product of two triples of components."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def smallest(value: Component) -> float:
-    """The smallest entry of a component over all states; infinite where there are none."""
+    """Smallest entry of a component over all states; infinite if there are no states."""
     return float(value.min(initial=np.inf)) if isinstance(value, np.ndarray) else value

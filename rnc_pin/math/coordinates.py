@@ -1,4 +1,4 @@
-"""What outputs live on: lines, circles, and rotations in threes. Errors, rates and records follow from it.
+"""Coordinate types of outputs: real numbers, angles and rotation vectors, with their errors, rates and records.
 
 A rotation R is written as its rotation vector r, ``R = exp(r)``. Rates of such outputs are angular velocities w in
 world axes, and ``w = J(r) rdot`` with the left Jacobian of SO(3),
@@ -24,11 +24,11 @@ _SMALL = 1e-2  # [rad] below which quotients are taken from their series
 
 
 class Coordinates:
-    """k outputs: which are angles, and which three by three are rotation vectors.
+    """Coordinate types of k outputs: real numbers, angles, and rotation vectors of three entries.
 
     Args:
-        angular: which of them are angles, compared modulo a full turn, (k,).
-        rotations: places of the first entry of every rotation vector.
+        angular: True for angles, which are compared modulo a full turn, (k,).
+        rotations: index of the first entry of every rotation vector.
     """
 
     def __init__(self, angular: Sequence[bool] | np.ndarray, rotations: Sequence[int] = ()) -> None:
@@ -38,10 +38,10 @@ class Coordinates:
         self._triples = [slice(first, first + 3) for first in self.rotations]
 
     def choose(self, places: np.ndarray, names: Sequence[str] = ()) -> Coordinates:
-        """Those of some outputs, in their order.
+        """Coordinate types of the outputs at some indices, in this order.
 
         Raises:
-            ConfigurationError: a rotation is torn apart.
+            ConfigurationError: the three components of a rotation are not all chosen, in order.
         """
         chosen = [int(place) for place in places]
         rotations = []
@@ -57,18 +57,21 @@ class Coordinates:
         return Coordinates(self.angular[chosen], sorted(rotations))
 
     def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
-        """``desired - actual`` (..., k): angles in (-pi, pi], of rotations ``log(Rd R^T)`` in world axes."""
+        """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations."""
         error = angle_difference(desired, actual, self.angular)
         for triple in self._triples:
             goal, here = np.broadcast_arrays(desired[..., triple], actual[..., triple])
             for at in np.ndindex(goal.shape[:-1]):
-                # What has no goal has no error.
+                # A goal of NaN gives an error of NaN.
                 if not np.isnan(goal[at]).any():
                     error[(*at, triple)] = pin.log3(pin.exp3(goal[at]) @ pin.exp3(here[at]).T)
         return error
 
     def difference_rate(self, error: np.ndarray, desired_rate: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of ``difference`` (..., k), from it and both rates: ``edot = J(e)^-1 wd - J(-e)^-1 w`` of rotations."""
+        """Rate of ``difference`` (..., k), from the error and both rates.
+
+        Rotations have ``edot = J(e)^-1 wd - J(-e)^-1 w``.
+        """
         change = desired_rate - rate
         for triple in self._triples:
             e = error[..., triple]
@@ -79,7 +82,7 @@ class Coordinates:
         return change
 
     def moved(self, start: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """``start`` displaced (k,): rotations turn by the rotation vector ``by`` in world axes."""
+        """``start`` displaced by ``by``, (k,). Rotations are rotated by the rotation vector ``by`` in world axes."""
         goal = np.array(start + by)
         for triple in self._triples:
             goal[triple] = pin.log3(pin.exp3(by[triple]) @ pin.exp3(start[triple]))
@@ -88,7 +91,7 @@ class Coordinates:
     def to_rates(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (k,) of a reference, with angular velocities and accelerations where there are rotations."""
+        """Rates and accelerations (k,) of a reference; rotations get angular velocity and angular acceleration."""
         if not self._triples:
             return velocity, acceleration
         velocity, acceleration = np.array(velocity), np.array(acceleration)
@@ -99,12 +102,12 @@ class Coordinates:
         return velocity, acceleration
 
     def unwrap(self, series: np.ndarray, about: np.ndarray | None = None) -> np.ndarray:
-        """A record (N, k) without jumps: angles go on past a half turn, and so do rotation vectors.
+        """Remove the jumps of angles and rotation vectors from a record (N, k): they continue past a half turn.
 
         Args:
             series: the record.
-            about: roughly where the values should be (N, k), by their rates: full turns between two samples show there.
-                Without it no angle moves by more than a half turn from one sample to the next.
+            about: approximate values (N, k) from integrated rates, which include full turns between two samples.
+                Without them, an angle moves by at most a half turn between two samples.
         """
         smooth = np.array(series)
         if about is None:
@@ -121,7 +124,7 @@ class Coordinates:
 
 
 def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarray) -> np.ndarray:
-    """``desired - actual`` (..., k), with angles brought into (-pi, pi]."""
+    """``desired - actual`` (..., k), with angles wrapped to (-pi, pi]."""
     difference = desired - actual
     if angular.any():
         difference = np.where(angular, wrapped(difference), difference)
@@ -129,12 +132,12 @@ def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarra
 
 
 def wrapped(angle: Any) -> Any:
-    """An angle, or an array of them, brought into (-pi, pi]."""
+    """Angle, or array of angles, wrapped to (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
+    """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
     square = float(r @ r)
     u = np.sqrt(square)
     if u < _SMALL:
@@ -153,7 +156,7 @@ def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _nearest_turn(vector: np.ndarray, previous: np.ndarray) -> np.ndarray:
-    """Of all rotation vectors of one rotation that which is nearest to another."""
+    """Rotation vector that is nearest to ``previous`` and gives the same rotation as ``vector``."""
     angle = float(np.linalg.norm(vector))
     length = float(np.linalg.norm(previous))
     if angle < 1e-12:

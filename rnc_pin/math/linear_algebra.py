@@ -1,7 +1,7 @@
-"""Small dense solves over leading batch axes, lean for a single state.
+"""Small dense solves over leading batch axes, fast for a single state.
 
-One state goes straight to LAPACK, because NumPy's wrapper costs several times the factorisation
-of a matrix this small; a stack goes through NumPy's batched routines. The algorithm is the same.
+A single state calls LAPACK directly: for small matrices, NumPy's wrapper costs several times the factorisation.
+A stack uses NumPy's batched routines. The algorithm is the same.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of (..., n, n); an exactly singular matrix gives entries that are not finite.
 
-    For one matrix the result is stored by columns, so that a block of columns is contiguous.
+    The inverse of a single matrix is stored by columns, so that a block of columns is contiguous.
     """
     if matrix.ndim == 2:
         _, _, solution, info = dgesv(matrix, _identity(len(matrix)))
         return np.full_like(matrix, np.inf) if info else solution
     try:
         return np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:  # one bad sample spoils the whole call: find out which
+    except np.linalg.LinAlgError:  # one singular matrix fails the whole call: invert one by one
         flat = matrix.reshape(-1, *matrix.shape[-2:])
         return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
 
@@ -63,13 +63,13 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def unit_rows(matrix: np.ndarray) -> np.ndarray:
-    """The matrix with every nonzero row scaled to unit length."""
+    """Matrix with every nonzero row scaled to unit length."""
     lengths = np.linalg.norm(matrix, axis=-1, keepdims=True)
     return matrix / np.where(lengths > 0, lengths, 1.0)
 
 
 def unit_diagonal(matrix: np.ndarray) -> np.ndarray:
-    """A symmetric matrix (..., n, n) with a positive diagonal, scaled from both sides to ones on it."""
+    """Symmetric matrix (..., n, n) with positive diagonal, scaled from both sides to a unit diagonal."""
     sizes = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
     return matrix / (sizes[..., :, None] * sizes[..., None, :])
 
@@ -82,11 +82,11 @@ def condition_number(matrix: np.ndarray) -> np.ndarray | float:
 
 
 def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Derivative (k, n) of a closed formula, to rounding: no difference is taken (Squire and Trapp 1998).
+    """Derivative (k, n) of a closed formula by the complex step, exact to rounding (Squire and Trapp 1998).
 
     Args:
-        function: of as many vectors, analytic in each, that gives a vector (k,).
-        parts: for each of its arguments the value (d,) and its own derivative (d, n).
+        function: analytic function of one vector for each part; returns a vector (k,).
+        parts: value (d,) and derivative (d, n) of each argument.
     """
     columns = []
     for direction in range(parts[0][1].shape[1]):

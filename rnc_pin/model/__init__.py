@@ -1,1 +1,1 @@
-"""The system, its rows, and its reduction."""
+"""Nonholonomic system, its constraint and output rows, and its reduction."""

@@ -1,4 +1,4 @@
-"""Actuation: the matrix B(q) with generalized force ``B T``."""
+"""Actuation matrix B(q) with the generalized force ``B T``."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class FrameForce:
-    """A force at a frame's origin along the frame's own axis [N]: a drive wheel, a thruster.
+    """Force at a frame's origin along the frame's own axis [N], e.g. of a drive wheel or a thruster.
 
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
-        limit: largest magnitude [N], used where a simulation enforces actuator limits.
+        limit: largest magnitude [N], used if a simulation enforces actuator limits.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -40,12 +40,12 @@ class FrameForce:
 
 @dataclass(frozen=True)
 class FrameTorque:
-    """A torque on a frame's body about the frame's own axis [N m].
+    """Torque on a frame's body about the frame's own axis [N m].
 
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
-        limit: largest magnitude [N m], used where a simulation enforces actuator limits.
+        limit: largest magnitude [N m], used if a simulation enforces actuator limits.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
@@ -66,18 +66,18 @@ Actuators = Sequence[Actuator] | np.ndarray | MatrixFunction
 
 
 class Actuation:
-    """The actuators of a robot as one matrix.
+    """Actuators of a robot as one actuation matrix B(q).
 
     Args:
         actuators: a list of joint names, ``FrameForce`` and ``FrameTorque``; or a constant matrix (nv, p);
             or a function ``B(q) -> (nv, p)``.
-        robot: whose they are.
+        robot: the robot that the actuators drive.
 
     Attributes:
-        names: one for each input, (p,).
-        units: "N" or "N m" of each input, (p,); empty where a matrix does not say.
-        limits: largest magnitudes (p,) [N or N m]; those of joints are the URDF's effort limits.
-        frames: of forces and torques on frames: the column of B, the frame's index, and the row of its Jacobian.
+        names: name of each input, (p,).
+        units: unit "N" or "N m" of each input, (p,); empty if B is given as a matrix or a function.
+        limits: largest magnitudes (p,) [N or N m]; joints have the URDF's effort limits.
+        frames: for each force or torque on a frame: column of B, index of the frame, and row of its Jacobian.
     """
 
     def __init__(self, actuators: Actuators, robot: Robot) -> None:
@@ -125,7 +125,7 @@ class Actuation:
                     )
                 self._constant[index.start, column] = 1.0
                 limit = float(robot.model.upperEffortLimit[index.start])
-                self.limits[column] = limit if limit > 0 else np.inf  # 0: the URDF says nothing
+                self.limits[column] = limit if limit > 0 else np.inf  # 0: the URDF gives no limit
                 names.append(actuator)
                 slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
                 units.append("N" if slides else "N m")
@@ -140,11 +140,11 @@ class Actuation:
 
     @property
     def constant(self) -> np.ndarray | None:
-        """B (nv, p) where it does not depend on the configuration."""
+        """Actuation matrix B (nv, p) if it does not depend on the configuration, else None."""
         return None if self._function is not None or self.frames else self._constant
 
     def matrix(self, at: PositionKinematics) -> np.ndarray:
-        """B(q), (..., nv, p)."""
+        """Actuation matrix B(q), (..., nv, p)."""
         shape = self._constant.shape
         if self._function is not None:
             return over_states(self._called, shape, at.q)
@@ -161,7 +161,7 @@ class Actuation:
         return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
     def matrix_rate(self, at: RateKinematics) -> np.ndarray | None:
-        """Rate of B along v, (..., nv, p); None for a user's function, whose rate nobody gave."""
+        """Rate of B along v, (..., nv, p); None for a user's function, because its rate is unknown."""
         if self._function is not None:
             return None
         rate = np.zeros((*at.q.shape[:-1], *self._constant.shape))

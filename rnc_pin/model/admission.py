@@ -1,4 +1,4 @@
-"""The boundary: what arrays may come in."""
+"""Validation of input arrays: shape, finite numbers and normalization."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import pinocchio as pin
 from rnc_pin.errors import InputError, printable
 from rnc_pin.robots.robot import Robot
 
-ArrayInput = Any  # whatever NumPy makes a float array of
+ArrayInput = Any  # anything that NumPy converts to a float array
 
 
 class Admission:
-    """Shapes, finite numbers, and unit complex numbers and quaternions of a robot's configurations.
+    """Validation of a robot's configurations: shape, finite numbers, unit complex numbers and unit quaternions.
 
     Args:
-        robot: whose they are.
+        robot: the robot that has the configurations.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -26,7 +26,7 @@ class Admission:
         self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
 
     def configuration(self, q: ArrayInput) -> np.ndarray:
-        """A copy of q (..., nq), so that what is computed from it stays true."""
+        """Validated copy of q (..., nq), so that later changes of the caller's array have no effect."""
         try:
             q = np.array(q, float)  # by position: a keyword costs as much as the call
         except (TypeError, ValueError):
@@ -49,13 +49,13 @@ _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that
 
 
 def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
-    """A float array (..., size) of finite numbers."""
+    """Convert an input to a float array (..., size) of finite numbers."""
     try:
         array = np.asarray(array, float)
     except (TypeError, ValueError):
         raise _not_numbers(name, array) from None
     if array.shape == (size,):
-        if not isfinite(sum(array.tolist())):  # of few numbers faster than any array function
+        if not isfinite(sum(array.tolist())):  # for few numbers this is faster than array functions
             check_finite(name, array)
         return array
     if array.ndim == 0 or array.shape[-1] != size:
@@ -65,10 +65,10 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
 
 
 def numbers_of(array: ArrayInput, name: str) -> np.ndarray:
-    """A float array of its own, of any shape.
+    """Convert an input to a new float array of any shape.
 
     Raises:
-        InputError: it is not made of numbers.
+        InputError: the input does not consist of numbers.
     """
     try:
         return np.array(array, float)
@@ -81,7 +81,7 @@ def _not_numbers(name: str, array: ArrayInput) -> InputError:
 
 
 def check_finite(name: str, array: np.ndarray) -> None:
-    """Refuse an array that holds NaN or infinities."""
+    """Raise ``InputError`` if an array contains NaN or infinite values."""
     finite = np.isfinite(array).all(axis=-1)
     if not finite.all():
         first = np.unravel_index(int(np.argmin(finite)), finite.shape) if finite.ndim else ()
@@ -91,12 +91,12 @@ def check_finite(name: str, array: np.ndarray) -> None:
 
 
 def spread(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """One configuration for many velocities, or the other way round: both with the same leading axes."""
+    """Broadcast configurations and velocities to the same leading axes."""
     if q.shape[:-1] == beside.shape[:-1]:
         return q, beside
     try:
         batch = np.broadcast_shapes(beside.shape[:-1], q.shape[:-1])
     except ValueError:
-        raise InputError(f"q of shape {q.shape} and {name} of shape {beside.shape} do not go together") from None
+        raise InputError(f"q of shape {q.shape} and {name} of shape {beside.shape} do not broadcast") from None
     wide = (np.ascontiguousarray(np.broadcast_to(each, (*batch, each.shape[-1]))) for each in (q, beside))
     return next(wide), next(wide)

@@ -14,32 +14,32 @@ from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
-_EXACT = 1e-14  # a residual that cannot be made much smaller [m or rad]
-_GOOD = 1e-11  # one at which the rows count as satisfied
-_ROUNDED = 1e-4  # the same of rows that follow from others but for a file's few digits
+_EXACT = 1e-14  # residual at which the iteration stops [m or rad]
+_GOOD = 1e-11  # residual below which rows are satisfied [m or rad]
+_ROUNDED = 1e-4  # the same limit for rows that depend on others to the rounding of a file's numbers
 _DEPENDENT = 1e-9  # relative singular value below which a direction is not corrected
-_LONGEST = 0.5  # step [rad or m]
+_LONGEST = 0.5  # largest step [rad or m]
 _STEPS, _HALVINGS, _TRIES = 100, 12, 100
 _SAMPLES = 4
-_STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # of the residual is left after a step; steps in a row; what is not small
-_ALIKE, _OF, _WITHIN = 20, 25, 1.01  # tries that end as far from zero, of so many: it is out of reach
+_STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # a step stalls above this residual ratio; stalled steps; residual not small
+_ALIKE, _OF, _WITHIN = 20, 25, 1.01  # unreachable: so many of so many tries end within this ratio of the least residual
 
 
 class Assembly:
-    """Gauss-Newton on the configuration manifold, measured by kinetic energy.
+    """Gauss-Newton projection onto the holonomic constraints, in the metric of the inertia matrix M.
 
-    The step ``dq = -M^-1 A^T (A M^-1 A^T)^+ residual`` is orthogonal, in the metric of the inertia matrix M, to every
-    velocity that the holonomic rows allow: a correction has no momentum along the motion that is left. Dependent
-    rows are welcome, as planar loops have them: where the others are satisfied, they are to the digits of a file.
+    The step is ``dq = -M^-1 A^T (A M^-1 A^T)^+ residual``. It is M-orthogonal to every velocity that the holonomic
+    rows allow, so a correction has no momentum along the remaining motion. Dependent rows, e.g. of planar loops, are
+    allowed: if the independent rows are satisfied, the dependent rows are too, to the rounding of a file's numbers.
 
     Args:
-        robot: whose configurations they are.
-        blocks: bound rows; those that are not holonomic are left out, and those ``on_ground`` that no joint moves.
-        merged: names of rows that depend on others but for rounding, beside those that do so at any configuration.
+        robot: the robot that has the configurations.
+        blocks: bound rows; rows that are not holonomic, and rows ``on_ground`` that no joint moves, are omitted.
+        merged: names of rows that depend on others to rounding, in addition to rows that do so at any configuration.
 
     Attributes:
-        names: of the holonomic rows, (h,).
-        size: their number h.
+        names: names of the holonomic rows, (h,).
+        size: number h of holonomic rows.
     """
 
     def __init__(self, robot: Robot, blocks: Sequence[Rows], merged: Collection[str] = ()) -> None:
@@ -58,7 +58,7 @@ class Assembly:
         self._leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """How far configurations (..., nq) are from satisfying the rows, (..., h) [m or rad]."""
+        """Residual (..., h) of the holonomic rows at configurations (..., nq) [m or rad]."""
         if not self._places:
             return np.zeros((*q.shape[:-1], 0))
         return self._residual(self._kinematics.position(q))
@@ -67,28 +67,28 @@ class Assembly:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
 
     def rank(self, q: np.ndarray) -> int:
-        """How many of the rows are independent at a configuration (nq,)."""
+        """Rank of the holonomic rows at a configuration (nq,)."""
         if not self._places:
             return 0
         return int(np.linalg.matrix_rank(self.jacobian(self._kinematics.position(q)), rtol=TOLERANCE))
 
     def worst(self, q: np.ndarray) -> tuple[str, float]:
-        """The row that is violated most, and by how much."""
+        """Name of the row with the largest residual, and this residual [m or rad]."""
         residual = self.residual(q)
         row = int(np.argmax(np.abs(residual)))
         return self.names[row], float(residual[row])
 
     def project(self, q: np.ndarray, hold: Sequence[str] = ()) -> np.ndarray:
-        """The configuration (nq,) near q that satisfies the rows; q itself where it does.
+        """Return a configuration (nq,) near q that satisfies the rows; q itself if it satisfies them.
 
         Args:
-            q: where to start.
-            hold: joints that stay where they are.
+            q: initial configuration (nq,).
+            hold: names of joints that keep their positions.
 
         Raises:
             InputError: q is not one configuration of finite numbers.
-            ModelError: no such joint.
-            ConstraintError: none was found; says which row is left, and by how much.
+            ModelError: unknown joint.
+            ConstraintError: no such configuration was found; the message names the worst row and its residual.
         """
         if q.shape != (self.robot.nq,) or not np.isfinite(q).all():
             raise InputError(
@@ -99,12 +99,12 @@ class Assembly:
             return found
         row = int(np.argmax(np.abs(residual)))
         raise ConstraintError(
-            f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} is left "
-            f"{abs(residual[row]):.3g} from zero"
+            f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} has residual "
+            f"{abs(residual[row]):.3g}, limit {_GOOD:.0e}"
         )
 
     def _closest(self, q: np.ndarray, hold: Sequence[str] = ()) -> tuple[np.ndarray, np.ndarray, bool]:
-        """The configuration near q that satisfies the rows best, their residual (h,), and whether it does."""
+        """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied."""
         if not self._places:
             return q, np.zeros(0), True
         free = np.ones(self.robot.nv, dtype=bool)
@@ -117,11 +117,11 @@ class Assembly:
         return found, residual, self._good(residual)
 
     def _good(self, residual: np.ndarray) -> bool:
-        """Whether the rows are satisfied; those that only rounding makes independent, to what it leaves."""
+        """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
         return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
 
     def _descended(self, q: np.ndarray, free: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A configuration at which the residual of some rows (h,) is smallest near q, and that of all rows."""
+        """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q)
         residual, stalls = self._residual(here), 0
         for _ in range(_STEPS):
@@ -143,10 +143,10 @@ class Assembly:
         return q, residual
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """``Robot.random_configuration``, projected; drawn again where that fails.
+        """Random configuration that satisfies the rows: ``Robot.random_configuration``, projected, with retries.
 
         Raises:
-            ConstraintError: it failed too often.
+            ConstraintError: the projection failed at every try.
         """
         failures: list[float] = []
         for _ in range(_TRIES):
@@ -156,24 +156,24 @@ class Assembly:
                     return found
                 failures.append(float(np.linalg.norm(residual)))
                 row = int(np.argmax(np.abs(residual)))
-                worst = f": {self.names[row]} is left {abs(residual[row]):.3g} from zero"
+                worst = f": {self.names[row]} has residual {abs(residual[row]):.3g}, limit {_GOOD:.0e}"
             if len(failures) == _OF and _out_of_reach(failures):
                 break
         tries = f"any of {_TRIES} random configurations" if len(failures) != _OF else f"{_OF} random configurations"
         raise ConstraintError(f"constraints cannot be satisfied from {tries}{worst if failures else ''}")
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """The rows (h, nv) at one configuration; the rate of ``residual`` where that is zero."""
+        """Jacobian (h, nv) of the rows at one configuration; it gives the rate of ``residual`` where that is zero."""
         return np.concatenate([block.jacobian(at)[chosen] for block, chosen in self._places])
 
     @property
     def leading(self) -> np.ndarray:
-        """Which rows count, (h,): the others follow from them, if only to the digits of a file."""
+        """Mask (h,) of the rows that are corrected; the others depend on them, at least to a file's rounding."""
         return self._leading
 
     @property
     def following(self) -> tuple[str, ...]:
-        """Names of the others."""
+        """Names of the rows that depend on the ``leading`` rows."""
         return tuple(name for name, flag in zip(self.names, self._leading, strict=True) if not flag)
 
     def _step(self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -181,19 +181,21 @@ class Assembly:
         try:
             factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
         except np.linalg.LinAlgError:
-            raise ConstraintError("the inertia matrix is not positive definite: masses are too far apart") from None
-        # Not by triangular solvers: LAPACK's wake threads for any two right-hand sides, which then spin.
+            raise ConstraintError(
+                "inertia matrix is not positive definite: check for masses of very different magnitude"
+            ) from None
+        # Triangular solvers of LAPACK start threads for two or more right-hand sides, and these spin: avoid them.
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = np.linalg.solve(factor, rows.T).T  # A L^-T
             if not np.isfinite(np.sum(scaled**2)):
-                raise ConstraintError("rows of the constraints are too long: numbers in them leave no room")
+                raise ConstraintError("constraint rows overflow: scale down their entries")
         reduced = np.linalg.lstsq(scaled, -residual[which], rcond=_DEPENDENT)[0]
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(factor.T, reduced)
         return step
 
     def _dependent(self) -> set[str]:
-        """Rows that depend on others at random configurations, whether these satisfy the rows or not."""
+        """Names of rows that depend on others at random configurations, which need not satisfy the rows."""
         found = self._samples_of(self._places)
         if not found:
             return set()
@@ -203,11 +205,11 @@ class Assembly:
         try:
             dropped = select_independent(samples, self.names, lengths=np.concatenate(lengths)).dropped
         except ConstraintError:
-            return set()  # another rank elsewhere says nothing of that where they are satisfied
+            return set()  # the rank may differ at configurations that do not satisfy the rows
         return {row.name for row in dropped}
 
     def _moving(self, block: Rows, rows: list[int]) -> list[int]:
-        """Rows that are not zero everywhere, but for rounding."""
+        """Rows that are larger than rounding at some sampled configuration."""
         found = self._samples_of([(block, rows)])
         if not found:
             return []
@@ -216,7 +218,7 @@ class Assembly:
         return [row for row in rows if size[row] > max(1e-12, ROUNDING * row_scales(block, samples)[row])]
 
     def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[np.ndarray]]:
-        """All rows of some blocks at random configurations, whether these satisfy them or not."""
+        """All rows of some blocks at random configurations, which need not satisfy the rows."""
         generator, samples = np.random.default_rng(0), []
         for _ in range(_SAMPLES):
             position = self._kinematics.position(self.robot.random_configuration(generator))
@@ -228,6 +230,6 @@ class Assembly:
 
 
 def _out_of_reach(failures: Sequence[float]) -> bool:
-    """Whether most tries ended equally far from what was asked for, as a loop does that is stretched to its end."""
+    """Return True if most tries ended at the same residual, e.g. of a fully stretched loop that cannot close."""
     least = min(failures)
     return least > _FAR and sum(each <= _WITHIN * least for each in failures) >= _ALIKE

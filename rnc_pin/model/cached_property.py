@@ -1,4 +1,4 @@
-"""Properties that are computed on first use and kept, with arrays read-only."""
+"""Cached properties whose arrays are read-only."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _Value = TypeVar("_Value")
 
 
 class cached_property(Generic[_Value]):
-    """A property that is computed once, without the lock of ``functools.cached_property`` on Python 3.11.
+    """Property that is computed once, without the lock of ``functools.cached_property`` on Python 3.11.
 
-    Arrays become read-only: a caller that writes to one gets an error and cannot change the owner.
+    Arrays become read-only: writing to one raises an error and cannot change the owner.
     """
 
     def __init__(self, compute: Callable[[Any], _Value]) -> None:
@@ -37,10 +37,10 @@ class cached_property(Generic[_Value]):
 
 
 class forwarded(Generic[_Value]):
-    """A cached property of another object, which stands in an attribute of the owner.
+    """Cached property of another object that the owner holds in an attribute.
 
     Args:
-        source: the property.
+        source: the cached property.
         attribute: name of the attribute that holds the other object.
     """
 

@@ -4,7 +4,7 @@ With the square stack ``E = [A; J2]`` of constraint rows and reducing outputs,
 
     R = E^-1 [0; I],   H = R^T H* R,   v = R v2 + b,   b = E^-1 [mu; 0].
 
-Paper (2)-(3), (6)-(7). Everything is written over leading axes.
+Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 
-_AMPLIFIED = 1e10  # times its rounding that inputs may change a force by, before actuators count as dependent
+_AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
 
 
 class ConfigurationEvaluation:
-    """A reduced model at configurations (..., nq). Each quantity is computed on first use, once, and is read-only.
+    """Reduced model at configurations (..., nq). Each quantity is computed once, on first use, and is read-only.
 
-    ``ReducedModel.at(q)`` makes one. It does not change when the model is evaluated elsewhere.
+    ``ReducedModel.at(q)`` returns one. It does not change when the model is evaluated at other states.
 
     Args:
         data: rows, outputs and actuators of the model.
@@ -55,10 +55,10 @@ class ConfigurationEvaluation:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> None:
-            from rnc_pin.model.state_evaluation import StateEvaluation  # on the way to an error only
+            from rnc_pin.model.state_evaluation import StateEvaluation  # imported only to raise an error
 
             if hasattr(StateEvaluation, name):
-                raise InputError(f"'{name}' needs a velocity: give v2, or v as it was measured, as in at(q, v2)")
+                raise InputError(f"'{name}' needs a velocity: use at(q, v2), or at(q, v=v) with a measured velocity")
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     @property
@@ -90,17 +90,17 @@ class ConfigurationEvaluation:
 
     @cached_property
     def factorization(self) -> Factorization:
-        """E, its inverse and the constraint rows in it."""
+        """Matrix E, its inverse and the constraint rows in it."""
         return factorize(self._data, self.position)
 
     @cached_property
     def E(self) -> Float[Array, "*batch nv nv"]:
-        """``[A; J2]``, constraint rows above reducing outputs; raises at no singular configuration."""
+        """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
         return self.factorization.E
 
     @cached_property
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
-        """``E^-1``: multiplier columns beside R."""
+        """Inverse ``E^-1``: the columns of the multipliers, then R."""
         found = self.factorization
         if not found.everywhere_regular:
             raise self._singularity(np.asarray(found.regular))
@@ -161,23 +161,23 @@ class ConfigurationEvaluation:
 
     @cached_property
     def kept(self) -> Array:
-        """Indices of the constraint rows in A, (m,), or (..., m) where they differ from the default."""
+        """Indices of the constraint rows in A: (m,), or (..., m) if some state needs other rows than the default."""
         found = self.factorization.kept
         return np.array(self._data.kept, dtype=int) if found is None else found
 
     @property
     def kept_rows(self) -> Array:
-        """The same for each state, (..., m)."""
+        """Indices of the constraint rows in A for each state, (..., m)."""
         return np.broadcast_to(self.kept, (*self.batch, self._data.m))
 
     @property
     def regular(self) -> Array:
-        """True where the outputs parametrise the motion, (...,)."""
+        """True at states where the outputs parametrise the motion, (...,)."""
         return np.asarray(self.factorization.regular)
 
     @cached_property
     def scaled_stack(self) -> Float[Array, "*batch nv nv"]:
-        """E with unit rows; a row that is shorter than elsewhere stays so much shorter."""
+        """E with rows divided by the larger of their length and their typical length at other configurations."""
         lengths = np.fmax(np.linalg.norm(self.E, axis=-1), row_lengths(self._data, self.factorization.kept, self.batch))
         return self.E / np.where(lengths > 0, lengths, 1.0)[..., None]
 
@@ -187,20 +187,20 @@ class ConfigurationEvaluation:
 
     @property
     def condition(self) -> Array | float:
-        """Condition number (...) of E: how well x2 parametrises the motion. Raises at no singular configuration."""
+        """Condition number (...) of E with scaled rows; defined at singular configurations too."""
         values = self._singular_values
         with np.errstate(divide="ignore"):
             return values[..., 0] / values[..., -1]
 
     @property
     def smallest_singular_value(self) -> Array | float:
-        """Smallest singular value (...) of E; zero at a singular configuration."""
+        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
         return self._singular_values[..., -1]
 
     # ------------------------------------------------------------------ outputs and inputs
 
     def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
+        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
         x1, x2 = self._values
         quasi = self._data.reducing.quasi
         if integrals is not None and quasi.any():
@@ -216,12 +216,12 @@ class ConfigurationEvaluation:
         return values
 
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
-        """Full velocity ``R v2 + b`` of reduced velocities (..., r)."""
+        """Full velocity ``R v2 + b`` for reduced velocities (..., r)."""
         v = apply(self.R, v2)
         return v + self.b if self._data.affine else v
 
     def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
-        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+        """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
@@ -231,7 +231,7 @@ class ConfigurationEvaluation:
         matrix = self.input_matrix
         if data.p == data.r:
             inverted = inverse(matrix)
-            # How rounding is amplified, whatever the units of the inputs; how it fell may look well by chance.
+            # This bound on the amplification of rounding does not depend on the units of the inputs.
             if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
                 return apply(inverted, F)
         rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=data.r) if data.p else 0
@@ -245,7 +245,7 @@ class ConfigurationEvaluation:
     # ------------------------------------------------------------------ singular configurations
 
     def _singularity(self, regular: Array) -> SingularityError:
-        """Error that describes the first state that is not regular."""
+        """Error for the first state that is not regular."""
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
         left, values, _ = np.linalg.svd(self.scaled_stack[first])
         weights = np.abs(left[:, -1])

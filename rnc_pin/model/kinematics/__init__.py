@@ -1,4 +1,4 @@
-"""Kinematics: from states to arrays over leading axes."""
+"""Kinematics at states, as arrays over leading batch axes."""
 
 from rnc_pin.model.kinematics.kinematics import Kinematics
 from rnc_pin.model.kinematics.quantities import (

@@ -1,6 +1,6 @@
-"""Kinematics of many states: one loop over Pinocchio keeps whole blocks, then array algebra gives the frames.
+"""Kinematics of many states: one loop over Pinocchio, then array algebra for the frames.
 
-The blocks are ``data.J`` and ``data.dJ``, which have the columns of every frame.
+The loop stores ``data.J`` and ``data.dJ`` of every state. Their columns give the Jacobian of every frame.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class BatchPositionKinematics(PositionKinematics):
         return self._places[joint]
 
     def _placed(self, joint: int) -> Placement:
-        """Of a joint that nobody had asked for: a loop of its own."""
+        """Placement of a joint that was not listed in advance, by a separate loop over the states."""
         batch = self.q.shape[:-1]
         place = Placement(np.empty((*batch, 3, 3)), np.empty((*batch, 3)))
         rotation, translation = place.rotation.reshape(-1, 3, 3), place.translation.reshape(-1, 3)
@@ -84,9 +84,9 @@ class BatchPositionKinematics(PositionKinematics):
         return (self._wrenches(frame, axes, rows) @ self.J) * self._at.support(frame)
 
     def _wrenches(self, frame: int, axes: pin.ReferenceFrame, rows: Components) -> np.ndarray:
-        """Unit forces along and torques about axes at the frame's origin (..., k, 6), taken about the world's origin.
+        """Unit forces and torques along axes at the frame's origin, (..., k, 6), as wrenches at the world's origin.
 
-        Their power on a motion about the world's origin is that component of it.
+        The power of a wrench on a spatial velocity at the world's origin is the component of the frame's velocity.
         """
         rotation, (x, y, z) = self.rotation(frame), np.moveaxis(self.placement(frame).translation, -1, 0)
         chosen = range(*rows.indices(6)) if isinstance(rows, slice) else rows
@@ -103,7 +103,7 @@ class BatchPositionKinematics(PositionKinematics):
         return wrenches
 
     def _columns(self, block: np.ndarray, frame: int) -> np.ndarray:
-        """Of a block (..., 6, nv) the columns of joints that carry a frame, zero at the others."""
+        """Block (..., 6, nv) with zeros in the columns of joints that do not support the frame."""
         return block * self._at.support(frame)
 
     def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
@@ -136,12 +136,12 @@ class BatchVelocityKinematics(BatchPositionKinematics, VelocityKinematics):
 
     @cached_property
     def _twists(self) -> np.ndarray:
-        """What each column adds to motions about the world's origin, (..., 6, nv)."""
+        """Contribution of each column to spatial velocities at the world's origin, (..., 6, nv)."""
         return self.J * self.v[..., None, :]
 
     @cached_property
     def _twist_rates(self) -> np.ndarray:
-        """What each column adds to their rates at zero ``vdot``."""
+        """Contribution of each column to spatial accelerations at zero ``vdot``, (..., 6, nv)."""
         return self.dJ * self.v[..., None, :]
 
     def velocity(self, frame: int) -> np.ndarray:
@@ -159,7 +159,7 @@ class BatchVelocityKinematics(BatchPositionKinematics, VelocityKinematics):
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
         result = apply(self._wrenches(frame, axes, rows), self._twist_rates @ self._at.support(frame))
-        if axes == WORLD_AXES:  # of the origin as a point: it moves with the turning body
+        if axes == WORLD_AXES:  # classical acceleration of the origin: add angular x linear velocity
             velocity = components(self.velocity(frame))
             turned = cross(velocity[_ANGULAR], velocity[_LINEAR])
             for i, row in enumerate(range(*rows.indices(6)) if isinstance(rows, slice) else rows):
@@ -194,7 +194,7 @@ class BatchRateKinematics(BatchVelocityKinematics, RateKinematics):
         J, dJ = _about(place.translation, J), _about(place.translation, dJ)
         twist = apply(J, self.v)[..., None]  # of the frame, about its origin
         linear, angular = twist[..., _LINEAR, :], twist[..., _ANGULAR, :]
-        if axes == WORLD_AXES:  # the origin moves on
+        if axes == WORLD_AXES:  # the origin moves
             dJ[..., _LINEAR, :] += _cross(J[..., _ANGULAR, :], linear)
             return dJ
         dJ[..., _LINEAR, :] -= _cross(angular, J[..., _LINEAR, :]) + _cross(linear, J[..., _ANGULAR, :])
@@ -203,14 +203,14 @@ class BatchRateKinematics(BatchVelocityKinematics, RateKinematics):
 
 
 def _about(points: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Motions (..., 6, k) about the world's origin as motions about points (..., 3)."""
+    """Spatial motions (..., 6, k) at the world's origin, expressed at points (..., 3)."""
     moved = columns.copy()
     moved[..., _LINEAR, :] += _cross(columns[..., _ANGULAR, :], points[..., None])
     return moved
 
 
 def _along(rotations: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Motions (..., 6, k) with components along the axes of rotations (..., 3, 3)."""
+    """Spatial motions (..., 6, k) in the axes of rotations (..., 3, 3)."""
     back = rotations.mT
     return np.concatenate([back @ columns[..., _LINEAR, :], back @ columns[..., _ANGULAR, :]], axis=-2)
 

@@ -1,4 +1,4 @@
-"""Kinematics of states, from the one place where Pinocchio runs for rows and dynamics."""
+"""Entry point to the kinematics of states; rows and dynamics call Pinocchio only here."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from rnc_pin.model.kinematics.workspace import Workspace
 
 
 class Kinematics(Workspace):
-    """Kinematics of states over leading axes; serves one thread at a time.
+    """Kinematics of states over leading batch axes; serves one thread at a time.
 
-    A single state reads frames from Pinocchio's workspace. Many states go through it once, in a loop.
+    A single state reads frames from Pinocchio's workspace. Many states use the workspace once each, in a loop.
 
         position = kinematics.position(q)         # q (..., nq)
-        velocity = position.moving(v)             # v (..., nv)
+        velocity = position.with_velocity(v)      # v (..., nv)
         rates = velocity.rates()
 
     Args:
         robot: the robot.
-        joints: those whose placements batches need.
+        joints: joints whose placements are computed in advance for batches.
     """
 
     def position(self, q: np.ndarray) -> PositionKinematics:

@@ -1,6 +1,6 @@
-"""Types for what has been computed at a state: each formula can read what its argument has, and no more.
+"""Types of the kinematic quantities at (q), at (q, v), and with rates: a formula reads only what its argument has.
 
-``frame`` is an index. "World axes" are axes parallel to the world's at the frame's own origin.
+``frame`` is an index. "World axes" are parallel to the world's axes, at the frame's own origin.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ OWN_AXES = pin.ReferenceFrame.LOCAL
 
 Components = slice | list[int]
 ALL = slice(0, 6)
-"""Of a motion: linear x, y, z, then angular x, y, z."""
+"""All components of a spatial motion: linear x, y, z, then angular x, y, z."""
 
 
 class Placement(NamedTuple):
-    """Where a frame is in the world."""
+    """Placement of a frame in the world."""
 
     rotation: np.ndarray
     """(..., 3, 3)"""
@@ -30,7 +30,7 @@ class Placement(NamedTuple):
 
 
 class PositionKinematics(ABC):
-    """What is known at configurations.
+    """Kinematics at configurations.
 
     Attributes:
         q: (..., nq).
@@ -46,7 +46,7 @@ class PositionKinematics(ABC):
 
     @abstractmethod
     def rotation(self, frame: int) -> np.ndarray:
-        """Its rotation alone, (..., 3, 3)."""
+        """Rotation of a frame, (..., 3, 3)."""
 
     @abstractmethod
     def joint_placement(self, joint: int) -> Placement:
@@ -54,7 +54,7 @@ class PositionKinematics(ABC):
 
     @abstractmethod
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        """Frame Jacobian (..., 6, nv), or some of its rows: linear ones first, about the frame's origin."""
+        """Frame Jacobian (..., 6, nv) at the frame's origin, or some of its rows; linear rows come first."""
 
     @abstractmethod
     def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
@@ -62,7 +62,7 @@ class PositionKinematics(ABC):
 
 
 class VelocityKinematics(PositionKinematics):
-    """What is known at configurations and velocities.
+    """Kinematics at configurations and velocities.
 
     Attributes:
         v: (..., nv).
@@ -82,15 +82,15 @@ class VelocityKinematics(PositionKinematics):
 
     @abstractmethod
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        """Rate (..., 6), or some of it, of the components of the frame's velocity along these axes at zero ``vdot``."""
+        """Rate (..., 6), or some of its rows, of the frame's velocity components along ``axes``, at zero ``vdot``."""
 
     @abstractmethod
     def rates(self) -> RateKinematics:
-        """The same states with the rates of what depends on the configuration."""
+        """The same states with the rates of Jacobians and of the inertia matrix."""
 
 
 class RateKinematics(VelocityKinematics):
-    """What is known of rates along the velocity.
+    """Kinematics at configurations and velocities, with rates along the velocity.
 
     Attributes:
         C: Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``.
@@ -104,7 +104,7 @@ class RateKinematics(VelocityKinematics):
 
 
 def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
-    """What a function of single states gives, (..., *shape), for arrays with one last axis each."""
+    """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape)."""
     batch = arrays[0].shape[:-1]
     if not batch:
         return np.asarray(function(*arrays), dtype=float)

@@ -34,7 +34,7 @@ class SinglePositionKinematics(PositionKinematics):
     def __init__(self, workspace: Workspace, q: np.ndarray) -> None:
         at = self._at = workspace
         self.q = q
-        # In this convention it comes with placements and joint Jacobians.
+        # In the world convention, CRBA also computes placements and joint Jacobians.
         self.M = pin.crba(at.model, at.data, q, _WORLD)
         self.M.setflags(write=False)
         at.position_is_current(q)
@@ -82,7 +82,7 @@ class SingleVelocityKinematics(SinglePositionKinematics, VelocityKinematics):
         self.q, self.M, self.v = position.q, position.M, v
         self.bias = pin.nonLinearEffects(at.model, at.data, self.q, v)
         self.bias.setflags(write=False)
-        at.v = None  # that wrote velocities of its own
+        at.v = None  # nonLinearEffects overwrites the velocities
 
     def velocity(self, frame: int) -> np.ndarray:
         at = self._at
@@ -137,7 +137,7 @@ class FrameDerivatives(NamedTuple):
 
 
 class KinematicDerivatives(SingleRateKinematics):
-    """One state with derivatives of velocities and accelerations with respect to q, v fixed and ``vdot`` zero.
+    """Derivatives of velocities and accelerations of one state with respect to q, at fixed v and zero ``vdot``.
 
     Args:
         motion: the state.
@@ -150,10 +150,10 @@ class KinematicDerivatives(SingleRateKinematics):
         return at.by_columns(pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[1])
 
     def frame_gradients(self, frame: int) -> FrameDerivatives:
-        """Derivatives of what ``velocity`` and ``acceleration`` give in world axes.
+        """Derivatives of ``velocity`` and ``acceleration`` in world axes.
 
-        Pinocchio differentiates components along the frame's own axes; turning those into world axes adds the frame's
-        own rotation.
+        Pinocchio differentiates components along the frame's own axes. The rotation to world axes adds a term, because
+        the frame's rotation depends on q.
         """
         at = self._at
         at.update_derivatives(self.q, self.v)
@@ -164,7 +164,7 @@ class KinematicDerivatives(SingleRateKinematics):
         a = pin.getFrameAcceleration(model, data, frame, OWN_AXES)
         found = pin.getFrameAccelerationDerivatives(model, data, frame, OWN_AXES)[:2]
         v_q, a_q = (at.by_columns(each) for each in found)
-        # The acceleration of the origin as a point is that of the frame plus spin x velocity.
+        # Classical acceleration of the origin: spatial acceleration plus angular velocity x linear velocity.
         point = a.linear + np.cross(v.angular, v.linear)
         point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
 

@@ -17,7 +17,7 @@ class Workspace:
 
     Args:
         robot: the robot.
-        joints: those whose placements batches need.
+        joints: joints whose placements are computed in advance for batches.
     """
 
     def __init__(self, robot: Robot, joints: Iterable[int] = ()) -> None:
@@ -26,19 +26,19 @@ class Workspace:
         self.nq, self.nv = robot.nq, robot.nv
         self.zero = np.zeros(robot.nv)
         self.joints = tuple(sorted({*joints} - {0}))
-        # Views of Pinocchio's own memory: each call renews what they show.
+        # Views of Pinocchio's memory: each call to Pinocchio changes their values.
         self.J, self.dJ = (self.by_columns(block) for block in (self.data.J, self.data.dJ))
         places = {joint: self.data.oMi[joint] for joint in range(robot.model.njoints)}
         self.places = {joint: Placement(place.rotation, place.translation) for joint, place in places.items()}
         self._supports: dict[int, np.ndarray] = {}
-        # The arrays for which the data are current. States compare by identity and update the data where it differs.
+        # Arrays for which the data are current. A state compares them by identity and updates the data if they differ.
         self.q: np.ndarray | None = None
         self.v: np.ndarray | None = None
         self._rated: np.ndarray | None = None
         self._graded: np.ndarray | None = None
 
     def __reduce__(self) -> tuple[type[Workspace], tuple[Robot, tuple[int, ...]]]:
-        """Give a copy, or a pickle, data of its own: the views here are of this one's memory."""
+        """Create new Pinocchio data for a copy or a pickle: the views here refer to this workspace's memory."""
         return type(self), (self._robot, self.joints)
 
     def update_position(self, q: np.ndarray) -> None:
@@ -53,7 +53,7 @@ class Workspace:
         if self.v is not v:
             pin.forwardKinematics(self.model, self.data, q, v, self.zero)
             self.v = v
-            self._rated = self._graded = None  # each of the two overwrites what the other had left at another v
+            self._rated = self._graded = None  # rates and derivatives overwrite each other
 
     def update_rates(self, q: np.ndarray, v: np.ndarray) -> None:
         """Update time variations of joint Jacobians too."""
@@ -85,12 +85,12 @@ class Workspace:
         self.q = self.v = self._rated = self._graded = None
 
     def position_is_current(self, q: np.ndarray) -> None:
-        """Note that placements and joint Jacobians are those at q (nq,)."""
+        """Mark placements and joint Jacobians as current for q (nq,)."""
         self.q = q
         self.v = self._rated = self._graded = None
 
     def by_columns(self, matrix: np.ndarray) -> np.ndarray:
-        """Pinocchio's (6, nv), which is (6,) for a robot with one degree of freedom."""
+        """Matrix (6, nv) from Pinocchio, which returns (6,) for a robot with one degree of freedom."""
         return matrix.reshape(6, self.nv) if self.nv == 1 else matrix
 
     def support(self, frame: int) -> np.ndarray:
@@ -103,6 +103,6 @@ class Workspace:
         return self._supports[frame]
 
     def frame(self, frame: int) -> tuple[int, pin.SE3]:
-        """Supporting joint of a frame, and its placement there."""
+        """Joint that supports a frame, and the frame's placement on this joint."""
         found = self.model.frames[frame]
         return found.parentJoint, found.placement
