@@ -212,7 +212,7 @@ def test_rows_that_demand_two_things_are_refused():
 
     assert rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.5, "b")]).m == 1
     with pytest.raises(
-        rnc.ConstraintError, match=r"'b' contradicts the others: it has to be 0.7 where they make it 0.5"
+        rnc.ConstraintError, match=r"'b' contradicts the others: it requires 0.7, the others require 0.5"
     ):
         rnc.NonholonomicSystem(robot, [turning(0.5, "a"), turning(0.7, "b")])
 

@@ -97,7 +97,7 @@ def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
     only = np.zeros((2, 1, 3))
     assert select_independent(only, "a", np.zeros((2, 1))).kept == []
     with pytest.raises(
-        rnc.ConstraintError, match=r"^constraint row 'a' contradicts the others: it has to be 2 where they"
+        rnc.ConstraintError, match=r"^constraint row 'a' contradicts the others: it requires 2, the others require"
     ):
         select_independent(only, "a", np.array([[0.0], [2.0]]))
 

@@ -241,14 +241,14 @@ def test_rows_that_depend_may_not_demand_something_else():
         with pytest.raises(rnc.ConstraintError) as said:
             select_independent(rows, "abc", good - scale * np.array([[0, 0, 5 * TOLERANCE]]))
         assert "constraint row 'c' contradicts the others" in str(said.value)
-    words = "row 'c' contradicts the others: it has to be 3 where they make it 1.5"
+    words = "row 'c' contradicts the others: it requires 3, the others require 1.5"
     with pytest.raises(rnc.ConstraintError, match=words):
         select_independent(rows, "abc", np.array([[1.0, 0.5, 3.0]]))
     words = r"from 1 to 2 of 2 rows \(a, b\): the reduction needs a constant one"
     with pytest.raises(rnc.ConstraintError, match=words):
         select_independent(np.array([[[1.0, 0], [0, 1]], [[1.0, 0], [1, 0]]]), "ab")
     with pytest.raises(
-        rnc.ConstraintError, match="row 'b' contradicts the others: it has to be 1 where they make it 0"
+        rnc.ConstraintError, match="row 'b' contradicts the others: it requires 1, the others require 0"
     ):
         select_independent(np.array([[[1.0, 0], [0, 0]]]), "ab", np.array([[0.0, 1.0]]))
 

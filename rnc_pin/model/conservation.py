@@ -1,4 +1,4 @@
-"""Checks of momenta that a constraint keeps constant: no actuator and no reaction may act on the joint."""
+"""Checks of conserved momenta: no actuator and no constraint reaction may act on the joint."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
 
 _DRIVES = 1e-12  # entry of B beyond rounding
-_ACTS = 1e-9  # share of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
-_ROUNDING = 1e-12  # entry of a row beside the largest of all rows
+_ACTS = 1e-9  # relative entry of a row beyond rounding: a user's loop in world axes is closed to 1e-11 m
+_ROUNDING = 1e-12  # entry of a row relative to the largest entry of all rows
 
 
 def check_actuators(
     blocks: Collection[Rows], actuation: Actuation, kinematics: Kinematics, samples: np.ndarray
 ) -> None:
-    """Refuse actuators that drive a momentum said to be conserved.
+    """Raise an error if an actuator drives a momentum that is declared as conserved.
 
     Args:
         blocks: bound rows of all constraints.
-        actuation: the matrix B(q).
-        kinematics: of the robot.
+        actuation: the actuation matrix B(q).
+        kinematics: kinematics of the robot.
         samples: configurations (samples, nq).
 
     Raises:
-        ConstraintError: with the actuator and the momentum.
+        ConstraintError: an actuator drives a conserved momentum; the message names both.
     """
     conserved = [block for block in blocks if block.conserved is not None]
     for q in samples if conserved else ():
@@ -42,20 +42,20 @@ def check_actuators(
 
 
 def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, couplings: Collection[str] = ()) -> None:
-    """Refuse constraints whose reactions change a momentum said to be conserved.
+    """Raise an error if a constraint reaction changes a momentum that is declared as conserved.
 
-    The reaction of a row is ``A^T lambda``. It leaves the momentum of a joint as it is if the columns of that joint
-    are zero: a motion of everything behind the joint as one body does not move the row. This holds for a loop within
-    that body, not for a wheel on the ground or a hand on a wall. Rows of momenta have no reaction.
+    The reaction of a row is ``A^T lambda``. It does not change the momentum of a joint if the row is zero in the
+    columns of that joint. Then a rigid motion of the subtree of the joint has no effect on the row. This holds for a
+    loop within the subtree, but not for a wheel on the ground or a hand on a wall. Momentum rows have no reaction.
 
     Args:
         rows: all constraint rows, (k,).
-        samples: those rows at assembled configurations, (samples, k, nv).
-        lengths: length beside which each row counts as zero, (k,); 0 where there is none.
-        couplings: names of rows that the robot's file asks for.
+        samples: these rows at assembled configurations, (samples, k, nv).
+        lengths: typical length of each row, (k,), relative to which it counts as zero; 0 if there is none.
+        couplings: names of rows that come from the robot's file.
 
     Raises:
-        ConstraintError: with the rows, the momentum and the remedy.
+        ConstraintError: a row acts on a conserved momentum; the message gives the rows, the momentum and the remedy.
     """
     momenta = [place for place in rows.places if place.block.conserved is not None]
     reacts = np.ones(rows.size, dtype=bool)

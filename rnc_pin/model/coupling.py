@@ -1,4 +1,4 @@
-"""Rows of joints that turn together, and those that a robot's own file asks for."""
+"""Coupling rows between two joints, including the mimic joints of a robot's file."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ _LARGEST_DENOMINATOR = 1000
 
 
 class CouplingRow(ConstantRows):
-    """``v_joint - ratio * v_driver = 0``, with ``q_joint = ratio * q_driver + offset`` where that has a meaning.
+    """Row ``v_joint - ratio * v_driver = 0``; holonomic if ``q_joint = ratio * q_driver + offset`` is well defined.
 
     Args:
-        robot: whose joints they are.
+        robot: the robot that has the joints.
         joint: the joint that follows.
-        driver: the joint that it follows; None for one that does not move: the joint is then held at the offset.
+        driver: the joint that leads; None if it does not move, so that the joint stays at the offset.
         ratio: motion of the joint for unit motion of the driver.
-        offset: position of the joint where the driver's is zero [rad or m].
-        name: of the row; by default after the joints.
+        offset: position of the joint if the driver is at zero [rad or m].
+        name: name of the row; made from the names of the joints by default.
 
     Raises:
-        ModelError: no such joint, or it has several degrees of freedom.
+        ModelError: unknown joint, or a joint with several degrees of freedom.
     """
 
     def __init__(
         self, robot: Robot, joint: str, driver: str | None, ratio: float, offset: float, name: str | None = None
     ) -> None:
         self.pair = frozenset({joint, driver})
-        """The joints that it couples."""
+        """The coupled joints."""
         self.joint, self.driver = joint, driver
         self._joint = _single(joint, robot)
         self._driver = None if driver is None else _single(driver, robot)
@@ -63,13 +63,13 @@ class CouplingRow(ConstantRows):
 
 
 def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
-    """A row for each joint that the robot's file couples to another, less those that are coupled in ``blocks``.
+    """Rows for the mimic joints of the robot's file, except those that ``blocks`` already couple.
 
-    Where one of the two is locked, the other is held where the locked one puts it.
+    If one of the two joints is locked, the row holds the other at the position that follows from the coupling.
 
     Args:
-        robot: with its ``mimics``.
-        blocks: bound rows of the constraints that were given.
+        robot: the robot with its ``mimics``.
+        blocks: bound rows of the given constraints.
     """
     given = [block for block in blocks if isinstance(block, CouplingRow)]
     rows: dict[str, CouplingRow] = {}
@@ -81,7 +81,7 @@ def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
 
 
 def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
-    """The row of one coupling; None where it has nothing to say, as of a joint that the file itself fixes."""
+    """Row of one mimic joint; None if it constrains nothing, e.g. for a joint that the file fixes."""
     joint, of, multiplier, offset = mimic
     moving = {name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1}
     name = f"coupling({joint}, {of})"
@@ -107,7 +107,7 @@ def _position(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
 
 
 def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:
-    """What full turns that were forgotten add to the gap: multiples of this. Zero if nothing, None if anything."""
+    """Period of the residual due to unknown full turns of continuous joints; 0 if none, None if it takes any value."""
     if not driver_turns:
         return 2 * np.pi if joint_turns else 0.0
     if not joint_turns:

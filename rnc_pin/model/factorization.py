@@ -1,4 +1,4 @@
-"""Factorization of ``E = [A; J2]``, with other constraint rows where those kept by default become dependent."""
+"""Factorization of ``E = [A; J2]``; if the default constraint rows become dependent, other rows replace them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData, best_entries
 
 _DEPENDENT = 1e-8  # sine of the angle below which constraint rows count as dependent
-_WELL = 1e-3  # smallest singular value of unit rows above which the default ones stay
+_WELL = 1e-3  # smallest singular value of unit rows above which the default rows are kept
 
 
 class Factorization(NamedTuple):
-    """E at states (...,), its inverse, and where it is regular."""
+    """Matrix E at states (...,), its inverse, and the mask of regular states."""
 
     E: Float[Array, "*batch nv nv"]
     E_inverse: Float[Array, "*batch nv nv"]
-    """Not finite, or meaningless, where E is not regular."""
+    """Not finite, or meaningless, at states where E is singular."""
     regular: Bool[Array, "*batch"] | bool
     kept: Int[Array, "*batch m"] | None = None
-    """Constraint rows in A; None where those are the default ones at every state."""
+    """Indices of the constraint rows in A; None if all states have the default rows."""
 
     @property
     def everywhere_regular(self) -> bool:
@@ -34,10 +34,10 @@ class Factorization(NamedTuple):
 
 
 def factorize(data: ReductionData, position: PositionKinematics) -> Factorization:
-    """Stack E at configurations (..., nq) and invert it.
+    """Evaluate E at configurations (..., nq) and invert it.
 
     Args:
-        data: rows, outputs and their scales.
+        data: constraint rows, outputs and their scales.
         position: kinematics at the configurations.
     """
     batch = position.q.shape[:-1]
@@ -46,7 +46,7 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
     data.stack.write_jacobian(position, E)
     E_inverse = inverse(E)
     if not batch:
-        # The product of Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
+        # The product of the Frobenius norms bounds the dependence of every row: one cheap test on the hot path.
         rows, columns = E.ravel("K"), E_inverse.ravel("K")
         if (float(rows.dot(rows)) + data.fast_length) * float(columns.dot(columns)) < data.fast_limit:
             return Factorization(E, E_inverse, True)
@@ -61,7 +61,7 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
 
 
 def row_lengths(data: ReductionData, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
-    """Typical length of each row of E elsewhere."""
+    """Typical length of each row of E at other configurations."""
     if kept is None:
         return data.lengths
     outputs = np.broadcast_to(data.output_scales, (*batch, data.r))
@@ -69,9 +69,9 @@ def row_lengths(data: ReductionData, kept: Array | None, batch: tuple[int, ...])
 
 
 def dependences(E: Array, E_inverse: Array, lengths: Array) -> Float[Array, "*batch nv"]:
-    """One over the sine of the angle between each row and the others.
+    """One over the sine of the angle between each row and the span of the others.
 
-    A row that vanishes depends on all of them, so its typical length elsewhere counts.
+    A row that vanishes depends on all of them. Therefore its typical length at other configurations is used.
     """
     rows = np.linalg.norm(E, axis=-1)
     columns = np.linalg.norm(E_inverse, axis=-2)
@@ -106,7 +106,7 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
     if not np.isfinite(rows).all():
         return None
     natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
-    natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # a row that is zero elsewhere is rounding
+    natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
     _, triangle, order = scipy.linalg.qr((rows / natural).T, mode="economic", pivoting=True)
     if data.m and not abs(triangle[data.m - 1, data.m - 1]) > _DEPENDENT:
         return None  # the constraints themselves lose rank

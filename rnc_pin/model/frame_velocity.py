@@ -1,4 +1,4 @@
-"""Components of a frame's velocity along fixed axes: knife edges, positions, speeds, spins and forces share them."""
+"""Rows of a frame's velocity components, shared by knife edges, positions, speeds, angular velocities and forces."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def axis_index(axis: str) -> int:
-    """0, 1 or 2 for "x", "y" or "z"."""
+    """Index 0, 1 or 2 of the axis "x", "y" or "z"."""
     if axis not in AXES:
         raise ConfigurationError(f"axis '{axis}' is not known{nearest(str(axis), AXES)}")
     return AXES[axis]
 
 
 class FrameVelocityRows(Rows):
-    """Rows of a frame's Jacobian, in world axes or in the frame's own.
+    """Rows of a frame's Jacobian, in world axes or in the frame's own axes.
 
     Args:
-        robot: whose frame it is.
-        frame: its name.
-        rows: which of the six (linear x, y, z, angular x, y, z).
-        axes: along which the components are taken.
+        robot: the robot that has the frame.
+        frame: name of the frame.
+        rows: indices among the six rows (linear x, y, z, angular x, y, z).
+        axes: axes of the components.
     """
 
     def __init__(self, robot: Robot, frame: str, rows: Sequence[int], axes: pin.ReferenceFrame = WORLD_AXES) -> None:

@@ -1,4 +1,4 @@
-"""Which rows of a stack are independent, and why the others are not."""
+"""Selection of independent rows of a stack, with the reasons for dropping the others."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.rows import Rows
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
-ROUNDING = 1e-5  # the same, where the digits of a file keep rows from being dependent
-_WELL = 1e-3  # smallest singular value of a set of unit rows that is good enough to be kept in the order given
+ROUNDING = 1e-5  # the same limit for rows that are dependent except for the rounding of a file's numbers
+_WELL = 1e-3  # smallest singular value of unit rows above which the first set found is kept
 
 
 @dataclass(frozen=True)
 class DroppedRow:
-    """A constraint row that adds nothing, and the reason.
+    """Redundant constraint row that is not used, with the reason.
 
     Attributes:
-        rounding: sine of its angle to the rows that are kept, where it is dependent but for rounding; else 0.
+        name: name of the row.
+        reason: reason in words, e.g. the rows that it is a combination of.
+        rounding: sine of its angle to the kept rows if the row is dependent only to rounding; else 0.
     """
 
     name: str
@@ -32,14 +34,14 @@ class DroppedRow:
 
 
 class Selection(NamedTuple):
-    """Independent rows."""
+    """Independent rows of a stack, and the dropped rows."""
 
     kept: list[int]
     dropped: list[DroppedRow]
     margin: float
-    """Smallest singular value of the kept rows, of unit length, at the sample where it is largest."""
+    """Smallest singular value of the kept unit rows, at the sample where it is largest."""
     weak: list[str]
-    """The rows that depend on each other most there."""
+    """Names of the rows that are closest to dependent at this sample."""
 
 
 def select_independent(
@@ -48,22 +50,22 @@ def select_independent(
     rates: np.ndarray | None = None,
     lengths: np.ndarray | None = None,
 ) -> Selection:
-    """A set of rows that is independent and complete at every sample, if there is one.
+    """Select a maximal set of rows that is independent at every sample, if such a set exists.
 
-    Earlier rows are preferred, so that of two equal rows the first is kept. Where the order of the rows does not give
-    such a set, column-pivoted QR of ``A^T`` proposes others. Where no set serves everywhere it is the best one, and an
-    evaluation chooses others where it has to. Rows that are dependent to ``ROUNDING`` at every sample, wheels that a
-    rounded angle toes, count as dependent.
+    Earlier rows are preferred: of two equal rows, the first is kept. If the order of the rows gives no such set,
+    column-pivoted QR of ``A^T`` proposes others. If no set is independent at every sample, the best set is returned,
+    and an evaluation selects other rows where necessary. Rows that are dependent to ``ROUNDING`` at every sample count
+    as dependent, e.g. of wheels with a toe angle from rounding.
 
     Args:
         samples: the rows at one or more configurations, (samples, k, nv).
-        names: of the rows, (k,).
-        rates: what ``A v`` has to be, (samples, k), where that is not zero.
-        lengths: beside which a row is zero but for rounding, (k,); 0 for rows that are what they are.
+        names: names of the rows, (k,).
+        rates: required values mu of ``A v``, (samples, k), if not zero.
+        lengths: length of each row relative to which it counts as zero, (k,); 0 for rows without such a length.
 
     Raises:
-        ConstraintError: the rank is not the same at every sample, or a row that depends on others demands another
-            velocity than they do.
+        ConstraintError: the rank is not the same at every sample, or a dependent row requires a velocity that
+            contradicts the others.
     """
     scale = np.abs(samples).max(initial=0.0)
     samples = np.where(np.abs(samples) > 1e-12 * scale, samples, 0.0)
@@ -72,7 +74,7 @@ def select_independent(
     short = (left > 0) & (left < ROUNDING * lengths)
     matrices = unit_rows(np.where(short[:, None], 0.0, samples))
     exact, rough = ([_rank(matrix, limit) for matrix in matrices] for limit in (TOLERANCE, ROUNDING))
-    # A sample near a singular configuration has a lower rank by the rougher limit alone.
+    # Near a singular configuration, a sample has a lower rank only for the larger tolerance.
     rank = max(rough)
     if min(exact) < rank:
         raise ConstraintError(
@@ -91,16 +93,16 @@ def select_independent(
         else:
             dropped.append(_dropped(row, kept, matrices, names, tolerance))
     size = left / np.where(lengths > 0, lengths, np.inf)
-    matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]  # nearly zero, nearly dependent
+    matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]  # small rows lower the margin
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
 def row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
-    """Beside what each row of a block is long or short, (k,): its longest row of the same unit; 0 without geometry.
+    """Reference length of each row of a block, (k,): the longest row with the same unit; 0 if none is holonomic.
 
     Args:
         block: bound rows.
-        samples: all of them at several configurations, (samples, k, nv).
+        samples: all rows of the block at several configurations, (samples, k, nv).
     """
     lengths = np.linalg.norm(samples, axis=-1).max(axis=0)
     if not any(block.holonomic):
@@ -118,12 +120,12 @@ def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> 
 
 
 def _choose(matrices: np.ndarray, rank: int, tolerance: float) -> list[int]:
-    """The first set of rows that is well independent at every sample, or the one that is best at its worst sample."""
+    """First set of rows that is well independent at every sample, else the set whose worst sample is best."""
     best: list[int] = []
     margin = -1.0
     for kept in _candidates(matrices, rank, tolerance):
         if len(kept) < rank:
-            continue  # of a sample near a singular configuration
+            continue  # the sample is near a singular configuration
         worst = min(_smallest(matrix[kept]) for matrix in matrices)
         if worst > margin:
             best, margin = kept, worst
@@ -152,7 +154,7 @@ def _check_consistent(
         row = int(np.argmax(gap))
         if gap[row] > tolerance * max(np.abs(mu).max(), np.abs(matrix).max() * np.linalg.norm(v)):
             raise ConstraintError(
-                f"constraint row '{names[row]}' contradicts the others: it has to be {mu[row]:.4g} where they make it "
+                f"constraint row '{names[row]}' contradicts the others: it requires {mu[row]:.4g}, the others require "
                 f"{matrix[row] @ v:.4g}"
             )
 

@@ -1,4 +1,4 @@
-"""What a controller may see."""
+"""Measurement: the input of controllers."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-_ABSENT: Any = None  # a loop that leaves a field out has a controller that does not read it
+_ABSENT: Any = None  # a field may be absent if the controller does not read it
 
 
 class Measurement(NamedTuple):
-    """Outputs, their rates and the kinematics that connects them; nothing of the inertia.
+    """Outputs, their rates and the kinematics between them, without inertia.
 
-    ``ReducedModel.measure`` makes one from a state. In a loop of your own, fill in what the controller
-    reads and leave the rest: each says in its docstring what that is.
+    ``ReducedModel.measure`` makes one from a state. In your own control loop, set the fields that the controller reads
+    and omit the others. The docstring of each controller lists them.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -26,29 +26,29 @@ class Measurement(NamedTuple):
     """
 
     q: Float[Array, "*batch nq"] = _ABSENT
-    """Configuration."""
+    """Configurations."""
     v: Float[Array, "*batch nv"] = _ABSENT
-    """Full velocity, as joint encoders and a gyroscope on the base give it; it need not satisfy the constraints."""
+    """Full velocity, e.g. from joint encoders and a gyroscope on the base; it need not satisfy the constraints."""
     v2: Float[Array, "*batch r"] = _ABSENT
     """Rates of the reducing outputs."""
     x1: Float[Array, "*batch k"] = _ABSENT
     """Vertical outputs."""
     x2: Float[Array, "*batch r"] = _ABSENT
-    """Reducing outputs; integrals of v2 where they are quasi-velocities, NaN where nobody gave them."""
+    """Reducing outputs; for quasi-velocities the integrals of v2, NaN if they are not given."""
     v1: Float[Array, "*batch k"] = _ABSENT
-    """Rates of the vertical outputs, ``J1 v``; ``A_star v2 + v1_offset`` where v satisfies the constraints."""
+    """Rates of the vertical outputs, ``J1 v``; equal to ``A_star v2 + v1_offset`` if v satisfies the constraints."""
     A_star: Float[Array, "*batch k r"] = _ABSENT
     """Kinematics (3a), ``v1 = A_star v2``."""
     A_star_dot: Float[Array, "*batch k r"] = _ABSENT
-    """Its rate."""
+    """Rate of ``A_star``."""
     v1_offset: Float[Array, "*batch k"] | None = None
-    """Rates of the vertical outputs at ``v2 = 0``; None where the constraints are homogeneous."""
+    """Rates of the vertical outputs at ``v2 = 0``; None if the constraints are homogeneous."""
     v1_offset_dot: Float[Array, "*batch k"] | None = None
-    """Their rate."""
+    """Rate of ``v1_offset``."""
     residual: Float[Array, "*batch m"] | None = None
-    """``A v - mu`` of the velocity as it was measured: slip. None where nobody looked."""
+    """Slip: ``A v - mu`` of the measured velocity; None if it is not computed."""
     excess: Float[Array, "*batch r"] | None = None
-    """Reduced force that was asked for at the last sample and that the actuators could not give: asked less given. None
-    where they gave all of it, or nobody looked."""
+    """Reduced force that saturation cut off at the last sample: requested minus applied force. None without saturation,
+    or if it is not computed."""
     missing: Float[Array, "*batch p"] | None = None
-    """The same as inputs of the actuators."""
+    """Actuator inputs that saturation cut off at the last sample: requested minus applied inputs."""

@@ -1,4 +1,4 @@
-"""A frame at a constant placement on another: its own motion, from that of the other."""
+"""Frame with a constant placement on another frame."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ _UNIT = np.eye(3)
 
 
 class OffsetFrame:
-    """What the rows of constraints ask of a frame, at a point beside its origin and in axes turned from its own.
+    """Kinematics of a frame with a constant offset and rotation relative to a parent frame.
 
-    Everything is along the axes of this frame itself: constant matrices times what the other has along its own.
+    All components are along the axes of the offset frame: constant matrices times the parent's components in its own
+    axes.
 
     Args:
-        robot: whose frame it is.
-        frame: name of the frame on which this one sits.
-        at: where, in that frame's own axes (3,) [m].
-        rotation: of this frame's axes in that frame's (3, 3); by default they are the same.
+        robot: the robot that has the frame.
+        frame: name of the parent frame.
+        at: origin of the offset frame in the parent's axes (3,) [m].
+        rotation: rotation of the offset frame relative to the parent (3, 3); identity by default.
 
     Attributes:
-        name: of the frame, with the point where that is not its origin.
-        index: of the frame in the model.
-        joint: that carries it.
+        name: name of the parent frame, with the point if this is not its origin.
+        index: index of the parent frame in the model.
+        joint: index of the joint that supports the frame.
 
     Raises:
-        ModelError: no such frame.
+        ModelError: unknown frame.
         ConfigurationError: a point that is not three finite numbers.
     """
 
@@ -48,18 +49,18 @@ class OffsetFrame:
         self.joint = robot.model.frames[self.index].parentJoint
         self.name = f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
         self._point, self._rotation = point, rotation
-        self._action = pin.SE3(rotation, point).toActionMatrixInverse()  # from that frame's axes to these
+        self._action = pin.SE3(rotation, point).toActionMatrixInverse()  # from the parent frame to the offset frame
         self._moved = not np.array_equal(self._action, np.eye(6))
 
     def placement(self, at: PositionKinematics) -> Placement:
-        """Where it is in the world."""
+        """Placement of the offset frame in the world."""
         place = at.placement(self.index)
         if not self._moved:
             return place
         return Placement(place.rotation @ self._rotation, place.translation + apply(place.rotation, self._point))
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """Its Jacobian (..., 6, nv)."""
+        """Frame Jacobian (..., 6, nv)."""
         return self._of(at.jacobian(self.index, OWN_AXES))
 
     def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
@@ -67,7 +68,7 @@ class OffsetFrame:
         return self._of(at.jacobian_dot(self.index, OWN_AXES))
 
     def acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """Rate (..., 6) of the components of its velocity at zero ``vdot``."""
+        """Rate (..., 6) of the components of the frame's velocity at zero ``vdot``."""
         found = at.acceleration(self.index, OWN_AXES)
         return apply(self._action, found) if self._moved else found
 
@@ -80,7 +81,7 @@ class OffsetFrame:
 
 
 def triple(values: Vector, what: str) -> np.ndarray:
-    """Three finite numbers (3,), refused by what they are where they are not."""
+    """Convert a value to three finite numbers (3,); the error message names it by ``what``."""
     found = np.asarray(values, dtype=float)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise ConfigurationError(f"{what}: expected three finite numbers, found {values}")
