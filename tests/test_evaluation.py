@@ -180,7 +180,7 @@ def test_a_measured_velocity_is_kept():
     np.testing.assert_allclose(own.residual, 0.0, atol=ROUNDING)
     batch = reduced.measured(np.stack([q, q]), np.stack([t.v, t.v + slip]))
     np.testing.assert_allclose(batch.residual[1], seen.residual, atol=ROUNDING)
-    with pytest.raises(rnc.InputError, match="give v2, or v as it was measured, not both"):
+    with pytest.raises(rnc.InputError, match="takes v2 or v, not both"):
         reduced.at(q, v2, v=t.v)
 
 

@@ -1,7 +1,7 @@
-"""The reduced model: ``F = H v2dot + V v2 + G`` for any system. Paper (2)-(3), (6)-(7).
+"""Reduced model ``F = H v2dot + V v2 + G`` of any system. Paper (2)-(3), (6)-(7).
 
-The formulas are in ``evaluation``. Here is what a user calls: ``at`` for an evaluation that can be asked for
-everything, and the single questions, a line each.
+The formulas are in ``configuration_evaluation`` and ``state_evaluation``. ``ReducedModel.at`` returns an evaluation
+with all quantities; the other methods return single quantities.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from rnc_pin.robots.robot import Robot
 
 
 class ReducedModel(SummaryMixin):
-    """A nonholonomic system in the velocities ``v2`` of its reducing outputs.
+    """Nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
-    Made by ``NonholonomicSystem.reduce``. All methods take leading batch axes: q (..., nq), v2 (..., r).
-    It owns one Pinocchio workspace, so an instance serves one thread at a time.
+    ``NonholonomicSystem.reduce`` returns one. All methods take leading batch axes: q (..., nq), v2 (..., r).
+    An instance owns one Pinocchio workspace, so it serves one thread at a time.
 
     Args:
         parts: rows, outputs, actuators and the workspace that evaluates them.
-        assembly: the holonomic rows, and the configurations that satisfy them.
-        dropped_rows: constraint rows that add nothing, with the reasons.
+        assembly: projection onto the holonomic rows.
+        dropped_rows: redundant constraint rows, with the reasons.
 
     Raises (every method):
         InputError: an array has the wrong shape or is not finite.
@@ -60,48 +60,48 @@ class ReducedModel(SummaryMixin):
         self._admission = Admission(parts.robot)
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
-        """Constraint rows that add nothing, with the reasons."""
+        """Redundant constraint rows, with the reasons."""
 
-    # ------------------------------------------------------------------ what it is made of
+    # ------------------------------------------------------------------ components
 
     @property
     def reduction_data(self) -> ReductionData:
-        """What it is made of, for those who make another model of it."""
+        """Rows, outputs, actuators and workspace, to construct other models from."""
         return self._data
 
     @property
     def robot(self) -> Robot:
-        """The robot."""
+        """Robot of the system."""
         return self._data.robot
 
     @property
     def n(self) -> int:
-        """Degrees of freedom before the constraints, nv."""
+        """Number of degrees of freedom before the constraints, nv."""
         return self._data.n
 
     @property
     def m(self) -> int:
-        """Independent constraint rows."""
+        """Number of independent constraint rows."""
         return self._data.m
 
     @property
     def r(self) -> int:
-        """Reducing outputs, n - m."""
+        """Number of reducing outputs, n - m."""
         return self._data.r
 
     @property
     def p(self) -> int:
-        """Actuators."""
+        """Number of actuators."""
         return self._data.p
 
     @property
     def affine(self) -> bool:
-        """Whether constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``."""
+        """True if the constraints are ``A v = mu`` with mu not zero, so that ``v = R v2 + b``."""
         return self._data.affine
 
     @property
     def constraints(self) -> RowStack:
-        """The rows of A."""
+        """Independent constraint rows, which form A."""
         return self._data.constraints
 
     @property
@@ -111,17 +111,17 @@ class ReducedModel(SummaryMixin):
 
     @property
     def reducing(self) -> OutputStack:
-        """The outputs x2."""
+        """Reducing outputs x2."""
         return self._data.reducing
 
     @property
     def vertical(self) -> OutputStack:
-        """The outputs x1."""
+        """Vertical outputs x1."""
         return self._data.vertical
 
     @property
     def actuation(self) -> Actuation:
-        """The actuators."""
+        """Actuators and their matrix B(q)."""
         return self._data.actuation
 
     # ------------------------------------------------------------------ one evaluation
@@ -138,18 +138,19 @@ class ReducedModel(SummaryMixin):
     def at(
         self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None
     ) -> ConfigurationEvaluation | StateEvaluation:
-        """Evaluate the model at states: each quantity is computed on first use, once, and is read-only.
+        """Evaluate the model at states. Each quantity is computed once, on first use, and is read-only.
+
+        Without a velocity, the evaluation has only the quantities that depend on q alone.
 
         Args:
             q: configurations (..., nq).
             v2: reduced velocities (..., r).
-            v: instead, full velocities (..., nv) as they were measured; they need not satisfy the constraints. Without
-                any velocity the evaluation has the quantities that depend on q alone.
+            v: measured full velocities (..., nv), instead of v2; they need not satisfy the constraints.
         """
         q = self._admission.configuration(q)
         if v2 is not None:
             if v is not None:
-                raise InputError("give v2, or v as it was measured, not both")
+                raise InputError("at() takes v2 or v, not both")
             v2 = vector(v2, self._data.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
                 q, v2 = spread(q, v2, "v2")
@@ -160,7 +161,10 @@ class ReducedModel(SummaryMixin):
         return ConfigurationEvaluation.at(self._data, q)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
-        """The same with the rows, and where no outputs were named the entries of v, that are chosen at q (nq,)."""
+        """The same model with the constraint rows that are selected at q (nq,) as default rows.
+
+        If the system was reduced without named outputs, the reduced velocities are selected at q too.
+        """
         state = self.at(q)
         _ = state.R
         parts = self._data.keeping(state.kept.tolist())
@@ -171,7 +175,7 @@ class ReducedModel(SummaryMixin):
     # ------------------------------------------------------------------ dynamics
 
     def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch r"]:
-        """Accelerations ``v2_dot`` under actuator inputs T [N or N m]."""
+        """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs T (..., p) [N or N m]."""
         return self.at(q, v2).v2_dot(T)
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
@@ -183,7 +187,7 @@ class ReducedModel(SummaryMixin):
         return self.at(q, v2).flow(T, damping)
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
-        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+        """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
@@ -191,11 +195,11 @@ class ReducedModel(SummaryMixin):
         return self.at(q).allocate(F)
 
     def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
-        """Constraint multipliers lambda, in ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``."""
+        """Constraint multipliers lambda of ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``."""
         return self.at(q, v2).multipliers(T)
 
     def contact_forces(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch k"]:
-        """Multipliers (..., k) of all constraint rows under inputs T, of least norm where they are not unique."""
+        """Multipliers (..., k) of all constraint rows under inputs T; those of least norm if they are not unique."""
         return self.at(q, v2).contact_forces(T)
 
     def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
@@ -209,12 +213,12 @@ class ReducedModel(SummaryMixin):
         return self.at(q, v2).terms()
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
-        """H*, C*, g* and B of the unreduced system (1), C* at ``v = R v2 + b``."""
+        """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``."""
         state = self.at(q, v2)
         return LagrangianTerms(H=state.M, C=state.C, g=state.g, B=state.B)
 
     def inertia(self, q: ArrayInput) -> Float[Array, "*batch r r"]:
-        """Reduced inertia matrix H alone."""
+        """Reduced inertia matrix H."""
         return self.at(q).H
 
     def input_matrix(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
@@ -222,36 +226,36 @@ class ReducedModel(SummaryMixin):
         return self.at(q).input_matrix
 
     def drive_jacobian(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
-        """``J2 B``: rate of the reducing outputs while each actuator moves alone, constraints apart."""
+        """Matrix ``J2 B``: rates of the reducing outputs for each column of B as a velocity, without constraints."""
         state = self.at(q)
         return state.J2 @ state.B
 
     def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
-        """R and its derivatives (..., nv, r) along tangent vectors (..., nv)."""
+        """Null-space basis R and its derivatives (..., nv, r) along tangent vectors (..., nv)."""
         state = self.at(q, v=along)
         return state.R, state.R_dot
 
     def kinematic_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
-        """Derivatives of ``A_star`` along the motion of single reducing outputs: how A_star depends on them.
+        """Derivatives of ``A_star`` with respect to single reducing outputs, along their motions at unit rate.
 
         Args:
             q: configurations (..., nq).
-            along: positions in x2, (s,).
+            along: indices in x2, (s,).
         """
         return np.moveaxis(self._alone(q, along, lambda state: state.A_star_dot), 0, -1)
 
     def log_determinant_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
-        """Derivatives of ``log |det E|``, that is ``tr(E^-1 Edot)``, along the motion of single reducing outputs.
+        """Derivatives ``tr(E^-1 Edot)`` of ``log |det E|`` along the motions of single reducing outputs.
 
         Args:
             q: configurations (..., nq).
-            along: positions in x2, (s,).
+            along: indices in x2, (s,).
         """
         traces = self._alone(q, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
         return np.moveaxis(traces, 0, -1)
 
     def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[StateEvaluation], Array]) -> Array:
-        """Something (s, ...) of the states in which one output after the other moves alone at unit rate."""
+        """Quantity (s, ...) at the states in which one reducing output moves at unit rate and the others rest."""
         here = self.at(q)
         each = [what(StateEvaluation(here, v=here.R[..., j])) for j in along]
         return np.stack(each) if each else np.zeros((0, *what(StateEvaluation(here, v=here.R[..., 0])).shape))
@@ -259,28 +263,28 @@ class ReducedModel(SummaryMixin):
     # ------------------------------------------------------------------ measurements
 
     def measure(self, q: ArrayInput, v2: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
-        """What controllers may see at a state of this model: outputs, rates and kinematics, no inertia.
+        """Measurement for controllers at a state of this model: outputs, rates and kinematics, without inertia.
 
         Args:
             q: configurations (..., nq).
             v2: reduced velocities (..., r).
-            integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity outputs; without
-                them those are NaN, and a controller that needs one says so.
+            integrals: integrals of v2 over time (..., r), used as values of quasi-velocity outputs. Without them, these
+                values are NaN, and a controller that needs one raises an error.
         """
         return self.at(q, v2).measure(integrals)
 
     def measured(self, q: ArrayInput, v: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
-        """The same from a state as sensors give it: nothing of v is replaced by what the model believes.
+        """Measurement for controllers at a state from sensors: v is not projected onto the constraints.
 
         Args:
             q: configurations (..., nq).
             v: full velocities (..., nv). They need not satisfy the constraints: ``residual`` is their slip.
-            integrals: integrals of v2 over time (..., r), as for ``measure``.
+            integrals: integrals of v2 over time (..., r), as in ``measure``.
         """
         return self.at(q, v=v).measure(integrals)
 
     def outputs(self, q: ArrayInput, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r) of the outputs; of quasi-velocities the integrals, by default zero."""
+        """Values x1 (..., k) and x2 (..., r) of the outputs; quasi-velocities take the integrals, zero by default."""
         return self.at(q).outputs(integrals)
 
     def velocity(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch nv"]:
@@ -288,43 +292,43 @@ class ReducedModel(SummaryMixin):
         return self.at(q, v2).v
 
     def constraint_residual(self, q: ArrayInput, v: ArrayInput) -> Float[Array, "*batch m"]:
-        """``A v - mu``."""
+        """Constraint residual ``A v - mu`` of full velocities (..., nv)."""
         return self.at(q, v=v).residual
 
-    # ------------------------------------------------------------------ how regular it is
+    # ------------------------------------------------------------------ regularity
 
     def condition(self, q: ArrayInput) -> Array | float:
-        """Condition number (...) of E with unit rows: how well x2 parametrises the motion at q."""
+        """Condition number (...) of E with scaled rows; large if x2 hardly parametrises the motion at q."""
         return self.at(q).condition
 
     def smallest_singular_value(self, q: ArrayInput) -> Array | float:
-        """Smallest singular value (...) of E with unit rows; zero at a singular configuration."""
+        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
         return self.at(q).smallest_singular_value
 
     def stacked_rows(self, q: ArrayInput) -> Float[Array, "*batch nv nv"]:
-        """``E = [A; J2]``, constraint rows above reducing outputs; raises at no singular configuration."""
+        """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
         return self.at(q).E
 
-    # ------------------------------------------------------------------ configurations that comply
+    # ------------------------------------------------------------------ assembled configurations
 
     def position_residual(self, q: ArrayInput) -> Float[Array, "*batch h"]:
-        """How far configurations (..., nq) are from satisfying the holonomic rows, ``assembly.names`` [m or rad]."""
+        """Residual (..., h) of the holonomic rows ``assembly.names`` at configurations (..., nq) [m or rad]."""
         return self.assembly.residual(self._admission.configuration(q))
 
     def assembled(self, q: ArrayInput, hold: Sequence[str] = ()) -> Float[Array, " nq"]:
-        """The configuration near q (nq,) that satisfies the holonomic rows: loops closed, wheels on the ground.
+        """Return a configuration near q that satisfies the holonomic rows: loops closed, wheels on the ground.
 
         Args:
             q: one configuration (nq,).
-            hold: joints that stay where they are.
+            hold: names of joints that keep their positions.
 
         Raises:
-            ConstraintError: none was found.
+            ConstraintError: no such configuration was found.
         """
         return self.assembly.project(self._admission.configuration(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
-        """What ``Robot.random_configuration`` draws from the generator, within ``spread`` of neutral, assembled."""
+        """Random configuration within ``spread`` of neutral that satisfies the holonomic rows."""
         return self.assembly.random_configuration(generator, spread)
 
     # ------------------------------------------------------------------ print

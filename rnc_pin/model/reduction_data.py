@@ -1,4 +1,4 @@
-"""What a reduction is made of, put together once: rows, outputs, actuators, and the workspace that evaluates them."""
+"""Data of a reduction: rows, outputs, actuators, and the workspace that evaluates them."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
 
-_CHOOSE_AGAIN = 1e3  # how dependent a row may become before other rows are looked for, where there are others
-_TIE = 1e-6  # by how much an entry of v is preferred to the next one, where others are chosen
+_CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, if there are any
+_TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
 
 
 class ReductionData:
-    """Constraint rows above reducing outputs, ``E = [A; J2]``, with everything that is evaluated beside them.
+    """Data of a reduction with ``E = [A; J2]``: constraint rows, reducing and vertical outputs, actuators.
 
     Args:
         robot: the robot.
         rows: all constraint rows.
-        kept: which of them are in A by default, (m,).
+        kept: indices of the rows that are in A by default, (m,).
         actuation: the actuators.
         reducing, vertical: the outputs x2 and x1.
-        singularity_limit: how dependent a row of E may become, see ``ReducedModel``.
-        lengths: what rows, all of them and then the reducing outputs, are long elsewhere.
-        free: whether reducing velocities may be chosen anew where they are dependent, as no output is meant by them.
+        singularity_limit: largest dependence of a row of E, see ``NonholonomicSystem.reduce``.
+        lengths: typical lengths of all constraint rows, then of the reducing outputs.
+        free: True if other reducing velocities may be selected where they are dependent, because none was named.
         kinematics: a workspace to share with another reduction of the same system.
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
-        basis, multiplied: of E^-1 the columns that are R, and those that carry multipliers.
-        template: E with the rows that never change in it.
-        lengths_of_rows, lengths_of_outputs: natural lengths of all constraint rows and of the reducing outputs.
+        basis, multiplied: index of the columns of E^-1 that form R, and of the columns of the multipliers.
+        template: E with the values of its constant rows.
+        constraint_scales, output_scales: typical lengths of all constraint rows and of the reducing outputs.
     """
 
     def __init__(
@@ -72,18 +72,18 @@ class ReductionData:
         self.fast_length = float(self.lengths.dot(self.lengths))
 
     def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> ReductionData:
-        """The same system in reducing velocities ``W v``, W (r, nv) constant with rows of unit length."""
+        """Reduction of the same system to velocities ``W v``, with constant W (r, nv) and rows of unit length."""
         names = names or [f"w[{k}]" for k in range(self.r)]
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
         return self._with(self.kept, reducing, np.ones(self.r), free)
 
     def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
-        """The same system in some entries of v, r of them."""
+        """Reduction of the same system to r entries of v."""
         names = [self.robot.velocity_names[k] for k in entries]
         return self.in_velocities(np.eye(self.n)[list(entries)], names, free)
 
     def keeping(self, kept: Sequence[int]) -> ReductionData:
-        """The same with other constraint rows in A."""
+        """The same reduction with other constraint rows in A, (m,)."""
         return self._with(kept, self.reducing, self.output_scales, self.free)
 
     def _with(self, kept: Sequence[int], reducing: OutputStack, lengths: np.ndarray, free: bool) -> ReductionData:
@@ -102,11 +102,11 @@ class ReductionData:
 
 
 class VelocityRows(ConstantRows, OutputRows):
-    """Constant combinations of velocities, ``W v``: rates of no coordinate in general.
+    """Quasi-velocities ``W v`` with constant W.
 
     Args:
-        W: (k, nv).
-        names, units: of the rows, (k,).
+        W: matrix (k, nv).
+        names, units: names and units of the rows, (k,).
     """
 
     quasi = True
@@ -117,27 +117,27 @@ class VelocityRows(ConstantRows, OutputRows):
 
 
 def best_entries(rows: np.ndarray, r: int) -> list[int]:
-    """Entries of v, (r,), on which the motion under rows (m, nv) of full rank depends least violently.
+    """Indices of the r entries of v that best parametrise the motion under rows (m, nv) of full rank.
 
-    The others are then moderate combinations of them: of an orthonormal basis of the null space those rows are taken
-    that column-pivoted QR picks; of entries that do equally well, as coupled joints do, the first.
+    Column-pivoted QR selects these rows of an orthonormal basis of the null space, so the other entries are moderate
+    combinations of them. If entries are equally good, e.g. of coupled joints, the first is selected.
     """
     null_space = scipy.linalg.null_space(rows) if len(rows) else np.eye(rows.shape[1])
-    preference = 1.0 - _TIE * np.arange(len(null_space))  # else rounding would choose, at each state anew
+    preference = 1.0 - _TIE * np.arange(len(null_space))  # otherwise rounding decides ties, differently at each state
     order = scipy.linalg.qr(preference * null_space.T, mode="r", pivoting=True)[1]
     return sorted(order[:r].tolist())
 
 
 def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:
-    """A typical length of each row: the median over configurations (count, nq), or the largest where most are zero.
+    """Typical length of each row: the median over configurations (count, nq), or the largest if the median is zero.
 
-    It is zero for a row that is zero but for rounding, as that of a planar loop across its plane is.
+    It is zero for a row that is zero to rounding, e.g. the out-of-plane row of a planar loop.
     """
     stack = RowStack.joined(rows, reducing)
     kinematics = Kinematics(robot, stack.joints)
     found = []
     for q in configurations:
-        with suppress(SingularityError):  # some row is undefined there
+        with suppress(SingularityError):  # some row is undefined at q
             found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
     lengths = np.array(found) if found else np.zeros((1, stack.size))
     lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)

@@ -1,4 +1,4 @@
-"""Rows of several blocks, one under the other, evaluated at one state or at many."""
+"""Stacks of rows from several blocks, evaluated at one state or at many."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ _Value = TypeVar("_Value")
 
 
 class Place(NamedTuple):
-    """Where rows of a block stand in a stack."""
+    """Block of rows with its position in a stack."""
 
     block: Rows
     where: slice
-    """In the stack."""
+    """Position of the rows in the stack."""
     rows: Selection | None
-    """Which of the block's rows count; None for all."""
+    """Selected rows of the block; None for all."""
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Of what the block has for each row, (..., k), that of the rows that count."""
+        """Entries of the selected rows, from the entries (..., k) of all rows of the block."""
         return values if self.rows is None else values[..., self.rows]
 
     def of_matrix(self, values: np.ndarray) -> np.ndarray:
-        """The same of rows (..., k, l)."""
+        """Selected rows, from all rows (..., k, l) of the block."""
         return values if self.rows is None else values[..., self.rows, :]
 
 
 class _Varying(NamedTuple):
-    """A place of rows that are not constant, and the index of its entries (..., size) or rows (..., size, nv)."""
+    """Block of rows that are not constant, with index expressions for arrays (..., size) and (..., size, nv)."""
 
     block: Rows
     rows: Selection | None
@@ -44,17 +44,17 @@ class _Varying(NamedTuple):
 
 
 class RowStack:
-    """Some rows of several blocks, one under the other. What it gives has the leading axes of the states.
+    """Vertical stack of selected rows of several blocks. Results have the leading axes of the states.
 
     Args:
         blocks: the bound rows.
-        kept: which rows of all blocks together count, in order; all of them by default.
+        kept: indices of the selected rows among all rows, in increasing order; all rows by default.
 
     Attributes:
-        names, units, holonomic: of the rows, (size,).
-        size: how many there are.
-        places: blocks with the places of their rows.
-        joints: whose placements the rows ask for.
+        names, units, holonomic: name, unit and holonomic flag of each row, (size,).
+        size: number of rows.
+        places: blocks with the positions of their rows.
+        joints: joints whose placements the rows need.
     """
 
     def __init__(self, blocks: Sequence[Rows], kept: Sequence[int] | None = None) -> None:
@@ -81,7 +81,7 @@ class RowStack:
 
     @classmethod
     def joined(cls, *stacks: RowStack) -> RowStack:
-        """Several stacks as one."""
+        """Concatenate several stacks."""
         whole = RowStack([])
         for stack in stacks:
             for block, where, rows in stack.places:
@@ -95,7 +95,7 @@ class RowStack:
         return whole
 
     def template(self, nv: int) -> np.ndarray:
-        """A stack (size, nv), by columns, with the rows that never change in it; not to be written to."""
+        """Matrix (size, nv), stored by columns, with the values of the constant rows; do not write to it."""
         if self._constant is None:
             self._constant = np.zeros((self.size, nv), order="F")
             for place in self.places:
@@ -104,20 +104,20 @@ class RowStack:
         return self._constant
 
     def write_jacobian(self, at: PositionKinematics, out: np.ndarray) -> None:
-        """Write the rows of J(q) that vary into ``out`` (..., size, nv), which holds the others."""
+        """Write the rows of J(q) that are not constant into ``out`` (..., size, nv)."""
         for block, rows, _, lines in self._varying:
             values = block.jacobian(at)
             out[lines] = values if rows is None else values[..., rows, :]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """J(q), (..., size, nv)."""
+        """Jacobian J(q), (..., size, nv)."""
         template, batch = self.template(at.M.shape[-1]), at.q.shape[:-1]
         out = np.array(np.broadcast_to(template, (*batch, *template.shape))) if batch else template.copy()
         self.write_jacobian(at, out)
         return out
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """``Jdot v - mudot``, (..., size)."""
+        """Bias acceleration ``Jdot v - mudot``, (..., size)."""
         out = np.zeros((*at.q.shape[:-1], self.size))
         for block, rows, entries, _ in self._varying:
             values = block.bias_acceleration(at)
@@ -125,7 +125,7 @@ class RowStack:
         return out
 
     def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
-        """Jdot(q, v), (..., size, nv)."""
+        """Jacobian rate Jdot(q, v), (..., size, nv)."""
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
         for block, rows, _, lines in self._varying:
             values = block.jacobian_dot(at)
@@ -133,22 +133,22 @@ class RowStack:
         return out
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
-        """mu(q), (..., size)."""
+        """Right-hand side mu(q) of ``J v = mu``, (..., size)."""
         return self._gather(at, lambda block: block.rate(at))
 
     def rate_dot(self, at: RateKinematics) -> np.ndarray:
-        """The rate of mu, (..., size)."""
+        """Rate of mu, (..., size)."""
         return self._gather(at, lambda block: block.rate_dot(at))
 
     def _gather(self, at: PositionKinematics, of: Callable[[Rows], np.ndarray]) -> np.ndarray:
-        """What every block says, cut down to its rows that count, (..., size)."""
+        """Concatenate a quantity of all blocks, restricted to the selected rows, (..., size)."""
         out = np.empty((*at.q.shape[:-1], self.size))
         for place in self.places:
             out[..., place.where] = place.of(of(place.block))
         return out
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Points and unit vectors, (..., size, 3) each; NaN for rows that act on no point."""
+        """Points and unit vectors of the constraint forces, (..., size, 3) each; NaN for rows that act on no point."""
         points, directions = np.full((2, *at.q.shape[:-1], self.size, 3), np.nan)
         for place in self.places:
             lines = place.block.lines_of_action(at)
@@ -158,14 +158,14 @@ class RowStack:
 
 
 class OutputStack(RowStack):
-    """Outputs one under the other, with their values.
+    """Vertical stack of outputs, with their values.
 
     Args:
         blocks: the bound outputs.
 
     Attributes:
-        angular, quasi: which of them are angles, and which are quasi-velocities, (size,).
-        coordinates: what they live on.
+        angular, quasi: masks of the angles and of the quasi-velocities, (size,).
+        coordinates: coordinate types of the outputs.
     """
 
     def __init__(self, blocks: Sequence[OutputRows]) -> None:
@@ -177,7 +177,7 @@ class OutputStack(RowStack):
         self.coordinates = Coordinates(self.angular, rotations)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        """The coordinates, (..., size)."""
+        """Values of the outputs, (..., size)."""
         out = np.empty((*at.q.shape[:-1], self.size))
         for block, where in self._values:
             out[..., where] = block.value(at)
@@ -193,7 +193,7 @@ def _varying(places: Sequence[Place]) -> list[_Varying]:
 
 
 def _selection(rows: list[int]) -> Selection:
-    """Rows that follow each other as a slice: a view, not a copy, on the hot path."""
+    """Convert consecutive indices to a slice, which gives a view instead of a copy on the hot path."""
     first = rows[0]
     return slice(first, first + len(rows)) if rows == list(range(first, first + len(rows))) else rows
 
