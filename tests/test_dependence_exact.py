@@ -276,6 +276,9 @@ def test_one_of_many_states_whose_forces_have_no_bound():
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
     with (
         np.errstate(over="ignore", invalid="ignore"),
-        pytest.raises(rnc.DivergenceError, match=r"accelerations have no bound$"),
+        pytest.raises(
+            rnc.DivergenceError,
+            match="reduced acceleration is not finite: H is nearly singular or a force is too large$",
+        ),
     ):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])

@@ -1,7 +1,7 @@
-"""Rows: a Jacobian on the tangent space and its rate. Constraints and outputs are both made of them.
+"""Rows: a Jacobian on the tangent space and its rate. Constraints and outputs consist of rows.
 
-What a user writes (``NoSideSlip("axle")``) is a *kind*: a description that knows no robot. Bound to one, it becomes
-``Rows``, with every name resolved. Rows are written over leading axes, so that one state and many are one formula.
+A *kind* such as ``NoSideSlip("axle")`` is a description without a robot. ``bind(robot)`` resolves its names and returns
+``Rows``. Rows have leading batch axes, so one formula serves one state and many.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from rnc_pin.robots.robot import Robot
 
 
 class Rows(ABC):
-    """k linear forms on the velocity, with everything a reduction needs to know of them.
+    """Linear forms on the velocity, k rows, with their rates and properties.
 
-    Constraint rows demand ``J v = mu``, with mu = 0 unless they are ``affine``. Of whatever a method is given it may
-    read what that type has: a position knows no velocity.
+    Constraint rows require ``J v = mu``, with mu = 0 unless they are ``affine``. The type of a method's argument gives
+    the quantities that it may depend on, e.g. a ``PositionKinematics`` has no velocity.
 
     Attributes:
-        names: one name for each row, (k,).
+        names: name of each row, (k,).
         units: unit of each row's rate, (k,).
-        joints: joints whose placements the rows ask for, directly or by frames on them.
-        conserved: entries of ``v`` on which no actuator and no reaction may act for the rows to hold (momenta), else
-            None. Such rows have no reaction of their own.
-        affine: whether mu is not zero.
-        holonomic: which rows keep a function of q at zero, (k,), whose value ``residual`` knows. Empty if none
-            does. A row that says False may still be integrable together with others.
-        on_ground: whether a holonomic row that no joint can move is to be left alone, as the height of a wheel is
-            over a base that moves in the plane. Others have to be satisfied.
-        unnamed: whether nobody gave the rows names, so that a system numbers them through.
-        kind: the description that was bound, for those who make the same thing of other means, such as a simulator;
-            None for rows that a system adds itself.
+        joints: joints whose placements the rows need, directly or for frames on them.
+        conserved: entries of ``v`` on which no actuator and no reaction may act (for momentum rows), else None. Such
+            rows have no reaction force.
+        affine: True if mu is not zero.
+        holonomic: True for each row that keeps a function of q at zero, (k,); ``residual`` returns its value. Empty
+            if no row does. A row with False may still be integrable together with others.
+        on_ground: True if holonomic rows that no joint can move are ignored, e.g. the height of a wheel on a planar
+            base. Otherwise they have to be satisfied.
+        unnamed: True if the user gave no names, so that the system numbers the rows.
+        kind: the description that was bound, e.g. for a simulator that implements the same constraint; None for rows
+            that a system adds itself.
     """
 
     names: tuple[str, ...]
@@ -51,18 +51,18 @@ class Rows(ABC):
 
     @abstractmethod
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        """The rows J(q), (..., k, nv)."""
+        """Jacobian J(q), (..., k, nv)."""
 
     @abstractmethod
     def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
-        """Their rate along v, (..., k, nv)."""
+        """Rate of the Jacobian along v, (..., k, nv)."""
 
     @abstractmethod
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """``Jdot v - mudot``, (..., k), for a velocity that satisfies the constraints."""
+        """Bias acceleration ``Jdot v - mudot``, (..., k), for a velocity that satisfies the constraints."""
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
-        """What ``J v`` has to be: mu(q), (..., k)."""
+        """Right-hand side mu(q) of ``J v = mu``, (..., k)."""
         return self._zeros(at)
 
     def rate_dot(self, at: RateKinematics) -> np.ndarray:
@@ -70,22 +70,22 @@ class Rows(ABC):
         return self._zeros(at)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        """How far q is from satisfying the holonomic rows, (..., k) [m or rad]; zero at the others.
+        """Position residual of the holonomic rows, (..., k) [m or rad]; zero for the other rows.
 
-        Its rate is ``J v`` where it is zero.
+        Where the residual is zero, its rate is ``J v``.
         """
         return self._zeros(at)
 
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray | None:
-        """Derivative of ``Jdot(q, v) v`` with respect to q, v fixed, (k, nv); None where there is no closed form.
+        """Derivative of ``Jdot(q, v) v`` with respect to q at fixed v, (k, nv); None if there is no closed form.
 
-        Only a linearisation about a motion asks for it, at one state, and takes differences for None and for rows that
-        are ``affine``.
+        Only a linearization about a motion calls it, at one state. For None, and for ``affine`` rows, it uses finite
+        differences.
         """
         return None
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
-        """Where in the world the rows act and along what, to be drawn.
+        """Points and directions of the constraint forces in the world, for visualization.
 
         Returns:
             Points (..., k, 3) [m] and unit vectors (..., k, 3); None for rows that act on no point, such as a momentum.
@@ -97,10 +97,10 @@ class Rows(ABC):
 
 
 class ConstantRows(Rows):
-    """Rows that are the same at every configuration, so that their rate is zero.
+    """Rows with a constant Jacobian.
 
     Attributes:
-        matrix: (k, nv).
+        matrix: the Jacobian (k, nv).
     """
 
     matrix: np.ndarray
@@ -119,12 +119,12 @@ class ConstantRows(Rows):
 
 
 class OutputRows(Rows):
-    """Rows that are the rate of a coordinate, or of a quasi-coordinate that has no value of its own.
+    """Rows that are the rate of coordinates, or quasi-velocities.
 
     Attributes:
-        angular: which values are angles, compared modulo a full turn, (k,).
-        quasi: whether only the rate exists (a quasi-velocity), so that the value is its integral.
-        rotation: whether the three values are a rotation vector, and the rates an angular velocity in world axes.
+        angular: True for each value that is an angle, compared modulo a full turn, (k,).
+        quasi: True if only the rate exists (a quasi-velocity), so that its integral serves as the value.
+        rotation: True if the three values are a rotation vector, and the rates an angular velocity in world axes.
     """
 
     angular: tuple[bool, ...]
@@ -132,49 +132,49 @@ class OutputRows(Rows):
     rotation: bool = False
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        """The coordinates, (..., k) [m or rad]; zeros where ``quasi``."""
+        """Values of the coordinates, (..., k) [m or rad]; zeros if ``quasi``."""
         return self._zeros(at)
 
 
 @runtime_checkable
 class ConstraintKind(Protocol):
-    """A description of constraint rows that can be bound to a robot."""
+    """Description of constraint rows that can be bound to a robot."""
 
     def bind(self, robot: Robot) -> Rows: ...
 
 
 @runtime_checkable
 class OutputKind(Protocol):
-    """A description of outputs that can be bound to a robot."""
+    """Description of outputs that can be bound to a robot."""
 
     def bind(self, robot: Robot) -> OutputRows: ...
 
 
 def check_defined(what: str, at: PositionKinematics, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
-    """Refuse states at which rows have no meaning, because something in them is too small.
+    """Raise an error at states where rows are undefined because a length is too small.
 
     Args:
-        what: why, in words.
+        what: reason, as text of the error.
         at: the states.
-        sizes: what has to be larger than the limit, a number or one for each state.
+        sizes: lengths that have to be at least the limit: one number, or one for each state.
         limit: the limit.
-        names: of the rows.
+        names: names of the rows.
 
     Raises:
-        SingularityError: with the first such state.
+        SingularityError: rows are undefined; the error has the first such state.
     """
     if smallest(sizes) >= limit:
         return
     flat = np.broadcast_to(sizes, at.q.shape[:-1]).reshape(-1)
     first = int(np.argmax(~(flat >= limit)))
     if np.isnan(flat[first]):
-        return  # a configuration that is not finite has an error of its own
+        return  # a configuration that is not finite raises another error
     q = at.q.reshape(-1, at.q.shape[-1])[first].copy()
     raise SingularityError(what, q=q, condition=1 / max(float(flat[first]), 1e-300), rows=names)
 
 
 def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:
-    """An array that a user's function returned, refused with its name when it has the wrong shape."""
+    """Convert the result of a user's function to an array; raise ``InputError`` if its shape is wrong."""
     array = np.asarray(rows, dtype=float)
     if array.shape != expected:
         raise InputError(f"{what} returned shape {array.shape}, expected {expected}")

@@ -1,12 +1,12 @@
-"""Evaluation of a reduced model at states (q, v): rates, dynamics, forces and measurements.
+"""Evaluation of a reduced model at states (q, v): rates, dynamics, constraint forces and measurements.
 
     Rdot = -E^-1 Edot R,   V = R^T (H* Rdot + C* R),   G = R^T g*.
 
-Affine constraints ``A v = mu(q)``, such as a momentum that is not zero, add a given motion,
+Affine constraints ``A v = mu(q)``, e.g. a momentum that is not zero, add a prescribed motion,
 
     bdot = E^-1 ([mudot; 0] - Edot b),   G = R^T (g* + H* bdot + C* b).
 
-Paper (2)-(3), (6)-(7). Everything is written over leading axes.
+Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ _AT = "configuration"
 
 
 class StateEvaluation:
-    """A reduced model at states (q, v). Each quantity is computed on first use, once, and is read-only.
+    """Reduced model at states (q, v). Each quantity is computed once, on first use, and is read-only.
 
-    ``ReducedModel.at(q, v2)`` makes one. It does not change when the model is evaluated elsewhere.
+    ``ReducedModel.at(q, v2)`` returns one. It does not change when the model is evaluated at other states.
 
     Args:
         configuration: evaluation at the configurations (..., nq).
-        v2: admitted reduced velocities (..., r).
-        v: instead, admitted full velocities as they were measured, (..., nv).
+        v2: validated reduced velocities (..., r).
+        v: validated measured full velocities (..., nv), instead of v2.
         motion: kinematics at these configurations and full velocities, if known.
 
     Raises (every quantity that needs R):
@@ -74,7 +74,7 @@ class StateEvaluation:
 
     @classmethod
     def at(cls, data: ReductionData, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
-        """Evaluation at admitted states (..., nq), and (..., r) or (..., nv)."""
+        """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv)."""
         return cls(ConfigurationEvaluation.at(data, q), v2, v)
 
     def in_reduction(self, data: ReductionData) -> StateEvaluation:
@@ -104,25 +104,25 @@ class StateEvaluation:
 
     @property
     def regular(self) -> Array:
-        """True where the outputs parametrise the motion, (...,)."""
+        """True at states where the outputs parametrise the motion, (...,)."""
         return self.configuration.regular
 
     @property
     def condition(self) -> Array | float:
-        """Condition number (...) of E: how well x2 parametrises the motion. Raises at no singular configuration."""
+        """Condition number (...) of E with scaled rows; defined at singular configurations too."""
         return self.configuration.condition
 
     @property
     def smallest_singular_value(self) -> Array | float:
-        """Smallest singular value (...) of E; zero at a singular configuration."""
+        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
         return self.configuration.smallest_singular_value
 
     def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); of quasi-velocities the integrals that are given, else zero."""
+        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
         return self.configuration.outputs(integrals)
 
     def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
-        """Actuator inputs T with ``R^T B T = F``; the smallest where there are several.
+        """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
@@ -138,7 +138,7 @@ class StateEvaluation:
 
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
-        """Full velocity: ``R v2 + b``, or as it was measured."""
+        """Full velocity: ``R v2 + b``, or the measured one."""
         return self.configuration.velocity(self.v2) if self._v is None else self._v
 
     @cached_property
@@ -150,7 +150,7 @@ class StateEvaluation:
 
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
-        """``Edot v - [mudot; 0]``: accelerations of constraint rows and reducing outputs at zero ``vdot``."""
+        """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
         data = self._data
         if self.configuration.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
@@ -159,7 +159,7 @@ class StateEvaluation:
 
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
-        """``A v - mu``: violation of the constraints by the velocity."""
+        """Constraint residual ``A v - mu`` of the velocity."""
         residual = apply(self.A, self.v)
         return residual - self.mu if self._data.affine else residual
 
@@ -231,12 +231,12 @@ class StateEvaluation:
 
     @cached_property
     def V(self) -> Float[Array, "*batch r r"]:
-        """Coriolis matrix, with ``Hdot = V + V^T``."""
+        """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
     @cached_property
     def G(self) -> Float[Array, "*batch r"]:
-        """Gravity forces; with affine constraints also those of the motion b, ``R^T (g* + H* b_dot + C* b)``."""
+        """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
         g = self.g
         if self._data.affine:
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
@@ -248,14 +248,14 @@ class StateEvaluation:
         Args:
             T: actuator inputs (..., p) [N or N m].
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
-            external: generalized forces (..., nv) beside inputs and damping.
+            external: generalized forces (..., nv) in addition to inputs and damping.
         """
         force = self._force(vector(T, self._data.p, "T"), damping)
         if external is not None:
             force = force + external
         v2_dot = self._accelerated(force)
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
-        if self._data.affine:  # constraints that move do work
+        if self._data.affine:  # moving constraints do work
             power = power - np.vecdot(self.mu, self._multipliers(force, v2_dot))
         return StateDerivative(self.v, v2_dot, power)
 
@@ -264,7 +264,7 @@ class StateEvaluation:
         return self._accelerated(self._force(vector(T, self._data.p, "T"), None))
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
-        """Full acceleration of a reduced one (..., r): ``R v2_dot + Rdot v2 + b_dot``."""
+        """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
         return apply(self.configuration.R, v2_dot) - self._E_inverse_gamma
 
     @cached_property
@@ -281,7 +281,7 @@ class StateEvaluation:
 
     @cached_property
     def _unforced(self) -> Array:
-        """``H* E^-1 gamma - bias``: all forces but those of the actuators, as ``vdot = R v2dot - E^-1 gamma``."""
+        """Forces ``H* E^-1 gamma - bias`` without actuators, from ``vdot = R v2dot - E^-1 gamma``."""
         return apply(self.configuration.position.M, self._E_inverse_gamma) - self.motion.bias
 
     def _accelerated(self, force: Array) -> Array:
@@ -289,7 +289,7 @@ class StateEvaluation:
         at, free = self.configuration, force + self._unforced
         v2_dot = solve_positive_definite(at.H, apply_transposed(at.R, free))
         if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
-            raise DivergenceError("accelerations have no bound")
+            raise DivergenceError("reduced acceleration is not finite: H is nearly singular or a force is too large")
         return v2_dot
 
     def inverse_dynamics(self, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
@@ -298,20 +298,20 @@ class StateEvaluation:
         return apply_transposed(self.R, apply(self.M, acceleration) + self.bias)
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
-        """Full acceleration under inputs T (..., p) and generalized forces (..., nv) beside them."""
+        """Full acceleration under inputs T (..., p) and external generalized forces (..., nv)."""
         return self.v_dot(self._accelerated(self._total_force(T, external)))
 
     # ------------------------------------------------------------------ constraint forces
 
     def multipliers(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch m"]:
-        """Multipliers lambda of the rows in A, in ``B T + external = H* vdot + C* v + g* + A^T lambda``.
+        """Multipliers lambda of the rows in A, from ``B T + external = H* vdot + C* v + g* + A^T lambda``.
 
-        The rows are those kept by default; at states where others had to be chosen these have no multipliers of their
-        own, and are NaN: ``contact_forces`` returns the forces there.
+        The rows are those kept by default. At states where other rows were selected, the multipliers are NaN; use
+        ``contact_forces`` there.
 
         Args:
             T: actuator inputs (..., p) [N or N m].
-            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
+            external: generalized forces (..., nv) in addition to T, e.g. damping and friction; zero by default.
         """
         force = self._total_force(T, external)
         found = self._multipliers(force, self._accelerated(force))
@@ -321,26 +321,26 @@ class StateEvaluation:
         return found
 
     def _multipliers(self, force: Array, v2_dot: Array) -> Array:
-        # A^T lambda + J2^T 0 = what is left of the balance, that is E^T [lambda; 0] = it.
+        # The remaining force is A^T lambda + J2^T 0 = E^T [lambda; 0].
         return apply_transposed(self.E_inverse[self._data.multiplied], self._unbalanced(force, v2_dot))
 
     def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
-        """``A^T lambda``: generalized forces of the constraints."""
+        """Generalized constraint forces ``A^T lambda``."""
         return force - self.bias - apply(self.M, self.v_dot(v2_dot))
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
-        """Multipliers of all constraint rows, dropped ones included: the smallest (in the sum of squares) that do it.
+        """Multipliers of all constraint rows, dropped ones included; those of least norm if they are not unique.
 
-        Where rows depend on each other, as two wheels of one axle do, mechanics of rigid bodies does not say how they
-        share the force; the least norm shares it evenly.
+        Rigid-body mechanics does not determine how dependent rows, e.g. of two wheels on one axle, share the force.
+        The least norm shares it evenly.
 
         Args:
             T: actuator inputs (..., p) [N or N m].
-            external: generalized forces (..., nv) beside them, such as damping and friction; none by default.
+            external: generalized forces (..., nv) in addition to T, e.g. damping and friction; zero by default.
         """
         force = self._total_force(T, external)
         unbalanced = self._unbalanced(force, self._accelerated(force))
-        # Rows that are dependent but for rounding are so here too: no more directions than rows are kept.
+        # Rows that are dependent to rounding count as dependent here too: use at most m directions.
         left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
         counted = (np.arange(values.shape[-1]) < self._data.m) & (values > 1e-10 * values[..., :1])
         inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
@@ -350,7 +350,7 @@ class StateEvaluation:
 
     @property
     def kinetic_energy(self) -> Array | float:
-        """(...,) [J]"""
+        """Kinetic energy (...,) [J]."""
         return 0.5 * np.vecdot(self.v, apply(self.M, self.v))
 
     @property
@@ -359,11 +359,11 @@ class StateEvaluation:
         return self.kinetic_energy + self._data.kinematics.potential_energy(self.q)
 
     def measure(self, integrals: ArrayInput | None = None) -> Measurement:
-        """Measurement for controllers: outputs, rates and the kinematics between them, no inertia.
+        """Measurement for controllers: outputs, rates and the kinematics between them, without inertia.
 
         Args:
-            integrals: integrals of v2 over time (..., r), which stand for the values of quasi-velocity outputs; without
-                them those values are NaN, and a controller that needs one says so.
+            integrals: integrals of v2 over time (..., r), used as values of quasi-velocity outputs. Without them, these
+                values are NaN, and a controller that needs one raises an error.
         """
         quasi = self._data.reducing.quasi
         x1, x2 = self.outputs(integrals)
@@ -389,7 +389,7 @@ class StateEvaluation:
         )
 
     def terms(self) -> ReducedTerms:
-        """Every matrix of the reduced system."""
+        """All matrices of the reduced system."""
         return ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,

@@ -1,4 +1,4 @@
-"""A nonholonomic mechanical system: robot, constraints and actuators. Paper (1)."""
+"""Nonholonomic mechanical system: robot, constraints and actuators. Paper (1)."""
 
 from __future__ import annotations
 
@@ -26,38 +26,37 @@ from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
-_THIN = 1e-3  # smallest singular value of unit rows below which something may be wrong with them
+_THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
 
 
 class NonholonomicSystem(SummaryMixin):
-    """``B T = H* vdot + C* v + g* + A^T lambda`` with ``A v = 0``, or ``A v = mu(q)`` where constraints are affine.
+    """System ``B T = H* vdot + C* v + g* + A^T lambda`` with constraints ``A v = 0``, or affine ``A v = mu(q)``.
 
-    Of the constraint rows a maximal independent set is kept; ``dropped_rows`` says which others there
-    were and why they add nothing. Rows that are dependent but for rounding count as dependent, and those that
-    nearly are do not; a ``ModelWarning`` names either. The rank is that at configurations
-    which satisfy the holonomic rows.
+    A maximal independent set of the constraint rows is kept. ``dropped_rows`` lists the redundant rows with the
+    reasons. Rows that are dependent to rounding count as dependent. Nearly dependent rows count as independent. A
+    ``ModelWarning`` names both. The rank is computed at configurations that satisfy the holonomic rows.
 
     Args:
         robot: the robot.
-        constraints: kinds from ``rnc_pin.constraints``, or anything with ``bind(robot) -> Rows``.
+        constraints: kinds from ``rnc_pin.constraints``, or objects with ``bind(robot) -> Rows``.
         actuators: joint names, ``FrameForce``, ``FrameTorque``; or a matrix (nv, p); or ``B(q)``.
-        mimic: whether joints that the robot's file couples to others (``robot.mimics``) follow them, by rows like those
-            of ``JointCoupling`` where the constraints do not couple them already. Where one of two is locked, the other
-            is held where that puts it.
+        mimic: True to add rows like those of ``JointCoupling`` for the mimic joints of the robot's file
+            (``robot.mimics``) that the constraints do not couple already. If one of two coupled joints is locked, the
+            other is held at the position that follows.
 
     Attributes:
-        n: degrees of freedom before the constraints (nv).
-        m: independent constraint rows.
-        p: actuators.
-        rows: all constraint rows; ``kept``: which of them are independent, (m,).
+        n: number of degrees of freedom before the constraints (nv).
+        m: number of independent constraint rows.
+        p: number of actuators.
+        rows: all constraint rows; ``kept``: indices of the independent ones, (m,).
         constraints: the independent rows.
-        dropped_rows: the others, with reasons.
-        assembly: the holonomic rows, kept or not, and the configurations that satisfy them.
+        dropped_rows: the other rows, with reasons.
+        assembly: projection onto the holonomic rows, dropped ones included.
 
     Raises:
         ModelError: unknown joint or frame.
         ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
-            other, or an actuator or a reaction that changes a momentum said to be conserved.
+            other, or an actuator or a reaction that changes a conserved momentum.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -112,14 +111,14 @@ class NonholonomicSystem(SummaryMixin):
         return self.n - self.m
 
     def assembled(self, q: np.ndarray, hold: Sequence[str] = ()) -> np.ndarray:
-        """The configuration near q (nq,) that satisfies the holonomic rows: loops closed, wheels on the ground.
+        """Return a configuration near q that satisfies the holonomic rows: loops closed, wheels on the ground.
 
         Args:
             q: one configuration (nq,).
-            hold: joints that stay where they are.
+            hold: names of joints that keep their positions.
 
         Raises:
-            ConstraintError: none was found.
+            ConstraintError: no such configuration was found.
         """
         return self.assembly.project(np.asarray(q, dtype=float), hold)
 
@@ -131,18 +130,18 @@ class NonholonomicSystem(SummaryMixin):
     ) -> ReducedModel:
         """Reduce to the velocities of chosen outputs: paper (2)-(3), (6)-(7).
 
-        Without reducing outputs the reduced velocities are entries of v, for those who just want the dynamics: those on
-        which the others depend least, ``reduced.reducing.names``. They are never dependent: at configurations where
-        these would be, other entries take their place, and ``reduced.at(q).J2`` says which.
+        If you only need the dynamics, omit the outputs. Then the reduced velocities are the entries of v that best
+        parametrise the motion, ``reduced.reducing.names``. At configurations where they are dependent, other entries
+        replace them, and ``reduced.at(q).J2`` shows which.
 
         Args:
-            reducing: outputs x2 with n - m rows in all, whose rates parametrise the motion.
+            reducing: outputs x2 with n - m rows in total, whose rates parametrise the motion.
             vertical: outputs x1 that follow kinematically, ``x1dot = A_star x2dot``.
-            singularity_limit: how dependent a row of ``[A; J2]`` may become (one over the sine of its
-                angle to the others) before ``SingularityError`` is raised.
+            singularity_limit: largest dependence of a row of ``[A; J2]`` (one over the sine of its angle to the
+                others); above it, ``SingularityError`` is raised.
 
         Raises:
-            ConstraintError: not n - m reducing outputs, one of them twice, or dependent everywhere.
+            ConstraintError: not n - m reducing outputs, a duplicate output, or outputs that are dependent everywhere.
         """
         x1 = OutputStack([kind.bind(self.robot) for kind in vertical])
         if reducing is None:
@@ -186,7 +185,7 @@ class NonholonomicSystem(SummaryMixin):
         return OutputStack([rows])
 
     def _check_regular(self, reduced: ReducedModel) -> None:
-        """Refuse outputs that are dependent everywhere: here that is a mistake, not a singular configuration."""
+        """Raise an error if the outputs are dependent at every sampled configuration: this is a modeling mistake."""
         failures = []
         for q in self._samples:
             try:
@@ -207,7 +206,7 @@ def _bound(kind: ConstraintKind, robot: Robot) -> Rows:
 
 
 def _numbered(blocks: list[Rows]) -> list[Rows]:
-    """The same, with rows that nobody named numbered through."""
+    """Number the unnamed rows of all blocks consecutively."""
     count = 0
     for block in blocks:
         if block.unnamed:
@@ -219,8 +218,8 @@ def _numbered(blocks: list[Rows]) -> list[Rows]:
 def _sampled_configurations(assembly: Assembly) -> np.ndarray:
     """Seeded random configurations and the neutral one, (count, nq), which satisfy the holonomic rows.
 
-    Elsewhere the rank of the rows can be another. Left out is a neutral configuration that cannot be assembled, or at
-    which loops lose rank by themselves, as a linkage does that is folded flat: there it can go on in several ways.
+    At other configurations, the rank of the rows may differ. The neutral configuration is omitted if it cannot be
+    assembled, or if loops lose rank there, e.g. of a linkage that is folded flat and can continue in several ways.
     """
     generator = np.random.default_rng(0)
     configurations = [assembly.random_configuration(generator) for _ in range(_SAMPLES)]
@@ -232,7 +231,7 @@ def _sampled_configurations(assembly: Assembly) -> np.ndarray:
 
 
 def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rows (samples, k, nv) and mu (samples, k), leaving out configurations at which they are undefined."""
+    """Rows (samples, k, nv) and mu (samples, k), without configurations at which they are undefined."""
     kinematics = Kinematics(robot)
     samples: list[np.ndarray] = []
     rates: list[np.ndarray] = []
@@ -254,12 +253,12 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
 
 
 def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:
-    """Beside what each row is zero but for rounding, (k,)."""
+    """Reference length of each row, relative to which it counts as zero, (k,)."""
     return np.concatenate([np.zeros(0), *(row_scales_beside(block, samples[:, at]) for block, at, _ in rows.places)])
 
 
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:
-    """Of the rows that a file asks for those that the given ones do not say already."""
+    """Coupling rows of the robot's file that the given constraints do not already imply."""
     if not blocks or not couplings:
         return list(couplings)
     samples, _ = _sample_rows(RowStack(blocks), robot, _sampled_configurations(Assembly(robot, blocks)))
@@ -267,7 +266,7 @@ def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequenc
 
 
 def _is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
-    """Whether rows (samples, m, nv) do not say, at some configuration, what this one says."""
+    """Return True if a row (nv,) is independent of the rows (samples, m, nv) at some configuration."""
     for matrix in samples:
         rest = row - np.linalg.lstsq(matrix.T, row, rcond=None)[0] @ matrix
         if np.linalg.norm(rest) > 1e-6 * np.linalg.norm(row):
@@ -276,7 +275,7 @@ def _is_loose(row: np.ndarray, samples: np.ndarray) -> bool:
 
 
 def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
-    """Warn of joints that the file couples and no constraint does, (samples, m, nv)."""
+    """Warn of mimic joints of the robot's file that the kept rows (samples, m, nv) do not couple."""
     loose = []
     for mimic in robot.mimics:
         row = mimic_row(robot, mimic)
@@ -292,7 +291,7 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
 
 
 def _warn_of_open_loops(robot: Robot, constraints: Sequence[ConstraintKind]) -> None:
-    """Warn of loops that the file closes and no constraint does."""
+    """Warn of loop closures of the robot's file that no constraint closes."""
     closed = [{getattr(kind, "frame_a", None), getattr(kind, "frame_b", None)} for kind in constraints]
     loose = [
         f"{a} and {b}"
@@ -308,7 +307,7 @@ def _warn_of_open_loops(robot: Robot, constraints: Sequence[ConstraintKind]) -> 
 
 
 def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selection) -> None:
-    """Warn of rows that a few digits more or less in a file would have made dependent."""
+    """Warn of rows that are dependent only to rounding, and of rows that are nearly dependent."""
     words = []
     if merged:
         words.append(
@@ -328,4 +327,4 @@ def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selectio
 def _check_unique(names: Sequence[str], what: str) -> None:
     for name in names:
         if list(names).count(name) > 1:
-            raise ConstraintError(f"{what} '{name}' is there twice")
+            raise ConstraintError(f"duplicate {what} '{name}'")

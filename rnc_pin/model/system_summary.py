@@ -1,4 +1,4 @@
-"""What a system and its reduction print: the motion that is left, rows kept and dropped with reasons, actuators."""
+"""Printed summary of a system or reduced model: degrees of freedom, kept and dropped rows with reasons, actuators."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rnc_pin.robots.robot import Robot
 
 
 def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
-    """How many degrees of freedom there are, and how many are left."""
+    """Headline with the degrees of freedom before and after the constraints."""
     rows = counted(constraints.size, "independent row")
     return f"{kind} of '{robot.name}': {robot.nv} degrees of freedom less {rows} leave {robot.nv - constraints.size}"
 
 
 def system_lines(constraints: RowStack, dropped: Sequence[DroppedRow], actuation: Actuation) -> list[Line]:
-    """Rows and actuators."""
+    """Lines with the kept rows, the dropped rows and the actuators."""
     kept = items(constraints.names, ["holonomic" if flag else "" for flag in constraints.holonomic])
     lines: list[Line] = [("rows kept", kept)]
     if dropped:
@@ -27,5 +27,5 @@ def system_lines(constraints: RowStack, dropped: Sequence[DroppedRow], actuation
 
 
 def output_items(outputs: OutputStack) -> Sequence[Item]:
-    """Names of outputs; of quasi-velocities it is said."""
+    """Names of outputs; quasi-velocities are marked."""
     return items(outputs.names, ["quasi-velocity" if flag else "" for flag in outputs.quasi])

@@ -1,4 +1,4 @@
-"""How outputs are divided for a task: paper section 2, the definition of redundancy, and (11)."""
+"""Division of outputs into primary, redundant and vertical for a task: paper section 2 and (11)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from rnc_pin.printing import ReprMixin
 
 @dataclass(frozen=True, repr=False)
 class Task(ReprMixin):
-    """Reducing outputs that the task names (x21), and those that it leaves free (x22).
+    """Division of the reducing outputs into primary ones (x21), which the task prescribes, and redundant ones (x22).
 
-    Together they are all reducing outputs of the model. Make one with ``Task.of``.
+    Together they are all reducing outputs of the model. Construct a task with ``Task.of``.
 
     Attributes:
-        primary, redundant: positions of x21 and x22 among the reducing outputs.
-        vertical: positions of the task's x1 among the vertical outputs.
-        primary_names, redundant_names, vertical_names: of these outputs.
-        primary_coordinates, redundant_coordinates, vertical_coordinates: what they live on.
+        primary, redundant: indices of x21 and x22 among the reducing outputs.
+        vertical: indices of the task's x1 among the vertical outputs.
+        primary_names, redundant_names, vertical_names: names of these outputs.
+        primary_coordinates, redundant_coordinates, vertical_coordinates: coordinate types of these outputs.
         r: number of reducing outputs.
 
     Example:
@@ -54,16 +54,17 @@ class Task(ReprMixin):
         redundant: Sequence[str],
         vertical: Sequence[str] | None = None,
     ) -> Task:
-        """Resolve names of outputs.
+        """Construct a task from names of outputs.
 
         Args:
-            reduced: whose outputs they are.
+            reduced: the reduced model that has the outputs.
             primary: names of x21.
             redundant: names of x22.
-            vertical: names of the vertical outputs that the task is about; all by default.
+            vertical: names of the task's vertical outputs; all by default.
 
         Raises:
-            ConfigurationError: unknown name, one named twice, a reducing output left out, or an orientation torn apart.
+            ConfigurationError: unknown name, duplicate name, missing reducing output, or an orientation whose three
+                components are not together.
         """
         x2, x1 = reduced.reducing, reduced.vertical
         chosen = x1.names if vertical is None else tuple(vertical)

@@ -1,4 +1,4 @@
-"""What a reduced model gives back; shapes stand on the fields, batch axes lead."""
+"""Result types of a reduced model. The fields give the shapes; batch axes lead."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 @dataclass(frozen=True)
 class ReducedTerms:
-    """Every matrix of the reduced system at a state; batch axes lead."""
+    """All matrices of the reduced system at a state; batch axes lead."""
 
     R: Float[Array, "*batch nv r"]
     """Null-space basis, ``v = R v2 + b``."""
@@ -19,9 +19,9 @@ class ReducedTerms:
     H: Float[Array, "*batch r r"]
     """Reduced inertia matrix."""
     V: Float[Array, "*batch r r"]
-    """Coriolis matrix, with ``Hdot = V + V^T``."""
+    """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
     G: Float[Array, "*batch r"]
-    """Gravity forces; with affine constraints also those of the motion b, ``R^T (g* + H* b_dot + C* b)``."""
+    """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
     input_matrix: Float[Array, "*batch r p"]
     """``R^T B``, so that ``F = input_matrix @ T``."""
     A: Float[Array, "*batch m nv"]
@@ -39,7 +39,7 @@ class ReducedTerms:
 
 @dataclass(frozen=True)
 class LagrangianTerms:
-    """The matrices of the system before reduction, paper (1)."""
+    """Matrices of the system before reduction, paper (1)."""
 
     H: Float[Array, "*batch nv nv"]
     C: Float[Array, "*batch nv nv"]
@@ -48,8 +48,8 @@ class LagrangianTerms:
 
 
 class StateDerivative(NamedTuple):
-    """How a state changes."""
+    """Time derivative of a state, with the power of all forces."""
 
     v: Array  # (..., nv), full velocity
-    v2_dot: Array  # (..., r)
-    power: Array | float  # (...,) of actuators, damping and constraints that move [W]
+    v2_dot: Array  # (..., r), reduced acceleration
+    power: Array | float  # (...,), power of actuators, damping and moving constraints [W]

@@ -1,4 +1,4 @@
-"""Values that fields take: type checkers read them as people do, and scenario files are held to them."""
+"""Annotated types of parameters; type checkers read them, and scenario files are validated against them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Len
 
 Axis = Literal["x", "y", "z"]
-"""One of a frame's own axes."""
+"""Axis of a frame."""
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Vector = Annotated[Sequence[float], Len(3, 3)]
-"""Along x, y and z."""
+"""Components along x, y and z."""
 Numbers = Annotated[Sequence[float], Len(1)]
-"""One or more."""
+"""One or more numbers."""
