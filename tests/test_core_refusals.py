@@ -43,7 +43,7 @@ def test_no_actuators_reach_nothing():
 
 def test_a_coupling_beyond_all_numbers():
     robot = four_bar_robot()
-    with pytest.raises(rnc.ConstraintError, match=r"too long|not finite"):
+    with pytest.raises(rnc.ConstraintError, match=r"overflow|not finite"):
         rnc.NonholonomicSystem(robot, [rnc.JointCoupling(robot.joint_names[1], robot.joint_names[0], 1e200)])
 
 

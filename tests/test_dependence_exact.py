@@ -278,7 +278,7 @@ def test_one_of_many_states_whose_forces_have_no_bound():
         np.errstate(over="ignore", invalid="ignore"),
         pytest.raises(
             rnc.DivergenceError,
-            match="reduced acceleration is not finite: H is nearly singular or a force is too large$",
+            match=r"reduced acceleration is not finite: H is nearly singular or a force is too large$",
         ),
     ):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])

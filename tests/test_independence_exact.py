@@ -87,7 +87,9 @@ def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
             if good:
                 assert select_independent(beside(*apart(angle)), "ab", rates).kept == [0]
             else:
-                with pytest.raises(rnc.ConstraintError, match=r"^constraint row 'b' contradicts the others: it has to"):
+                with pytest.raises(
+                    rnc.ConstraintError, match=r"^constraint row 'b' contradicts the others: it requires"
+                ):
                     select_independent(beside(*apart(angle)), "ab", rates)
     short = beside([1.0, 0, 0, 0], [1.0, 0, 0, 0], [0, 1e-7, 0, 0])
     rates = np.tile([1.0, 1.0 + 0.5 * ROUNDING, 0.0], (3, 1))
