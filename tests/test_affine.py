@@ -231,7 +231,7 @@ def test_rows_that_demand_two_things_are_refused():
                 rate_dot=lambda q, v: v[:1],
                 residual=lambda q: q[:1],
             ),
-            "rows that move keep no position",
+            "'rate' or 'residual', not both",
         ),
     ],
 )

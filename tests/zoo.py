@@ -55,7 +55,7 @@ EXCUSED: dict[tuple[str, str], tuple[str, str]] = {
     ("ur3", "knife edge"): (_NO_LINKS, "its `<robot>` is empty; `ur3_robot` is the arm"),
     ("quadrotor_base", "momentum"): (_RIGID, "one rigid body: without momentum it does not move"),
     ("iris_simple", "momentum"): (_RIGID, "one rigid body: without momentum it does not move"),
-    ("pr2", "rolling wheels"): ("which has no single axis", "caster and wheel joints are fixed in this description"),
+    ("pr2", "rolling wheels"): ("has no single axis", "caster and wheel joints are fixed in this description"),
 }
 
 # Folders of the package without a URDF.

@@ -1,4 +1,4 @@
-"""Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file a kind."""
+"""Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file for each kind."""
 
 from rnc_pin.constraints.ackermann_steering import AckermannSteering
 from rnc_pin.constraints.caster import Caster

@@ -1,4 +1,4 @@
-"""The steering of a car: both front wheels turn about one centre."""
+"""Ackermann steering: both front wheels of a car turn about one centre."""
 
 from __future__ import annotations
 
@@ -16,29 +16,28 @@ from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
 _UPRIGHT = 1e-3  # horizontal part of a unit axis above which it is not vertical
-_APART = 1e-6  # wheelbase or track [m] below which there is none
+_APART = 1e-6  # smallest wheelbase and track [m]
 
 
 @dataclass(frozen=True)
 class AckermannSteering:
-    """Two steering joints turn so that the axles of their wheels and the fixed axle meet in one centre of rotation.
+    """Steering linkage of a car: the axles of both steered wheels and the fixed axle meet in one centre of rotation.
 
-    It is the linkage of a car, which no URDF has: without it the wheels slip or the car goes nowhere but straight
-    ahead. With angles l and r to the left, wheelbase L and distance w of the pivots, the row is the rate of
-    ``sin(l - r) - w / L sin(l) sin(r)``, which is zero where ``cot(r) - cot(l) = w / L``. It is holonomic, and regular
-    everywhere, straight ahead too.
+    A URDF cannot describe this linkage. Without it, the wheels slip or the car only drives straight ahead. With
+    steering angles l and r to the left, wheelbase L and distance w of the pivots, the row is the rate of
+    ``sin(l - r) - w / L sin(l) sin(r)``, which is zero if ``cot(r) - cot(l) = w / L``. It is holonomic, and regular
+    at every angle, zero included.
 
-    L and w are measured at the robot's neutral configuration, where the wheels look straight ahead: the heading is
-    square to the line between the pivots. Wheels may stand beside their pivots along their own axles.
+    L and w are measured at the robot's neutral configuration. There, the wheels have to point straight ahead,
+    perpendicular to the line between the pivots. Wheels may be offset from their pivots along their own axles.
 
     Args:
-        left, right: the steering joints, whose axes are vertical, up or down; in either order.
-        axle: a frame on the fixed axle, such as a rear wheel.
+        left, right: the steering joints, in either order. Their axes are vertical, up or down.
+        axle: a frame on the fixed axle, e.g. of a rear wheel.
 
     Raises:
-        ModelError: no such joint or frame.
-        ConstraintError: joints that do not turn about vertical axes, or whose pivots make no axle ahead of or behind
-            the fixed one.
+        ModelError: unknown joint or frame.
+        ConstraintError: joints that do not turn about vertical axes, or pivots whose line is on the fixed axle.
 
     Example:
         >>> import pinocchio as pin
@@ -65,13 +64,13 @@ class AckermannSteering:
 class _Pivot(NamedTuple):
     joint: pin.JointModel
     where: np.ndarray
-    """In the horizontal plane (2,) [m], at the neutral configuration."""
+    """Position in the horizontal plane (2,) [m], at the neutral configuration."""
     sign: float
     """1 for an axis that points up, -1 for one that points down."""
 
 
 class _Shape(NamedTuple):
-    """The function f of the angles, and its derivatives; ``f_ll = f_rr = -f``."""
+    """Function f of the steering angles, and its derivatives; ``f_ll = f_rr = -f``."""
 
     f: Component
     f_l: Component
@@ -80,11 +79,11 @@ class _Shape(NamedTuple):
 
 
 class AckermannRow(Rows):
-    """``f(l, r) = sin(l - r) - k sin(l) sin(r)`` with k the track over the wheelbase, negative where left is right.
+    """Row with ``f(l, r) = sin(l - r) - k sin(l) sin(r)``, where k is the track over the wheelbase.
 
     Attributes:
-        ratio: k.
-        signs: of both joints, 1 where a positive angle steers to the left.
+        ratio: k; negative if the joint ``left`` is on the right.
+        signs: sign of each joint: 1 if a positive angle steers to the left, else -1.
     """
 
     holonomic = (True,)
@@ -103,7 +102,7 @@ class AckermannRow(Rows):
         return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
 
     def _row(self, at: PositionKinematics, l_entry: Component, r_entry: Component) -> np.ndarray:
-        """A row (..., 1, nv) from its entries for unit rates to the left."""
+        """Row (..., 1, nv) from its entries for unit steering rates to the left."""
         size = at.M.shape[-1]
         row: list[Component] = [0.0] * size
         for pivot, entry in zip(self._pivots, (l_entry, r_entry), strict=True):
@@ -111,7 +110,7 @@ class AckermannRow(Rows):
         return packed([row], l_entry)
 
     def _rates(self, at: VelocityKinematics) -> tuple[Component, Component]:
-        """To the left."""
+        """Steering rates of both joints to the left."""
         v = components(at.v)
         left, right = (pivot.sign * v[pivot.joint.idx_v] for pivot in self._pivots)
         return left, right
@@ -142,7 +141,7 @@ class AckermannRow(Rows):
 
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:
-    """Cosine and sine of a steering angle to the left."""
+    """Cosine and sine of a steering angle, positive to the left."""
     entry = q[pivot.joint.idx_q]
     if pivot.joint.nq == 2:  # continuous
         return entry, pivot.sign * q[pivot.joint.idx_q + 1]
@@ -169,11 +168,11 @@ def _track_over_wheelbase(kind: AckermannSteering, pivots: list[_Pivot], robot: 
     apart = left - right
     track = float(np.linalg.norm(apart))
     ahead = left - data.oMf[frame].translation[:2]
-    # Of the line between the pivots before the axle, where the first is to the left; negative where it is to the right.
+    # Distance of the pivots' line in front of the axle; negative if the first pivot is on the right.
     wheelbase = float(ahead[0] * apart[1] - ahead[1] * apart[0]) / track if track > _APART else 0.0
     if abs(wheelbase) < _APART:
         raise ConstraintError(
-            f"steering joints '{kind.left}' and '{kind.right}' make no axle beside that of frame '{kind.axle}': their "
-            f"pivots are {track:.3g} m apart, on a line that is {abs(wheelbase):.3g} m from it"
+            f"track and wheelbase of steering joints '{kind.left}' and '{kind.right}' with frame '{kind.axle}' have to "
+            f"be above {_APART:g} m, found {track:.3g} m and {abs(wheelbase):.3g} m"
         )
     return track / wheelbase

@@ -1,4 +1,4 @@
-"""A caster, ball transfer unit or skid that is no joint of the model: it carries, and resists nothing else."""
+"""Caster, ball transfer unit or skid without joints: it only supports the robot's weight."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _UP = 2
 
 @dataclass(frozen=True)
 class Caster:
-    """A ball that glides on the ground z = 0: what carries a robot and lets it go anywhere on the plane.
+    """Frictionless ball on the ground z = 0: it supports the robot and moves freely in the plane.
 
-    It stands for a caster whose swivel and wheel are no joints of the model, for a ball transfer unit, or for a skid.
-    The one row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base it is zero
-    and drops out.
+    It models a caster whose swivel and wheel are not joints of the model, a ball transfer unit, or a skid.
+    The only row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base, the row is
+    zero and is dropped.
 
     Args:
         frame: a frame at the centre of the ball.
-        radius: of the ball [m]; 0 for a point that touches the ground.
+        radius: radius of the ball [m]; 0 for a point contact.
 
     Raises:
-        ModelError: no such frame.
+        ModelError: unknown frame.
         ConstraintError: the radius is negative.
 
     Example:

@@ -1,4 +1,4 @@
-"""Two joints that turn together: gears, belts."""
+"""Coupling of two joints, e.g. by gears or belts."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class JointCoupling:
-    """``q_joint = ratio * q_driver + offset``, as a row ``v_joint - ratio * v_driver = 0``. It is holonomic.
+    """Coupling ``q_joint = ratio * q_driver + offset``, as a holonomic row ``v_joint - ratio * v_driver = 0``.
 
-    What a robot's file couples itself, as ``<mimic>`` does, needs none: see ``NonholonomicSystem``. Both joints have
-    one degree of freedom. A continuous joint is stored as (cos, sin) and forgets its full turns, so
-    its positions are compared up to what the turns of both joints can make up: with ratio 1/3, up to a third of a
-    turn. Where a continuous driver has a ratio that is no fraction of small integers, every position is reached by
-    some number of turns: then the row holds at velocity level alone.
+    The system adds the couplings of the robot's file, e.g. ``<mimic>``, itself: see ``NonholonomicSystem``. Both joints
+    have one degree of freedom. A continuous joint is stored as (cos, sin), without its number of full turns. Therefore
+    positions are compared modulo the effect of full turns of both joints, e.g. a third of a turn for ratio 1/3. If a
+    continuous driver has a ratio that is not a fraction of small integers, the row holds only at velocity level.
 
     Args:
         joint: the joint that follows.
-        driver: the joint that it follows.
+        driver: the joint that leads.
         ratio: motion of the joint for unit motion of the driver, not zero.
-        offset: position of the joint where the driver's is zero [rad or m].
+        offset: position of the joint if the driver is at zero [rad or m].
 
     Raises:
-        ModelError: no such joint, or it has several degrees of freedom.
-        ConstraintError: a joint coupled to itself, or a ratio or offset that makes no sense.
+        ModelError: unknown joint, or a joint with several degrees of freedom.
+        ConstraintError: a joint coupled to itself, a ratio that is zero or not finite, or an offset that is not finite.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,4 +1,4 @@
-"""Kinematic loops: two frames, or two points, that stay together."""
+"""Kinematic loops: two frames, or two points, that coincide."""
 
 from __future__ import annotations
 
@@ -25,27 +25,26 @@ _PARTS = ("x", "y", "z", "roll", "pitch", "yaw")
 class LoopClosure:
     """Two frames coincide ("frame", six rows), or their origins do ("point", three rows). All rows are holonomic.
 
-    Instead of the origin of each frame a point beside it may be said, and how the frames are turned where they fit:
-    what a description has no frame for is joined all the same.
+    Offsets and a rotation may be given relative to the frames, if the robot has no frames at the joined points.
 
-    Rows are the motion of frame b relative to frame a in the axes of a: of its point, then of its axes. Where a loop
-    makes rows dependent (a planar loop leaves two of three, or three of six) the others drop out; each of those has
-    to be satisfied all the same, so a loop that cannot close is refused.
+    The rows are the motion of frame b relative to frame a, in the axes of a: first linear, then angular. Rows that a
+    loop makes dependent are dropped: a planar loop keeps two of three rows, or three of six. The dropped rows have to
+    be satisfied too, so a loop that cannot close raises an error.
 
-    The rows are those of Pinocchio's ``FrameAnchorConstraintModel`` and ``PointAnchorConstraintModel``, which have no
-    rates; here they have.
+    The rows are those of Pinocchio's ``FrameAnchorConstraintModel`` and ``PointAnchorConstraintModel``. Unlike those,
+    they have rates.
 
     Args:
         frame_a: name of a frame, or ``"universe"`` for the world.
-        frame_b: name of the frame that stays on it.
+        frame_b: name of the frame that coincides with it.
         kind: "frame" or "point".
-        offset_a: the point of frame a, in its own axes [m].
-        offset_b: the point of frame b, in its own axes [m].
-        rpy: orientation of frame b seen from frame a where they fit: roll, pitch and yaw as in a URDF [rad]. For kind
-            "frame".
+        offset_a: the joined point in the axes of frame a [m].
+        offset_b: the joined point in the axes of frame b [m].
+        rpy: orientation of frame b relative to frame a in the closed loop: roll, pitch and yaw as in a URDF [rad]. Only
+            for kind "frame".
 
     Raises:
-        ModelError: no such frame.
+        ModelError: unknown frame.
         ConfigurationError: unknown kind, an offset or orientation that is not three finite numbers, or an orientation
             for kind "point".
         ConstraintError: both frames are on one body.
@@ -73,7 +72,7 @@ class LoopClosure:
         between = f"'{self.frame_a}' and '{self.frame_b}'"
         turned = triple(self.rpy, f"rpy of the loop of {between}")
         if self.kind == "point" and turned.any():
-            raise ConfigurationError(f"the loop of {between} joins points, which are not turned: leave out rpy")
+            raise ConfigurationError(f"loop of {between} with kind 'point' has no orientation: omit rpy")
         a = OffsetFrame(robot, self.frame_a, self.offset_a)
         b = OffsetFrame(robot, self.frame_b, self.offset_b, pin.rpy.rpyToMatrix(turned).T)
         if a.joint == b.joint:
@@ -82,10 +81,11 @@ class LoopClosure:
 
 
 class _ClosureRows(Rows):
-    """With X the action of frame b seen from a, the twist of b relative to a in the axes of a is ``W = X J_b - J_a``.
+    """Rows of the relative twist ``W = X J_b - J_a`` of frame b relative to a, in the axes of a.
 
-    The origin of b, at p seen from a, moves there at ``W_linear + W_angular x p``. Frames a and b are where they are to
-    coincide: at the offsets, and b turned back.
+    X is the action matrix of the placement of b in a. The origin of b, at p in a, has the relative velocity
+    ``W_linear + W_angular x p``. Frames a and b include the offsets and the rotation, so that they coincide in the
+    closed loop.
     """
 
     def __init__(self, a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
@@ -153,13 +153,13 @@ def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
 
 
 def _skew(vectors: np.ndarray) -> np.ndarray:
-    """Matrices (..., 3, 3) of the vector product with (..., 3) from the left."""
+    """Skew-symmetric matrices (..., 3, 3) of vectors (..., 3)."""
     x, y, z = components(vectors)
     return packed([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], x)
 
 
 def _action(placement: Placement) -> np.ndarray:
-    """Matrices (..., 6, 6) that carry motions from a frame to that in which it is placed."""
+    """Action matrices (..., 6, 6) that transform motions from a frame to its parent frame."""
     R, nothing = placement.rotation, np.zeros_like(placement.rotation)
     return np.concatenate(
         [np.concatenate([R, _skew(placement.translation) @ R], axis=-1), np.concatenate([nothing, R], axis=-1)], axis=-2
@@ -167,7 +167,7 @@ def _action(placement: Placement) -> np.ndarray:
 
 
 def _motion_cross(twists: np.ndarray) -> np.ndarray:
-    """Matrices (..., 6, 6) of the product of motions with (..., 6) from the left."""
+    """Matrices (..., 6, 6) of the motion cross product with twists (..., 6) on the left."""
     turning, moving = _skew(twists[..., 3:]), _skew(twists[..., :3])
     return np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""Momentum of an unactuated base: paper (4)-(6)."""
+"""Momentum conservation of an unactuated base: paper (4)-(6)."""
 
 from __future__ import annotations
 
@@ -18,34 +18,35 @@ _SAMPLES = 4
 _TOLERANCE = 1e-9
 
 
-# Components of a spatial vector that a joint moves along: those joints whose velocity is in the moving body's axes.
+# Components of the spatial velocity that a joint allows, for joints whose velocity is in the moving body's axes.
 _TURNING = {"JointModelPlanar": [0, 1, 5], "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5], "JointModelSpherical": [3, 4, 5]}
 
 
 @dataclass(frozen=True)
 class MomentumConservation:
-    """The momentum of an unactuated, cyclic joint stays what it is; zero where the system starts at rest.
+    """Conservation of the momentum of an unactuated, cyclic joint; zero if the system starts at rest.
 
-    A revolute platform gives one row, a planar base three, a free-flying base six. None says that it is holonomic:
-    angular momentum is not in general, and where linear momentum fixes the center of mass depends on the start.
+    A revolute platform gives one row, a planar base three, a free-flying base six. No row counts as holonomic: angular
+    momentum is not integrable in general, and the center of mass that linear momentum fixes depends on the start.
 
-    Zero momentum is the momentum conjugate to the joint's velocity. A momentum that is not zero stays constant in
-    the world, not in the axes of a body that turns: for a planar, free-flying or spherical joint it is the linear
-    momentum and the angular momentum about the world's origin, in the world's axes (more exactly, those of the fixed
-    frame in which the joint sits). The constraint is affine then, ``A v = mu``.
+    A momentum of zero is the momentum conjugate to the joint's velocity. A nonzero momentum is constant in the world
+    frame, not in the axes of a rotating body. For a planar, free-flying or spherical joint, it is the linear momentum,
+    and the angular momentum about the world's origin, in the world's axes (more exactly, those of the joint's fixed
+    frame). Then the constraint is affine, ``A v = mu``.
 
-    Momentum rows have no reaction: conservation follows from the dynamics. ``NonholonomicSystem`` therefore refuses
-    actuators and other constraints that act on the joint: a wheel of this base on the ground, a hand on a wall.
-    Constraints between bodies behind the joint, such as loops and gears, leave the momentum as it is.
+    Momentum rows have no reaction force, because conservation follows from the dynamics. Therefore
+    ``NonholonomicSystem`` raises an error for actuators and other constraints that act on the joint, e.g. a wheel of
+    this base on the ground or a hand on a wall. Constraints within the subtree of the joint, such as loops and gears,
+    do not change the momentum.
 
     Args:
         joint: name of the joint, ``"root_joint"`` for a planar or free base.
-        momentum: its value: a number for a joint with one degree of freedom [N m s or kg m/s]; (p_x, p_y, L_z) for a
-            planar base; (p, L), six numbers, for a free-flying one; zero by default.
+        momentum: value of the momentum, zero by default: a number for a joint with one degree of freedom [N m s or
+            kg m/s]; (p_x, p_y, L_z) for a planar base; (p, L), six numbers, for a free-flying base.
 
     Raises:
-        ModelError: no such joint.
-        ConstraintError: the inertia depends on the joint's own position (it is not cyclic), gravity acts along it, so
+        ModelError: unknown joint.
+        ConstraintError: the inertia depends on the joint's position (it is not cyclic), gravity acts along it, so
             that its momentum is not conserved, or the value does not fit the joint.
 
     Example:
@@ -75,16 +76,17 @@ class MomentumConservation:
         kind = robot.model.joints[joint].shortname()
         if size == 1 or kind == "JointModelTranslation":
             return _MomentumRows(self.joint, rows, units, value)
-        if kind not in _TURNING or robot.model.parents[joint] != 0:
+        parent = robot.model.parents[joint]
+        if kind not in _TURNING or parent != 0:
             raise ConstraintError(
-                f"momentum of joint '{self.joint}' can only be zero: where a joint of type {kind} that does not hang "
-                "on the world keeps a momentum that is not zero is not known"
+                f"momentum of joint '{self.joint}' has to be zero, found {self.momentum}: a nonzero value needs a planar, "
+                f"free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
             )
         return _WorldMomentumRows(self.joint, rows, units, value, robot)
 
 
 def _units(joint: pin.JointModel) -> tuple[str, ...]:
-    """Of the momentum conjugate to each velocity of a joint."""
+    """Units of the momentum conjugate to each velocity of a joint."""
     straight, turning = ("kg m/s",), ("N m s",)
     kind = joint.shortname()
     if kind == "JointModelFreeFlyer":
@@ -111,8 +113,8 @@ class _MomentumRows(Rows):
         return at.C[..., self._rows, :] + at.C.mT[..., self._rows, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        # d/dt (M v) = bias + coadjoint action of v on M v, and the latter is zero where M v is, and where the joint
-        # has one degree of freedom; gravity has no part along a cyclic joint.
+        # d/dt (M v) = bias + coadjoint action of v on M v. The latter is zero if M v is zero, or if the joint has one
+        # degree of freedom. Gravity has no component along a cyclic joint.
         return at.bias[..., self._rows]
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
@@ -120,7 +122,7 @@ class _MomentumRows(Rows):
 
 
 class _WorldMomentumRows(_MomentumRows):
-    """The same momentum, carried from the body's axes to those of the frame in which the joint sits."""
+    """Momentum rows, transformed from the body's axes to those of the joint's fixed frame."""
 
     def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray, robot: Robot) -> None:
         super().__init__(joint, rows, units, value)
@@ -151,12 +153,12 @@ class _WorldMomentumRows(_MomentumRows):
         return self._to_world(at) @ (turning @ super().jacobian(at) + super().jacobian_dot(at))
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        # In fixed axes the rate of the momentum at zero vdot is the force on the base that such a motion takes.
+        # In fixed axes, the rate of the momentum at zero vdot equals the force on the base for this motion.
         return apply(self._to_world(at), super().bias_acceleration(at))
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:
-    """Moving the joint alone must change neither the inertia matrix nor the gravity forces."""
+    """Raise an error if a motion of the joint alone changes the inertia matrix, or if gravity acts along the joint."""
     data = robot.model.createData()
     generator = np.random.default_rng(0)
     for _ in range(_SAMPLES):

@@ -1,4 +1,4 @@
-"""Knife edge: no velocity along one of a frame's own axes."""
+"""Knife edge: zero velocity along one of a frame's own axes."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class NoSideSlip:
-    """A point of a frame does not move along the frame's own axis: a skate, an axle without slip.
+    """Zero velocity of a point of a frame along the frame's own axis, e.g. of a skate or an axle without slip.
 
-    Nonholonomic on a body that can turn. The point is the frame's origin, or one beside it: the middle of an axle of
-    which the robot has no frame, such as the one about which a base turns whose wheels skid.
+    The row is nonholonomic on a body that can turn. The point is the frame's origin, or a point with an offset, e.g.
+    the middle of an axle at which the robot has no frame, or the point about which a skid-steered base turns.
 
     Args:
         frame: name of the frame.
@@ -33,8 +33,8 @@ class NoSideSlip:
         at: the point, in the frame's own axes [m].
 
     Raises:
-        ModelError: no such frame.
-        ConfigurationError: no such axis, or a point that is not three finite numbers.
+        ModelError: unknown frame.
+        ConfigurationError: unknown axis, or a point that is not three finite numbers.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -65,7 +65,7 @@ class _NoSideSlipRow(FrameVelocityRows):
 
 
 class _OffsetRow(_NoSideSlipRow):
-    """The same beside the frame's origin: all six components of the frame's motion may be in it."""
+    """The same row at a point with an offset; it may depend on all six components of the frame's velocity."""
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._point.jacobian(at)[..., self._rows, :]

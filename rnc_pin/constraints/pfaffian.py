@@ -1,4 +1,4 @@
-"""Rows that a user writes."""
+"""User-defined constraint rows."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class Pfaffian:
-    """Any constraint ``A(q) v = 0``, or ``A(q) v = mu(q)``.
+    """User-defined constraint ``A(q) v = 0``, or ``A(q) v = mu(q)``.
 
     Args:
-        rows: ``rows(q) -> (k, nv)``.
+        rows: matrix A, ``rows(q) -> (k, nv)``.
         rows_dot: ``rows_dot(q, v) -> (k, nv)``, the rate of ``rows`` along v.
-        names: one for each row; ``row[0]``, ``row[1]``, ... by default, numbered through all of a system.
-        rate: ``rate(q) -> (k,)``, mu, for what moves by itself: a conveyor, a turntable.
+        names: name of each row; ``row[0]``, ``row[1]``, ... by default, numbered over all constraints of a system.
+        rate: right-hand side mu, ``rate(q) -> (k,)``, e.g. for a conveyor or a turntable.
         rate_dot: ``rate_dot(q, v) -> (k,)``, the rate of mu along v.
-        residual: ``residual(q) -> (k,)`` for holonomic rows: the function of q whose rate is ``A v`` and which stays
-            at zero. Its drift is removed in simulation.
+        residual: ``residual(q) -> (k,)`` for holonomic rows: the function of q that has the rate ``A v`` and stays at
+            zero. The simulation removes its drift.
 
     Raises:
-        InputError: a function returns an array of another shape.
-        ConstraintError: ``names`` does not fit the rows, ``rate`` comes without ``rate_dot`` or with ``residual``.
+        InputError: a function returns an array of wrong shape.
+        ConstraintError: ``names`` does not fit the rows, or ``rate`` is given without ``rate_dot`` or with
+            ``residual``.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -50,7 +51,7 @@ class Pfaffian:
         if (self.rate is None) != (self.rate_dot is None):
             raise ConstraintError("a Pfaffian constraint takes 'rate' and 'rate_dot' together")
         if self.rate is not None and self.residual is not None:
-            raise ConstraintError("a Pfaffian constraint takes 'rate' or 'residual': rows that move keep no position")
+            raise ConstraintError("a Pfaffian constraint takes 'rate' or 'residual', not both")
         return _PfaffianRows(self, robot)
 
 

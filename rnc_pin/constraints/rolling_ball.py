@@ -1,4 +1,4 @@
-"""A ball that rolls without slip on the plane z = 0."""
+"""Ball that rolls without slip on the plane z = 0."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class RollingBall:
-    """The lowest point of a ball is at rest on the ground: two rolling rows and the vertical one.
+    """Ball whose contact point is at rest on the ground: two rolling rows and a vertical row.
 
-    The contact is ``radius`` below the centre whatever the ball's attitude. Rows are the velocity of the material
-    point there along the world's x, y and z. The last is holonomic, the centre stays at height ``radius``; for a
-    planar base it is zero and drops out.
+    The contact point is ``radius`` below the centre at any attitude. The rows are the velocity of the material point
+    there along the world's x, y and z. The vertical row is holonomic: the centre stays at height ``radius``. For a
+    planar base, it is zero and is dropped.
 
     Args:
         frame: a frame at the centre of the ball that turns with it.
-        radius: of the ball [m].
+        radius: radius of the ball [m].
 
     Raises:
-        ModelError: no such frame.
+        ModelError: unknown frame.
         ConstraintError: the radius is not positive.
 
     Example:
@@ -59,7 +59,7 @@ class _RollingBallRows(Rows):
         self._frame = robot.frame_id(kind.frame)
         self.joints = (robot.model.frames[self._frame].parentJoint,)
         self._below = np.array([0.0, 0.0, kind.radius])
-        # Velocity of the contact, from that of the centre and the angular velocity.
+        # Velocity of the contact point, from the velocity of the centre and the angular velocity.
         self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A disk that rolls without slip on the plane z = 0, upright or leaning."""
+"""Disk that rolls without slip on the plane z = 0, upright or leaning."""
 
 from __future__ import annotations
 
@@ -32,34 +32,34 @@ Axle: TypeAlias = "tuple[Component, Component, Component, Component]"
 
 @dataclass(frozen=True)
 class RollingWheel:
-    """The lowest point of a wheel is at rest on the ground: rolling, lateral and vertical rows.
+    """Wheel whose contact point is at rest on the ground: rolling, lateral and vertical rows.
 
-    The contact is the lowest point of a disk about its axle, wherever the wheel leans. Rows are the
-    velocity of the material point there: along the heading of the wheel, along the ground across it,
-    and up. The last is holonomic, the lowest point stays at height zero; for a planar base it is zero and drops out.
+    The contact point is the lowest point of a disk about its axle, at any lean angle. The rows are the velocity of the
+    material point there: along the wheel's heading, sideways along the ground, and up. The vertical row is holonomic:
+    the lowest point stays at height zero. For a planar base, it is zero and is dropped.
 
-    A Mecanum or omni wheel touches the ground with a roller, which turns freely: of the first two rows one is left,
-    the velocity along the axis of that roller, named ``roller(frame)``. A wheel that skids has no lateral row.
+    A Mecanum or omni wheel touches the ground with a roller that turns freely. One row, named ``roller(frame)``,
+    replaces the rolling and lateral rows: the velocity along the roller's axis. A wheel that skids has no lateral row.
 
     Args:
         frame: a frame at the centre of the wheel that turns with it.
-        radius: of the wheel [m].
-        axis: the axle as the frame's own axis "x", "y" or "z"; by default the axis of the joint that
-            carries the frame.
-        roller: where the axis of the roller on the ground points, as an angle from the heading of the wheel [rad],
-            within a quarter turn: 0 for an omni wheel, plus or minus pi/4 for a Mecanum wheel. Where the axle points
-            to the left (the joint's axis is +y and the wheel heads along +x) it counts to the left, seen from above;
-            turning the axle round does not change it. None for a wheel without rollers.
-        lateral: whether the wheel resists sideways motion; False for one that skids.
-        vertical: whether the lowest point keeps its height. False on a planar base where the wheel is steered about an
-            axis that leans: steering would lift the base, which a planar one cannot do.
+        radius: radius of the wheel [m].
+        axis: the axle as the frame's own axis "x", "y" or "z"; by default the axis of the joint that supports the
+            frame.
+        roller: angle from the wheel's heading to the axis of the roller on the ground [rad], within a quarter turn: 0
+            for an omni wheel, plus or minus pi/4 for a Mecanum wheel. If the axle points to the left (joint axis +y,
+            heading +x), the angle is positive to the left, seen from above. Reversing the axle does not change it. None
+            for a wheel without rollers.
+        lateral: True if the wheel resists sideways motion; False for a wheel that skids.
+        vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
+            inclined axis: steering would lift the base, which a planar base cannot do.
 
     Raises:
-        ModelError: no such frame.
+        ModelError: unknown frame.
         ConstraintError: the radius is not positive, no axis is given and the joint has none, or the axis of the
-            roller lies across the wheel.
+            roller is across the wheel.
         ConfigurationError: a roller for a wheel that skids.
-        SingularityError: while evaluated, the wheel lies flat.
+        SingularityError: during evaluation, the wheel lies flat.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
@@ -86,30 +86,29 @@ class RollingWheel:
                 f"heading, found {self.roller} rad (0 for an omni wheel, 0.7854 or -0.7854 for a Mecanum wheel)"
             )
         if self.roller is not None and not self.lateral:
-            raise ConfigurationError(
-                f"wheel '{self.frame}' has a roller, which says how it slips: leave out lateral=False, or the roller"
-            )
+            raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
         return RollingRows(self, robot)
 
 
 class RollingRows(Rows):
-    """The rows of a wheel bound to a robot.
+    """Rows of a wheel that is bound to a robot.
 
-    With the axle a = (x, y, z) and s the length of its horizontal part, the wheel heads along ``h = (y, -x, 0) / s``,
-    ``c = (x, y, 0) / s`` lies across it and u is up; the contact is ``arm = radius (z c - s u)`` from the centre. Of
-    the centre's velocity v and the spin w the material point there moves at ``v + w x arm``, so that the rows are
+    The axle is a = (x, y, z), and s is the length of its horizontal part. The wheel heads along
+    ``h = (y, -x, 0) / s``, ``c = (x, y, 0) / s`` is sideways, and u is up. The contact point is at
+    ``arm = radius (z c - s u)`` from the centre. With the centre's velocity v and the angular velocity w, the material
+    point there has the velocity ``v + w x arm``. The rows are
 
         rolling   h . v - radius a . w
         lateral   c . v + radius s h . w
         vertical  u . v + radius z h . w.
 
     The directions h and c turn about the vertical at ``turn = w_z - z (x w_x + y w_y) / s^2``. The rows of a roller
-    and of a wheel that skids are constant combinations of these.
+    and of a wheel that skids are constant combinations of these rows.
 
     Attributes:
         wheel: name of the frame; ``frame``: its index.
-        radius: [m]. The rows are affine in it, so an estimator sets it on a copy of its own.
-        axle: in the frame's own axes (3,).
+        radius: radius [m]. The rows are affine in it. An estimator sets it on its own copy.
+        axle: axle in the frame's own axes (3,).
     """
 
     on_ground = True
@@ -126,21 +125,21 @@ class RollingRows(Rows):
         self.axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
 
     def _axis(self, at: PositionKinematics) -> Axle:
-        """The axle in the world and the length of its horizontal part."""
+        """Axle in world axes, and the length of its horizontal part."""
         if self._seen[0] is not at.q:
             x, y, z = components(apply(at.rotation(self.frame), self.axle))
             s = (x * x + y * y) ** 0.5
             if smallest(s) < _FLAT:
                 check_defined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
-            self._seen = at.q, (x, y, z, s)  # rows and their drift ask for the same
+            self._seen = at.q, (x, y, z, s)  # the Jacobian and the bias acceleration share it
         return self._seen[1]
 
     def _combined(self, rows: np.ndarray) -> np.ndarray:
-        """What the wheel has of its rolling, lateral and vertical rows (..., 3, l)."""
+        """Rows of this wheel as combinations of the rolling, lateral and vertical rows (..., 3, l)."""
         return rows if self._combination is None else self._combination @ rows
 
     def contact_matrix(self, at: PositionKinematics) -> np.ndarray:
-        """The rows (..., k, 6) on velocity of the centre and spin, in world axes."""
+        """Matrix (..., k, 6) of the rows with respect to the centre's velocity and the angular velocity, world axes."""
         x, y, z, s = self._axis(at)
         r, hx, hy = self.radius, y / s, -x / s
         return self._combined(
@@ -207,7 +206,7 @@ class RollingRows(Rows):
 
 
 def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
-    """Names of the rows, and what they are of the rolling, lateral and vertical one (k, 3); None for just these."""
+    """Names of the rows, and their combination (k, 3) of the rolling, lateral and vertical rows; None for identity."""
     names: tuple[str, ...]
     if kind.roller is not None:
         names, rows = ("roller",), [[float(np.cos(kind.roller)), float(np.sin(kind.roller)), 0.0]]
@@ -224,14 +223,14 @@ def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:
 def _bias_acceleration(
     radius: float, axle: Sequence[Component], velocity: Sequence[Component], acceleration: Sequence[Component]
 ) -> list[Component]:
-    """Rates of the three rows at zero ``vdot``, from the motion of centre (0 to 2) and spin (3 to 5)."""
+    """Rates of the three rows at zero ``vdot``, from linear (0 to 2) and angular (3 to 5) velocity and acceleration."""
     x, y, z = axle
     vx, vy, _, wx, wy, wz = velocity
     ax, ay, az, bx, by, bz = acceleration
     square = x * x + y * y
     s = square**0.5
     turn = wz - z * (x * wx + y * wy) / square
-    dx, dy = wy * z - wz * y, wz * x - wx * z  # the axle turns with the spin
+    dx, dy = wy * z - wz * y, wz * x - wx * z  # rate of the axle: angular velocity x axle
     h_v, c_v = (y * vx - x * vy) / s, (x * vx + y * vy) / s
     h_w, c_w, h_b = (y * wx - x * wy) / s, (x * wx + y * wy) / s, (y * bx - x * by) / s
     return [
@@ -242,16 +241,16 @@ def _bias_acceleration(
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:
-    """Axis of the revolute joint that carries a frame, in the frame's own axes."""
+    """Axis of the revolute joint that supports a frame, in the frame's own axes."""
     frame = robot.model.frames[robot.frame_id(name)]
     joint = robot.model.joints[frame.parentJoint]
     if joint.nv != 1:
         raise ConstraintError(
-            f"wheel '{name}' hangs on joint '{robot.model.names[frame.parentJoint]}', which has no single axis: "
+            f"joint '{robot.model.names[frame.parentJoint]}' of wheel '{name}' has no single axis: "
             "give the axle with axis='x', 'y' or 'z'"
         )
     position = Kinematics(robot).position(robot.configuration())
     axis: np.ndarray = position.jacobian(robot.frame_id(name), OWN_AXES)[3:, joint.idx_v]
     if np.linalg.norm(axis) < 0.5:
-        raise ConstraintError(f"wheel '{name}' hangs on a joint that does not turn: give the axle with axis=...")
+        raise ConstraintError(f"joint of wheel '{name}' is not revolute: give the axle with axis='x', 'y' or 'z'")
     return axis
