@@ -122,11 +122,11 @@ def test_actuators_that_are_none_are_refused():
         (np.zeros((2, 12)), rnc.ConstraintError, r"actuation matrix has shape \(2, 12\), expected \(12, p\)$"),
         (lambda q: np.zeros((3, 1)), rnc.ConstraintError, r"actuation matrix has shape \(3, 1\), expected \(12, p\)$"),
         (["turn", "ball"], rnc.ModelError, "actuator 'ball' is a joint of several degrees of freedom: use FrameForce"),
-        (["turn", "slide", "turn"], rnc.ConstraintError, "actuator 'turn' is listed twice$"),
+        (["turn", "slide", "turn"], rnc.ConstraintError, "duplicate actuator 'turn'$"),
         (
             ["turn", 3],
             rnc.ConstraintError,
-            "actuator 3 is not one: expected a joint's name, FrameForce or FrameTorque$",
+            "actuator 3 has the wrong type: expected a joint's name, FrameForce or FrameTorque$",
         ),
     ):
         with pytest.raises(error, match=words):

@@ -209,7 +209,7 @@ def test_task_refuses_wrong_names():
         rnc.Task.of(reduced, ["tip_z", "tip_y"], ["joint_1"])
     with pytest.raises(rnc.ConfigurationError, match="'joint_1' is neither primary nor redundant"):
         rnc.Task.of(reduced, ["tip_x", "tip_y"], [])
-    with pytest.raises(rnc.ConfigurationError, match="named twice"):
+    with pytest.raises(rnc.ConfigurationError, match="duplicate output"):
         rnc.Task.of(reduced, ["tip_x", "tip_y", "joint_1"], ["joint_1"])
 
 

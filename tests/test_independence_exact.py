@@ -36,7 +36,7 @@ def test_the_order_given_is_kept_from_a_thousandth_on():
 def test_what_is_left_of_a_row_beside_others_is_rounding_above_a_tolerance():
     for angle in (1.05 * TOLERANCE, 0.95 * TOLERANCE):
         (dropped,) = select_independent(beside(*apart(angle)), "ab").dropped
-        words = f"a combination of a but for rounding ({angle:.2g})" if angle > TOLERANCE else "a combination of a"
+        words = f"a combination of a except for rounding ({angle:.2g})" if angle > TOLERANCE else "a combination of a"
         assert (dropped.name, dropped.reason) == ("b", words)
         assert dropped.rounding == pytest.approx(angle * (angle > TOLERANCE))
     for value, count in ((1.05 * ROUNDING, 2), (0.95 * ROUNDING, 1)):
@@ -110,8 +110,8 @@ def test_zero_is_told_from_what_is_zero_but_for_rounding():
     assert found.kept == [0]
     assert [(row.reason, row.rounding) for row in found.dropped] == [
         ("zero at every configuration", 0.0),
-        ("zero but for rounding (8e-06)", pytest.approx(8e-6)),
-        ("zero but for rounding (1e-12)", pytest.approx(1.05e-12)),
+        ("zero except for rounding (8e-06)", pytest.approx(8e-6)),
+        ("zero except for rounding (1e-12)", pytest.approx(1.05e-12)),
         ("zero at every configuration", 0.0),
     ]
     # Without lengths they are what they are, but for what is rounding beside the longest of all.

@@ -197,7 +197,7 @@ def test_rows_are_dependent_below_an_angle_and_to_rounding_below_another():
         (dropped,) = select_independent(at_angle(angle), "abc").dropped
         assert dropped.name == "b"
         assert dropped.rounding == pytest.approx(angle * rounded, rel=1e-3)
-        assert dropped.reason == "a combination of a" + f" but for rounding ({angle:.2g})" * rounded
+        assert dropped.reason == "a combination of a" + f" except for rounding ({angle:.2g})" * rounded
     assert not select_independent(at_angle(1.1 * edge * ROUNDING), "abc").dropped
 
 
@@ -215,7 +215,7 @@ def test_short_rows_are_zero_but_for_rounding_beside_their_lengths():
     rows = np.array([[[1.0, 0, 0], [0, 0.5 * 0.9 * ROUNDING, 0]]])
     found = select_independent(rows, "ab", lengths=np.array([0.5, 0.5]))
     assert found.kept == [0]
-    assert found.dropped[0].reason == "zero but for rounding (9e-06)"
+    assert found.dropped[0].reason == "zero except for rounding (9e-06)"
     assert found.dropped[0].rounding == pytest.approx(0.9 * ROUNDING)
     assert found.margin == 1.0
     for size, margin in ((1.1 * ROUNDING, 1.1 * ROUNDING), (2e-3, 1.0)):

@@ -12,7 +12,7 @@ from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
 from systems import random_states, reacting
 from tolerances import KKT
 
-SAID = "which is said to be conserved: leave out the momentum"
+SAID = "which is declared as conserved: omit the momentum"
 
 
 def manipulator() -> rnc.Robot:

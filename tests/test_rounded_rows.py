@@ -34,11 +34,13 @@ def test_toed_wheels_keep_their_yaw():
     with pytest.warns(rnc.ModelWarning) as said:
         system = rnc.NonholonomicSystem(toed_wheels(), WHEELS, AXLES)
     assert len(said) == 1
-    words = r"rows that depend on others but for rounding (1.8e-07) are left out: lateral(right_wheel)"
+    words = r"rows that depend on others except for rounding (1.8e-07) are dropped: lateral(right_wheel)"
     assert words in str(said[0].message)
     assert system.r == 2
     dropped = {row.name: row for row in system.dropped_rows}
-    assert dropped["lateral(right_wheel)"].reason == "a combination of lateral(left_wheel) but for rounding (1.8e-07)"
+    assert (
+        dropped["lateral(right_wheel)"].reason == "a combination of lateral(left_wheel) except for rounding (1.8e-07)"
+    )
     assert dropped["vertical(left_wheel)"].rounding == 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -56,7 +58,8 @@ def test_toed_wheels_keep_their_yaw():
 
 def test_wheels_that_are_toed_more_are_warned_of():
     with pytest.warns(
-        rnc.ModelWarning, match=r"nearly dependent \(smallest singular value 2.8e-05 at best.* wheels toed"
+        rnc.ModelWarning,
+        match=r"nearly dependent \(smallest singular value 2.8e-05 at best.* check for rounded angles of wheels",
     ) as said:
         system = rnc.NonholonomicSystem(toed_wheels(angle=CUT), WHEELS, AXLES)
     assert len(said) == 1
@@ -79,7 +82,7 @@ def four_wheels(angle):
 def test_heights_of_four_wheels_are_met_to_their_rounding():
     robot = four_wheels(ROUNDED)
     wheels = [rnc.RollingWheel(f"{end}{side}_wheel", 0.05) for end in ("", "front_") for side in ("left", "right")]
-    with pytest.warns(rnc.ModelWarning, match="but for rounding"):
+    with pytest.warns(rnc.ModelWarning, match="except for rounding"):
         system = rnc.NonholonomicSystem(robot, wheels, AXLES)
     assert "vertical(front_right_wheel)" in {row.name for row in system.dropped_rows}
     q = system.assembled(robot.configuration({"root_joint": [0, 0, 0.01, 0.02, 0.01, 0, 0.9997]}))
@@ -124,7 +127,7 @@ def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         exact = rnc.NonholonomicSystem(five_bar(np.pi / 2), loop, hips)
-    with pytest.warns(rnc.ModelWarning, match="but for rounding") as said:
+    with pytest.warns(rnc.ModelWarning, match="except for rounding") as said:
         system = rnc.NonholonomicSystem(five_bar(ROUNDED), loop, hips)
     assert len(said) == 1
     assert (exact.r, system.r) == (2, 2)

@@ -242,7 +242,7 @@ def test_a_system_says_what_there_is_too_much_or_too_little_of():
     ):
         rnc.NonholonomicSystem(sliders("X"), [Bound(Flat([[1.0]], ["stop"]))])
     for row in ([1.0, 0, 0], [1e-9, 0, 0]):
-        with pytest.raises(rnc.ConstraintError, match=r"drives .*, which is said to be conserved"):
+        with pytest.raises(rnc.ConstraintError, match=r"drives .*, which is declared as conserved"):
             rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], np.array([row]).T)
     unmoved = np.array([[1e-14], [0], [1.0]])
     assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], unmoved).r == 2

@@ -47,7 +47,7 @@ def test_a_coupling_that_a_rounded_row_implies_is_met_to_its_rounding():
     row[0, :2] = -2.0000002, 1.0
     rates = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, ["ratio"])
     couplings = [rnc.JointCoupling("coupler", "crank", 2.0), rnc.JointCoupling("rocker", "crank", 1.5)]
-    with pytest.warns(rnc.ModelWarning, match="but for rounding"):
+    with pytest.warns(rnc.ModelWarning, match="except for rounding"):
         system = rnc.NonholonomicSystem(robot, [rates, *couplings])
     (dropped,) = system.dropped_rows
     assert dropped.name == "coupling(coupler, crank)"

@@ -171,7 +171,7 @@ def test_a_warning_points_at_the_line_that_made_the_system():
         pin.rpy.rpyToMatrix(0.0, 0.0, 3e-4), np.zeros(3)
     )
     robot = rnc.Robot(model)
-    with pytest.warns(rnc.ModelWarning, match="nearly dependent|toed") as caught:
+    with pytest.warns(rnc.ModelWarning, match="nearly dependent|rounded angles") as caught:
         rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left", 0.1), rnc.RollingWheel("right", 0.1)])
     assert {each.filename for each in caught} == {__file__}
 

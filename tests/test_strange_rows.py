@@ -375,7 +375,7 @@ def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
 @pytest.mark.parametrize(
     ("loop", "error", "words"),
     [
-        (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "leave out rpy"),
+        (rnc.LoopClosure("rear", "front", "point", rpy=(0, 0, 1)), rnc.ConfigurationError, "omit rpy"),
         (
             rnc.LoopClosure("rear", "front", "point", (0, 1)),
             rnc.ConfigurationError,
@@ -397,7 +397,7 @@ def test_a_leg_folded_flat_is_singular_there_and_nowhere_else(tmp_path):
         ),
         (rnc.RollingWheel("rear", 0.3, roller=45), rnc.ConstraintError, "found 45 rad .* 0.7854 or -0.7854"),
         (rnc.RollingWheel("rear", 0.3, roller=np.nan), rnc.ConstraintError, "found nan rad"),
-        (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "leave out lateral=False"),
+        (rnc.RollingWheel("rear", 0.3, roller=0, lateral=False), rnc.ConfigurationError, "omit one of them"),
     ],
 )
 def test_what_makes_no_sense_is_refused(loop, error, words):

@@ -67,8 +67,8 @@ def test_rows_that_are_nearly_dependent_are_warned_of_below_a_thousandth():
         system, said = warnings_of(sliders(), [two_rows(2 * np.arcsin(value / np.sqrt(2)))])
         assert system.kept == [0, 1]
         words = (
-            f"robot 'sliders': rows are nearly dependent (smallest singular value {value:.2g} at best), so that the "
-            "motion that is left may not be what is meant: a, b; are wheels toed, or loops bent, by a rounded angle?"
+            f"robot 'sliders': rows are nearly dependent (smallest singular value {value:.2g} at best), so the "
+            "remaining motion may not be the intended one: a, b; check for rounded angles of wheels or loops"
         )
         assert said == [words] * (value < 1e-3)
 
@@ -80,8 +80,8 @@ def test_rows_that_rounding_leaves_are_named_with_the_worst_of_it():
     system, said = warnings_of(robot, [Bound(Flat(matrix, "abcd", holonomic=(False,) * 4))])
     assert (system.kept, system.m, system.r) == ([0, 2], 2, 2)
     assert said == [
-        "robot 'sliders': rows that depend on others but for rounding (3e-06) are left out: b, d; "
-        "are wheels toed, or loops bent, by a rounded angle?"
+        "robot 'sliders': rows that depend on others except for rounding (3e-06) are dropped: b, d; "
+        "check for rounded angles of wheels or loops"
     ]
     assert {row.name: row.rounding for row in system.dropped_rows} == {
         "b": pytest.approx(2e-6, rel=1e-3),
@@ -109,7 +109,7 @@ def test_joints_that_should_mimic_others_are_told():
     assert said == []
     words = (
         "robot 'sliders': joints that should mimic others move independently: {}; couple them (mimic=True, "
-        "JointCoupling), or lock them with those that they follow"
+        "JointCoupling), or lock them together with the joints that they follow"
     )
     free, said = warnings_of(robot, mimic=False)
     assert (free.m, said) == (0, [words.format("b (of a), c (of a)")])
@@ -245,7 +245,7 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
     for joint in (base, arm):
         model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
     robot, momentum = rnc.Robot(model), [rnc.MomentumConservation("base")]
-    words = r"^actuator 'T\[{}\]' drives momentum\(base\)\[0\], which is said to be conserved$"
+    words = r"^actuator 'T\[{}\]' drives momentum\(base\)\[0\], which is declared as conserved$"
     for entry, column in ((0, 0), (1, 1), (2, 1)):
         B = np.zeros((4, 2))
         B[3] = 1.0, -2.0
@@ -258,8 +258,8 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
     assert rnc.NonholonomicSystem(robot, [], np.ones((4, 2))).p == 2
     single = rnc.Robot.from_urdf("space_robot.urdf")
     words = (
-        r"^constraint row coupling\(joint_1, platform\) acts on momentum\(platform\), which is said to be conserved: "
-        r"leave out the momentum \(the motion follows from the other constraints\) or what acts on it$"
+        r"^constraint row coupling\(joint_1, platform\) acts on momentum\(platform\), which is declared as conserved: "
+        r"omit the momentum \(the motion follows from the other constraints\) or what acts on it$"
     )
     with pytest.raises(rnc.ConstraintError, match=words):
         rnc.NonholonomicSystem(
@@ -330,7 +330,7 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
         assert (parts.n, parts.m, parts.r, parts.p) == (4, len(kept), 2, 1)
         assert (parts.singularity_limit, parts.fast_limit) == (limit, pytest.approx(quick))
         assert parts.fast_length == pytest.approx(((lengths[[*kept, 3, 4]]) ** 2).sum())
-        assert (parts.kept, parts.has_others) == (tuple(kept), free or len(kept) < 3)
+        assert (parts.kept, parts.has_alternatives) == (tuple(kept), free or len(kept) < 3)
         np.testing.assert_array_equal(parts.lengths, lengths[[*kept, 3, 4]])
         np.testing.assert_array_equal(parts.constraint_scales, lengths[:3])
         np.testing.assert_array_equal(parts.output_scales, lengths[3:])
@@ -386,8 +386,8 @@ def test_outputs_are_divided_by_name():
     for given, words in (
         ((["b", "x"], ["a"]), "^no reducing output 'x'"),
         ((["b", "d"], ["a"], ["b"]), "^no vertical output 'b'"),
-        ((["b", "d"], ["b"]), "^an output is named twice in primary and redundant$"),
-        ((["b", "b", "d"], ["a"]), "^an output is named twice in primary and redundant$"),
+        ((["b", "d"], ["b"]), "^duplicate output in primary and redundant$"),
+        ((["b", "b", "d"], ["a"]), "^duplicate output in primary and redundant$"),
         ((["b"], ["d"]), "^reducing output 'a' is neither primary nor redundant$"),
         (([], []), "^reducing output 'd' is neither primary nor redundant$"),
     ):

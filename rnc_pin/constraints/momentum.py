@@ -79,8 +79,8 @@ class MomentumConservation:
         parent = robot.model.parents[joint]
         if kind not in _TURNING or parent != 0:
             raise ConstraintError(
-                f"momentum of joint '{self.joint}' has to be zero, found {self.momentum}: a nonzero value needs a planar, "
-                f"free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
+                f"momentum of joint '{self.joint}' has to be zero, found {self.momentum}: a nonzero value needs a "
+                f"planar, free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
             )
         return _WorldMomentumRows(self.joint, rows, units, value, robot)
 

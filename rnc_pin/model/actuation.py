@@ -121,7 +121,7 @@ class Actuation:
                 if index.stop - index.start != 1:
                     raise ModelError(
                         f"actuator '{actuator}' is a joint of several degrees of freedom: "
-                        "use FrameForce and FrameTorque on the link behind it"
+                        "use FrameForce and FrameTorque on the link that it moves"
                     )
                 self._constant[index.start, column] = 1.0
                 limit = float(robot.model.upperEffortLimit[index.start])
@@ -131,11 +131,11 @@ class Actuation:
                 units.append("N" if slides else "N m")
             else:
                 raise ConstraintError(
-                    f"actuator {actuator!r} is not one: expected a joint's name, FrameForce or FrameTorque"
+                    f"actuator {actuator!r} has the wrong type: expected a joint's name, FrameForce or FrameTorque"
                 )
         if len(set(names)) != len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise ConstraintError(f"actuator '{twice}' is listed twice")
+            duplicate = next(name for name in names if names.count(name) > 1)
+            raise ConstraintError(f"duplicate actuator '{duplicate}'")
         self.names, self.units = tuple(names), tuple(units)
 
     @property

@@ -38,7 +38,7 @@ def check_actuators(
             driven = np.abs(matrix[block.conserved]).max(axis=0) > _DRIVES
             if driven.any():
                 name = actuation.names[int(np.argmax(driven))]
-                raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is said to be conserved")
+                raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is declared as conserved")
 
 
 def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, couplings: Collection[str] = ()) -> None:
@@ -71,9 +71,9 @@ def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, co
         if not found:
             continue
         acts = f"constraint row {found[0]} acts" if len(found) == 1 else f"constraint rows {few(found)} act"
-        coupled = " (mimic=False leaves out what the file couples)" if {*found} & {*couplings} else ""
+        coupled = " (mimic=False omits the file's couplings)" if {*found} & {*couplings} else ""
         momentum = block.names[0].removesuffix("[0]")
         raise ConstraintError(
-            f"{acts} on {momentum}, which is said to be conserved: leave out the momentum (the motion follows from the "
+            f"{acts} on {momentum}, which is declared as conserved: omit the momentum (the motion follows from the "
             f"other constraints) or what acts on it{coupled}"
         )

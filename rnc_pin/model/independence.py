@@ -89,7 +89,7 @@ def select_independent(
     for row in (row for row in range(len(names)) if row not in kept):
         if short[row]:
             size = float(left[row] / lengths[row])
-            dropped.append(DroppedRow(names[row], f"zero but for rounding ({size:.2g})", size))
+            dropped.append(DroppedRow(names[row], f"zero except for rounding ({size:.2g})", size))
         else:
             dropped.append(_dropped(row, kept, matrices, names, tolerance))
     size = left / np.where(lengths > 0, lengths, np.inf)
@@ -182,4 +182,4 @@ def _dropped(row: int, kept: Sequence[int], matrices: np.ndarray, names: Sequenc
     reason = "a combination of " + ", ".join(name for name in names if name in involved)
     if rounding <= TOLERANCE:
         return DroppedRow(names[row], reason)
-    return DroppedRow(names[row], f"{reason} but for rounding ({rounding:.2g})", rounding)
+    return DroppedRow(names[row], f"{reason} except for rounding ({rounding:.2g})", rounding)

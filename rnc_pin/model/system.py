@@ -96,7 +96,7 @@ class NonholonomicSystem(SummaryMixin):
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
-            hint = f"; of these {few(coupled)} are the file's own, which mimic=False leaves out" if coupled else ""
+            hint = f"; {few(coupled)} come from the robot's file, mimic=False omits them" if coupled else ""
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )
@@ -284,7 +284,7 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
     if loose:
         warnings.warn(
             f"robot '{robot.name}': joints that should mimic others move independently: {few(loose)}; "
-            "couple them (mimic=True, JointCoupling), or lock them with those that they follow",
+            "couple them (mimic=True, JointCoupling), or lock them together with the joints that they follow",
             ModelWarning,
             stacklevel=3,
         )
@@ -311,16 +311,16 @@ def _warn_of_rounding(robot: Robot, merged: Mapping[str, float], found: Selectio
     words = []
     if merged:
         words.append(
-            f"rows that depend on others but for rounding ({max(merged.values()):.2g}) are left out: "
+            f"rows that depend on others except for rounding ({max(merged.values()):.2g}) are dropped: "
             f"{few(list(merged))}"
         )
     if found.margin < _THIN:
         words.append(
-            f"rows are nearly dependent (smallest singular value {found.margin:.2g} at best), so that the motion that "
-            f"is left may not be what is meant: {few(found.weak)}"
+            f"rows are nearly dependent (smallest singular value {found.margin:.2g} at best), so the remaining motion "
+            f"may not be the intended one: {few(found.weak)}"
         )
     for each in words:
-        text = f"robot '{robot.name}': {each}; are wheels toed, or loops bent, by a rounded angle?"
+        text = f"robot '{robot.name}': {each}; check for rounded angles of wheels or loops"
         warnings.warn(text, ModelWarning, stacklevel=3)
 
 

@@ -70,7 +70,7 @@ class Task(ReprMixin):
         chosen = x1.names if vertical is None else tuple(vertical)
         columns = {name: _position(name, x2.names, "reducing") for name in (*primary, *redundant)}
         if len(columns) < len(primary) + len(redundant):
-            raise ConfigurationError("an output is named twice in primary and redundant")
+            raise ConfigurationError("duplicate output in primary and redundant")
         left = [name for name in x2.names if name not in columns]
         if left:
             raise ConfigurationError(f"reducing output '{left[0]}' is neither primary nor redundant")

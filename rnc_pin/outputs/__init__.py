@@ -1,4 +1,4 @@
-"""Reducing and vertical outputs: one file a kind."""
+"""Reducing and vertical outputs: one file for each kind."""
 
 from rnc_pin.outputs.custom import Output
 from rnc_pin.outputs.distance import Distance

@@ -1,4 +1,4 @@
-"""Outputs that a user writes."""
+"""User-defined outputs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class Output:
-    """Any output ``x(q)`` with its Jacobian on the tangent space.
+    """User-defined output ``x(q)`` with its Jacobian on the tangent space.
 
     Args:
         value: ``value(q) -> (k,)``, or None for a quasi-velocity.
         jacobian: ``jacobian(q) -> (k, nv)``.
         jacobian_dot: ``jacobian_dot(q, v) -> (k, nv)``, its rate along v.
-        names: one for each row.
-        angular: whether the values are angles, compared modulo a full turn.
+        names: name of each row.
+        angular: True if the values are angles, compared modulo a full turn.
 
     Raises:
-        InputError: a function returns an array of another shape.
+        InputError: a function returns an array of wrong shape.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,4 +1,4 @@
-"""How far two frames are apart."""
+"""Distance between two frames."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class _DistanceRow(OutputRows):
         return vector / length, length
 
     def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
-        """Linear part of what frame b has, less that of frame a."""
+        """Linear part of a quantity of frame b relative to frame a."""
         return both(self._b)[..., :3] - both(self._a)[..., :3]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
@@ -78,7 +78,7 @@ class _DistanceRow(OutputRows):
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         parts = (self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
-        self._direction(at)  # refuses where there is none
+        self._direction(at)  # raises an error if the distance is zero
         return np.asarray(_distance_drift(*(components(part) for part in parts)))[..., None]
 
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:

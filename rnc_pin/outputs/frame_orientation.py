@@ -1,4 +1,4 @@
-"""How a frame is turned in the world."""
+"""Orientation of a frame in the world."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class FrameOrientation:
-    """Attitude of a frame: its rate is the angular velocity in world axes, its error lives on SO(3).
+    """Orientation of a frame: its rate is the angular velocity in world axes, its error is on SO(3).
 
-    The value is the rotation vector [rad], not longer than a half turn; in a trajectory it goes on without jumps. The
-    error of a reference Rd is ``log(Rd R^T)`` in world axes: the shortest way round, never unwinding. References are in
-    rotation vectors, too; controllers turn their derivatives into angular velocities.
+    The value is the rotation vector [rad], with a length of at most pi; in a trajectory it continues without jumps. The
+    error of a reference Rd is ``log(Rd R^T)`` in world axes, the shortest rotation, so unwinding does not occur.
+    References are rotation vectors, too; controllers convert their derivatives to angular velocities.
 
     Args:
         frame: name of the frame.

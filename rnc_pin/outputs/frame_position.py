@@ -1,4 +1,4 @@
-"""Where a frame is in the world."""
+"""Position of a frame in the world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FramePosition:
 
     Args:
         frame: name of the frame.
-        axes: which world axes, e.g. "xy" or "xyz".
+        axes: world axes, e.g. "xy" or "xyz".
 
     Example:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")

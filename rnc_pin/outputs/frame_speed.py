@@ -1,4 +1,4 @@
-"""A frame's speed along its own axis: a quasi-velocity."""
+"""Speed of a frame along its own axis: a quasi-velocity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rnc_pin.robots.robot import Robot
 class FrameSpeed:
     """Velocity of a frame's origin along the frame's own axis [m/s], e.g. a vehicle's forward speed.
 
-    It is the rate of no coordinate: in a trajectory its integral over time stands in ``x2``.
+    It is a quasi-velocity, not the rate of a coordinate: in a trajectory, ``x2`` contains its integral over time.
 
     Args:
         frame: name of the frame.

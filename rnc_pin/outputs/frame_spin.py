@@ -1,4 +1,4 @@
-"""A frame's angular velocity about its own axis: a quasi-velocity."""
+"""Angular velocity of a frame about its own axis: a quasi-velocity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rnc_pin.robots.robot import Robot
 class FrameSpin:
     """Angular velocity of a frame about the frame's own axis [rad/s], e.g. the roll rate of a bicycle.
 
-    It is the rate of no coordinate: in a trajectory its integral over time stands in ``x2``.
+    It is a quasi-velocity, not the rate of a coordinate: in a trajectory, ``x2`` contains its integral over time.
 
     Args:
         frame: name of the frame.

@@ -1,4 +1,4 @@
-"""How far a frame's own axis points up."""
+"""Tilt of a frame's own axis above the horizontal plane."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _VERTICAL = 1e-6
 
 @dataclass(frozen=True)
 class FrameTilt:
-    """Angle of a frame's own axis above the horizon [rad], in (-pi/2, pi/2): the lean of a wheel by its axle.
+    """Angle of a frame's own axis above the horizontal plane [rad], in (-pi/2, pi/2), e.g. of a leaning wheel's axle.
 
     Args:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
 
     Raises:
-        SingularityError: while evaluated, the axis is vertical: a tilt has no rate there.
+        SingularityError: during evaluation, the axis is vertical, so that the tilt has no rate.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
@@ -54,7 +54,7 @@ class _TiltRow(SpinFormRow):
         return np.arctan2(z, np.hypot(x, y))[..., None]
 
     def _form(self, direction: Vector) -> Vector:
-        # Spin about the horizontal line across the axis: rate = (spin x axis)_z / level.
+        # Angular velocity about the horizontal line perpendicular to the axis: rate = (w x axis)_z / level.
         x, y, _ = direction
         level = (x * x + y * y) ** 0.5
         return y / level, -x / level, 0.0

@@ -1,4 +1,4 @@
-"""The heading of a frame in the world."""
+"""Heading of a frame in the world."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _VERTICAL = 1e-6
 
 @dataclass(frozen=True)
 class FrameYaw:
-    """Angle in the world's x-y plane of a frame's own axis [rad], in (-pi, pi].
+    """Angle of a frame's own axis in the world's x-y plane [rad], in (-pi, pi].
 
-    Exact in three dimensions too, wherever the axis is not vertical.
+    It is exact in three dimensions too, if the axis is not vertical.
 
     Args:
         frame: name of the frame.
-        axis: the frame's own axis, "x", "y" or "z": the axle of a wheel that turns with its frame.
+        axis: the frame's own axis, "x", "y" or "z"; for a wheel that turns with its frame, the axle.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")

@@ -1,4 +1,4 @@
-"""A joint's own coordinate."""
+"""Position of a joint."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class JointPosition:
     """Angle [rad] or displacement [m] of a joint with one degree of freedom.
 
     Args:
-        joint: name of the joint. Of a continuous joint the value is in (-pi, pi].
+        joint: name of the joint. The value of a continuous joint is in (-pi, pi].
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")

@@ -1,4 +1,4 @@
-"""Angles of a frame's axis: outputs whose rate is a linear form on the frame's spin."""
+"""Angles of a frame's axis: outputs whose rate is a linear form on the frame's angular velocity."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Vector = Sequence[Component]
 
 
 class SpinFormRow(OutputRows):
-    """One output with ``rate = c(d) . spin``, d the direction of a frame's own axis; both in world axes.
+    """Output with ``rate = c(d) . w``: direction d of a frame's own axis, angular velocity w, both in world axes.
 
     Args:
-        robot: whose frame it is.
-        frame: its name.
+        robot: the robot that has the frame.
+        frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
     """
 
@@ -34,19 +34,19 @@ class SpinFormRow(OutputRows):
 
     @abstractmethod
     def _form(self, direction: Vector) -> Vector:
-        """The covector c."""
+        """Covector c of a direction."""
 
     @abstractmethod
     def _form_rate(self, direction: Vector, rate: Vector) -> Vector:
-        """Its rate where the direction changes."""
+        """Rate of the covector c for a rate of the direction."""
 
     @abstractmethod
     def _second(self, direction: Vector, first: Vector, second: Vector) -> Component:
-        """Second derivative of the angle where the direction has two derivatives."""
+        """Second derivative of the angle from the first and second derivatives of the direction."""
 
     @abstractmethod
     def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
-        """Raise where the angle has no rate."""
+        """Raise ``SingularityError`` at states where the angle has no rate."""
 
     def _direction(self, at: PositionKinematics) -> np.ndarray:
         return at.rotation(self._frame)[..., self._axis]
