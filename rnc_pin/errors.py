@@ -92,7 +92,7 @@ class ConstraintError(RncError):
         ...     rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["platform"])
         ... except rnc.ConstraintError as error:
         ...     print(error)
-        actuator 'platform' drives momentum(platform), which is said to be conserved
+        actuator 'platform' drives momentum(platform), which is declared as conserved
     """
 
 

@@ -328,7 +328,7 @@ class ReducedModel(SummaryMixin):
         return self.assembly.project(self._admission.configuration(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
-        """Random configuration within ``spread`` of neutral that satisfies the holonomic rows."""
+        """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows."""
         return self.assembly.random_configuration(generator, spread)
 
     # ------------------------------------------------------------------ print
