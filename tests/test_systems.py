@@ -144,7 +144,7 @@ def test_more_actuators_than_motions_share_with_the_least_effort():
         (lambda: space(actuators=["platform", "joint_2"]), rnc.ConstraintError, "'platform' drives momentum"),
         (lambda: space(actuators=["joint_1", "joint_1"]), rnc.ConstraintError, "duplicate actuator"),
         (lambda: space(actuators=["joint_9"]), rnc.ModelError, "did you mean 'joint_"),
-        (lambda: space(actuators=[3]), rnc.ConstraintError, "is not one"),
+        (lambda: space(actuators=[3]), rnc.ConstraintError, "has the wrong type"),
         (lambda: space(actuators=np.eye(3)), rnc.ConstraintError, r"shape \(3, 3\), expected \(4, p\)"),
         (lambda: space(actuators=[rnc.FrameForce("tip", "x")]), rnc.ConstraintError, "drives momentum"),
         (
