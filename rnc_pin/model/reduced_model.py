@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.admission import Admission, ArrayInput, spread, vector
@@ -171,6 +172,9 @@ class ReducedModel(SummaryMixin):
         if self._data.free:
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(parts, self.assembly, self.dropped_rows)
+
+    parts = former_name("reduction_data")
+    settled_at = former_name("with_basis_at")
 
     # ------------------------------------------------------------------ dynamics
 

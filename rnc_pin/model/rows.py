@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from rnc_pin.deprecation import adopt_former_names
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
@@ -48,6 +49,10 @@ class Rows(ABC):
     on_ground: bool = False
     unnamed: bool = False
     kind: ConstraintKind | None = None
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        adopt_former_names(cls, {"drift": "bias_acceleration", "drift_gradient": "bias_acceleration_gradient"})
 
     @abstractmethod
     def jacobian(self, at: PositionKinematics) -> np.ndarray:

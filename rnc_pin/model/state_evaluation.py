@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, product, solve_positive_definite
 from rnc_pin.model.admission import ArrayInput, vector
@@ -84,6 +85,9 @@ class StateEvaluation:
     def with_velocity(self, v: Array) -> StateEvaluation:
         """The same configurations with other full velocities (..., nv)."""
         return StateEvaluation(self.configuration, v=v)
+
+    as_seen_by = former_name("in_reduction")
+    moving = former_name("with_velocity")
 
     # ------------------------------------------------------------------ of the configuration
 
