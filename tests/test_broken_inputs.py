@@ -628,7 +628,11 @@ DRAFTS = {
     "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
     "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
     "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
-    "out in no folder": (["robot.urdf", "--out", "no/a.yaml"], {"robot.urdf": GOOD}, ["--out no/a.yaml", "no folder"]),
+    "out in no folder": (
+        ["robot.urdf", "--out", "no/a.yaml"],
+        {"robot.urdf": GOOD},
+        ["--out no/a.yaml", "does not exist"],
+    ),
     "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
     "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
     "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
@@ -723,7 +727,10 @@ def small():
 
 WRONG_ARGUMENTS = {
     "no controller": ({"controller": None}, "expected a controller with initial_state and step"),
-    "a class": ({"controller": rnc.control.VelocityTracker}, "the controller is the class VelocityTracker: make one"),
+    "a class": (
+        {"controller": rnc.control.VelocityTracker},
+        "the controller is the class VelocityTracker: pass an instance of it",
+    ),
     "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
     "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
     "no q0": ({"q0": None}, r"q has shape \(\), expected"),

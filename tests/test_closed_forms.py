@@ -205,7 +205,7 @@ def test_what_is_learnt_starts_at_zero_under_a_reference_that_moves_already():
     """B and A too: the first force is ``k2 gamma^2 e`` alone, whatever the reference's rates."""
     e = np.array([0.7, -0.2])
 
-    def with_velocity(t):
+    def moving(t):
         return SimpleNamespace(
             position=e, velocity=np.array([3.0, 1.0]), acceleration=np.array([-2.0, 5.0]), jerk=np.array([1.0, 4.0])
         )

@@ -31,7 +31,7 @@ def built_only(monkeypatch):
         build_experiment(validate(attempt._without_remarks(scenario), "draft"), self.folder)
         return Trial(0.0)
 
-    monkeypatch.setattr(attempt.Attempt, "_try_out", build)
+    monkeypatch.setattr(attempt.DraftAttempt, "_try_out", build)
 
 
 def drafted(path, original, folder, base=None):

@@ -360,7 +360,7 @@ def test_a_pipe_for_a_trajectory_is_refused(tmp_path, call):
     os.mkfifo(tmp_path / "trajectory.npz")
     status, _, error = call("replay", tmp_path)
     assert status == 2
-    assert "no plain file" in error
+    assert "not a regular file" in error
 
 
 FULL = """

@@ -108,8 +108,8 @@ def test_references_that_are_joined_slowed_or_in_turn():
         (lambda: ViaPoints([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), "increasing"),
         (lambda: ViaPoints([0.0, np.nan], [0.0, 1.0]), "times of via points has to be finite"),
         (lambda: ViaPoints([0.0, 1.0], [0.0, np.inf]), "via points has to be finite"),
-        (lambda: Slowed(Hold([1.0]), 0.0), "by a positive factor, found 0.0"),
-        (lambda: Slowed(Hold([1.0]), np.inf), "by a positive factor, found inf"),
+        (lambda: Slowed(Hold([1.0]), 0.0), "has to be positive and finite, found 0.0"),
+        (lambda: Slowed(Hold([1.0]), np.inf), "has to be positive and finite, found inf"),
         (lambda: Harmonic([0.0], [1.0, 2.0], 1.0), "numbers or lists of 1"),
     ],
 )

@@ -173,7 +173,10 @@ def test_scaled_gains_adapt_as_fast_as_asked():
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ("controller={type: redundancy, tracker: computed_torque, held: true}", "controller.held: computed torque"),
+        (
+            "controller={type: redundancy, tracker: computed_torque, held: true}",
+            "controller.held: is not available with tracker 'computed_torque'",
+        ),
         ("controller={type: redundancy, preset: paper, adaptation: 3}", "controller.adaptation: belongs to the preset"),
     ],
 )
