@@ -308,10 +308,11 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
 
 
 def test_a_run_without_drawing_reads_no_meshes(tmp_path, monkeypatch):
-    def fail(robot, kind):
-        raise AssertionError(f"{kind} was asked for")
+    def fail(robot):
+        raise AssertionError("geometry was asked for")
 
-    monkeypatch.setattr(rnc.Robot, "_geometry_model", fail)
+    for kind in ("visual_model", "collision_model"):
+        monkeypatch.setattr(rnc.Robot, kind, property(fail))
     execute(plan("space-robot", {"simulation.duration": 0.02, "comparisons": {}}))
 
 

@@ -1,28 +1,29 @@
-"""Robot class: a Pinocchio model, its geometry, and look-ups by name that raise an error for unknown names."""
+"""Robot class: a Pinocchio model with names and geometry, and its construction from files and other robots."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.errors import ModelError, ModelWarning
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import urdf_files
-from rnc_pin.robots.admission import check_model
+from rnc_pin.robots.derived_models import AttachedModel, LockedModel
 from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
-from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, values_of
+from rnc_pin.robots.joint_values import JointValue
+from rnc_pin.robots.lazy_geometry import LazyGeometry
 from rnc_pin.robots.link_masses import LinkMass, with_link_masses
-from rnc_pin.robots.locked import Locked
-from rnc_pin.robots.mounted import Mounted
+from rnc_pin.robots.model_checks import check_model
+from rnc_pin.robots.named_model import NamedModel
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
-from rnc_pin.robots.sources.description import ROOT_JOINTS, Closure
+from rnc_pin.robots.sources.description import Closure
 from rnc_pin.robots.sources.meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
@@ -30,7 +31,7 @@ Base = Literal["fixed", "planar", "free"]
 _BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
 
-class Robot(SummaryMixin):
+class Robot(NamedModel, SummaryMixin):
     """Rigid multibody model with its names and geometry.
 
     Args:
@@ -68,15 +69,8 @@ class Robot(SummaryMixin):
         visual_model: pin.GeometryModel | None = None,
         collision_model: pin.GeometryModel | None = None,
     ) -> None:
-        self.model = model
-        self.nq: int = model.nq
-        self.nv: int = model.nv
-        self.name: str = model.name
-        self._geometry: dict[str, pin.GeometryModel | None] = {
-            "visual": visual_model,
-            "collision": collision_model,
-        }
-        self._load_geometry: Callable[[str], pin.GeometryModel] | None = None
+        super().__init__(model)
+        self._geometry = LazyGeometry(visual=visual_model, collision=collision_model)
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
         self.locked: dict[str, float] = {}
@@ -132,7 +126,6 @@ class Robot(SummaryMixin):
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
         path = urdf_files.find_urdf(path)
-        _check_base(base)
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
         return cls._from_description(path, read, lock, gravity)
 
@@ -165,12 +158,11 @@ class Robot(SummaryMixin):
             accepts the file with the masses of all entries together, or if the joints that move no mass are locked.
         """
         path = urdf_files.find_urdf(path)
-        _check_base(base)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
         check_size(read.model)
-        model = Locked(read.model, lock).model if lock else read.model
+        model = LockedModel(read.model, lock).model if lock else read.model
         return massless(model, read.bodies)
 
     @classmethod
@@ -203,8 +195,6 @@ class Robot(SummaryMixin):
             ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot.
         """
         path = urdf_files.find_mjcf(path)
-        if base is not None:
-            _check_base(base)
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
         return cls._from_description(path, read, lock, gravity)
 
@@ -229,14 +219,9 @@ class Robot(SummaryMixin):
             raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
             model.gravity.linear = _acceleration(gravity)
-        # Meshes are slow to load, and a run without pictures needs none: read them on demand.
-        if not lock:
-            robot = admitted(model)
-            robot._load_geometry = read.geometry
-        else:
-            locked = Locked(model, lock)
-            robot = admitted(locked.model)
-            robot._load_geometry = partial(locked.geometry, read.geometry)
+        locked = LockedModel(model, lock) if lock else None
+        robot = admitted(model if locked is None else locked.model)
+        robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
         robot.mimics, robot.closures = read.mimics, read.closures
         robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
@@ -289,9 +274,9 @@ class Robot(SummaryMixin):
         index = self.frame_id(frame)
         if "root_joint" in other.joint_names:
             raise ModelError(f"robot '{other.name}' has a moving base: load it with base='fixed' to mount it")
-        mounted = Mounted(self.model, other.model, index, placement)
-        robot = Robot(mounted.model)
-        robot._load_geometry = partial(_mounted_geometry, mounted, self, other)
+        attached = AttachedModel(self.model, other.model, index, placement)
+        robot = Robot(attached.model)
+        robot._geometry = LazyGeometry(partial(attached.geometry, self._geometry, other._geometry))
         robot.mimics = (*self.mimics, *other.mimics)
         robot.closures = (*self.closures, *(each for each in other.closures if "universe" not in each[:2]))
         if len(robot.closures) < len(self.closures) + len(other.closures):
@@ -327,86 +312,8 @@ class Robot(SummaryMixin):
         model = with_link_masses(self.model, masses, self._frozen, self.name)
         check_model(model)
         robot = copy(self)
-        robot.model, robot.locked = model, dict(self.locked)
+        robot.model, robot.locked, robot._geometry = model, dict(self.locked), copy(self._geometry)
         return robot
-
-    # ------------------------------------------------------------------ names
-
-    def joint_id(self, name: str) -> int:
-        """Index of a joint. An unknown name raises ModelError with the nearest name."""
-        return joint_index(self.model, name)
-
-    def frame_id(self, name: str) -> int:
-        """Index of a frame (link, joint or operational frame).
-
-        If a link and a joint share the name, the link's frame is returned. An unknown name raises ModelError with the
-        nearest name.
-        """
-        if not isinstance(name, str) or not self.model.existFrame(name):
-            valid = [frame.name for frame in self.model.frames]
-            raise ModelError(f"no frame '{name}' in robot '{self.name}'{nearest(str(name), valid)}")
-        same = [index for index, frame in enumerate(self.model.frames) if frame.name == name]
-        return next((index for index in same if self.model.frames[index].type == pin.FrameType.BODY), same[0])
-
-    def velocity_indices(self, joint: str) -> slice:
-        """Slice of a joint's velocity in ``v``."""
-        model = self.model.joints[self.joint_id(joint)]
-        return slice(model.idx_v, model.idx_v + model.nv)
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the movable joints, in model order."""
-        return tuple(list(self.model.names)[1:])
-
-    @property
-    def velocity_names(self) -> tuple[str, ...]:
-        """Names of the entries of ``v``: the joint name, with an index if the joint has several entries."""
-        names: list[str] = []
-        for index, name in enumerate(self.joint_names, start=1):
-            size = self.model.joints[index].nv
-            names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
-        return tuple(names)
-
-    @property
-    def velocity_units(self) -> tuple[str, ...]:
-        """Unit of each entry of ``v``: "rad/s" for rotation about any axis, "m/s" for translation."""
-        jacobian = pin.computeJointJacobians(self.model, self.model.createData(), pin.neutral(self.model))
-        turning = jacobian.reshape(6, self.nv)[3:]  # Pinocchio gives (6,) where nv is 1
-        return tuple("rad/s" if column.any() else "m/s" for column in turning.T)
-
-    # ------------------------------------------------------------------ configurations
-
-    def configuration(self, values: Mapping[str, JointValue] | None = None) -> np.ndarray:
-        """Neutral configuration (nq,) with the given joint values.
-
-        Args:
-            values: joint name to angle [rad] or displacement [m]. A planar base takes (x, y, yaw), a free base
-                (x, y, z) and a quaternion (x, y, z, w), a ball joint the quaternion.
-
-        Raises:
-            ModelError: unknown joint, or the wrong number of values for one.
-        """
-        return configuration(self.model, values or {})
-
-    def joint_values(self, q: np.ndarray) -> dict[str, float | list[float]]:
-        """Joint name to value(s) [rad or m] at q (nq,), the inverse of ``configuration``."""
-        return values_of(self.model, q)
-
-    def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> np.ndarray:
-        """Random configuration (nq,) from ``generator``, within joint limits and ``spread`` [rad or m] of neutral."""
-        q = pin.integrate(self.model, pin.neutral(self.model), generator.uniform(-spread, spread, self.nv))
-        for joint in list(self.model.joints)[1:]:
-            if joint.nq == joint.nv == 1:
-                low = max(self.model.lowerPositionLimit[joint.idx_q], -spread)
-                high = min(self.model.upperPositionLimit[joint.idx_q], spread)
-                if low < high:
-                    q[joint.idx_q] = generator.uniform(low, high)
-        return q
-
-    @property
-    def is_commutative(self) -> bool:
-        """True if every joint has one degree of freedom, so that increments of q add up."""
-        return all(joint.nv == 1 for joint in list(self.model.joints)[1:])
 
     # ------------------------------------------------------------------ geometry
 
@@ -416,7 +323,7 @@ class Robot(SummaryMixin):
 
         Boxes replace meshes of a URDF that are missing or not readable; a ``ModelWarning`` lists them.
         """
-        return self._geometry_model("visual")
+        return self._geometry.get("visual")
 
     @property
     def stand_ins(self) -> frozenset[str]:
@@ -428,19 +335,7 @@ class Robot(SummaryMixin):
     @property
     def collision_model(self) -> pin.GeometryModel | None:
         """Collision geometry without missing meshes; meshes are read on first access."""
-        return self._geometry_model("collision")
-
-    def _geometry_model(self, kind: str) -> pin.GeometryModel | None:
-        if self._geometry[kind] is None and self._load_geometry is not None:
-            self._geometry[kind] = self._load_geometry(kind)
-        return self._geometry[kind]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle and copy. Geometry that can be reloaded is omitted, because meshes are large."""
-        state = dict(self.__dict__)
-        if self._load_geometry is not None:
-            state["_geometry"] = dict.fromkeys(self._geometry)
-        return state
+        return self._geometry.get("collision")
 
     # ------------------------------------------------------------------ print
 
@@ -448,15 +343,6 @@ class Robot(SummaryMixin):
         base = _BASES.get(self.model.joints[1].shortname(), "fixed")
         title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
         return ObjectSummary(title, [("joints", items(self.joint_names))])
-
-
-def _mounted_geometry(mounted: Mounted, carrier: Robot, other: Robot, kind: str) -> pin.GeometryModel:
-    return mounted.geometry(*(each._geometry_model(kind) or pin.GeometryModel() for each in (carrier, other)))
-
-
-def _check_base(base: object) -> None:
-    if not isinstance(base, str) or base not in ROOT_JOINTS:
-        raise ModelError(f"base '{base}' is not known{nearest(str(base), ROOT_JOINTS)}")
 
 
 def _acceleration(gravity: object) -> np.ndarray:

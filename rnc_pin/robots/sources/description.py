@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError
+from rnc_pin.errors import ModelError, nearest
 from rnc_pin.regular_files import read_bytes
 
 GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
@@ -25,6 +25,16 @@ ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
     "planar": pin.JointModelPlanar,
     "free": pin.JointModelFreeFlyer,
 }
+
+
+def check_base(base: object) -> None:
+    """Raise an error if a base is none of ``ROOT_JOINTS``.
+
+    Raises:
+        ModelError: unknown base.
+    """
+    if not isinstance(base, str) or base not in ROOT_JOINTS:
+        raise ModelError(f"base '{base}' is not known{nearest(str(base), ROOT_JOINTS)}")
 
 
 class Mimic(NamedTuple):

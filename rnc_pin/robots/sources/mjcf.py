@@ -23,6 +23,7 @@ from rnc_pin.robots.sources.description import (
     Description,
     brief,
     captured_stderr,
+    check_base,
     geometry_errors,
     parse_xml,
     read_numbers,
@@ -58,6 +59,8 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     Raises:
         ModelError: the file cannot be read, is not MJCF, or needs an unsupported element.
     """
+    if base is not None:
+        check_base(base)
     root = parse_xml(path)
     if root.tag != "mujoco":
         raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")

@@ -17,6 +17,7 @@ from rnc_pin.robots.sources.description import (
     Description,
     Mimic,
     captured_stderr,
+    check_base,
     parse_xml,
     read_numbers,
 )
@@ -55,6 +56,7 @@ def read_urdf(
     Raises:
         ModelError: the file cannot be read, is not a URDF, or describes an impossible robot.
     """
+    check_base(base)
     packages = Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
     notes = [*mend(root, path), *check_values(root, path)]
