@@ -1,4 +1,4 @@
-"""A controller in a loop that somebody else runs: what it keeps, what it refuses, what it does in trouble."""
+"""A controller in a loop that somebody else runs: what it keeps, what it refuses, what it does after a fault."""
 
 import re
 import tracemalloc
@@ -142,7 +142,7 @@ FOREIGN = {
     "text as time": (lambda state: {"time": "noon"}, "time is not a finite number: 'noon'"),
     "no time": (lambda state: {"time": np.nan}, "time is not a finite number: nan"),
     "an endless number": (lambda state: {"begin": 10**400}, "begin is not a finite number"),
-    "truth as time": (lambda state: {"bad_since": True}, "bad_since is not a finite number: True"),
+    "truth as time": (lambda state: {"invalid_since": True}, "invalid_since is not a finite number: True"),
     "no configuration": (lambda state: {"q": np.array([0.0, 0.0, 3.0, 4.0])}, "not of unit length"),
     "a longer configuration": (lambda state: {"q": np.zeros(5)}, r"q has shape \(5,\)"),
     "a block of velocities": (lambda state: {"v2": np.zeros((2, 2))}, r"v2 has shape \(2, 2\), expected \(2,\)"),
@@ -153,7 +153,7 @@ FOREIGN = {
         r"motion\.v has shape",
     ),
     "no estimate": (lambda state: {"motion": (1.0,)}, "motion is not a VelocityEstimate"),
-    "a reason": (lambda state: {"trouble": 3}, "trouble is not text: 3"),
+    "a reason": (lambda state: {"fault": 3}, "fault is not text: 3"),
     "failure": (lambda state: {"failed": "perhaps"}, "failed is not a boolean"),
     "gains of NaN": (changed_tracker(g=np.full(2, np.nan)), "not finite"),
     "gains of another size": (changed_tracker(g=np.zeros(3)), "the controller raises ValueError"),
@@ -187,7 +187,7 @@ def test_nothing_beyond_the_limits_leaves_a_loop_that_was_loaded(tmp_path):
     reduced, tracker = limited(effort=3.0)
     for limits in (True, False, np.array([2.0, 1.0])):
         largest = limits if isinstance(limits, np.ndarray) else np.full(2, 3.0)
-        loop = rnc.ControlLoop(reduced, tracker, DT, limits=limits, patience=2 * DT)
+        loop = rnc.ControlLoop(reduced, tracker, DT, limits=limits, timeout=2 * DT)
         machine = started(reduced)
         drive(loop, machine, DT * np.arange(3))
         loop.load(saved(loop, tmp_path / "loop.npz", T=np.array([500.0, -1e9]), missing=None))
@@ -196,7 +196,7 @@ def test_nothing_beyond_the_limits_leaves_a_loop_that_was_loaded(tmp_path):
         for sample in range(3, 9):  # held, then safe
             assert np.array_equal(loop.step(sample * DT, np.full(4, np.nan), np.zeros(3)), largest * [1, -1])
         loop.step(9 * DT, *machine.read())
-        loop.acted(np.array([40.0, 40.0]))  # what the machine says of itself is not held beyond the limits either
+        loop.report_applied_input(np.array([40.0, 40.0]))  # held inputs stay within the limits
         assert np.array_equal(loop.step(10 * DT, np.full(4, np.nan), np.zeros(3)), largest)
 
 
@@ -206,7 +206,7 @@ def test_what_acted_has_a_size_and_is_finite():
     drive(loop, machine, [0.0])
     for T in (np.zeros(3), np.array([np.nan, 0.0]), np.zeros((2, 2))):
         with pytest.raises(rnc.InputError, match="T h"):
-            loop.acted(T)
+            loop.report_applied_input(T)
 
 
 class Diary:
@@ -251,7 +251,7 @@ def test_memories_that_grow_are_loaded_and_those_of_another_kind_are_not(tmp_pat
 @pytest.mark.parametrize("clock", [0.02, np.nan, "noon", None])
 def test_patience_ends_although_the_clock_stands_still(clock, safe):
     reduced, tracker = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3 * DT), started(reduced)
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT), started(reduced)
     drive(loop, machine, DT * np.arange(3))
     held = loop.state.T
     assert held.any()
@@ -259,11 +259,11 @@ def test_patience_ends_although_the_clock_stands_still(clock, safe):
     inputs = [loop.step(clock, q, np.zeros(3)) for _ in range(6)]
     assert [bool(np.array_equal(T, held)) for T in inputs] == [True] * 4 + [False] * 2
     assert not inputs[-1].any()  # at rest there is nothing to brake
-    assert "time" in loop.state.trouble
+    assert "time" in loop.state.fault
     T = loop.step(0.08, *machine.read())
-    assert loop.state.trouble is None
+    assert loop.state.fault is None
     assert T.any()
-    strict = rnc.ControlLoop(reduced, tracker, DT, on_trouble="raise")
+    strict = rnc.ControlLoop(reduced, tracker, DT, fallback="raise")
     strict.step(0.02, *machine.read())
     with pytest.raises(rnc.InputError, match=r"time (is|stands still)"):
         strict.step(clock, *machine.read())
@@ -310,7 +310,7 @@ def test_one_bad_sample_does_no_harm(what):
     reasons = []
 
     def once(sample, q, v):
-        reasons.append(loop.state.trouble)
+        reasons.append(loop.state.fault)
         return spoil(q, v) if sample == 20 else (q, v)
 
     inputs = drive(loop, machine, times, once)
@@ -319,7 +319,7 @@ def test_one_bad_sample_does_no_harm(what):
     assert reasons[22] is None
     clean = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), times)
     assert np.abs(inputs[-1] - clean[-1]).max() < 0.05 * np.abs(clean).max()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT, on_trouble="raise"), started(reduced)
+    loop, machine = rnc.ControlLoop(reduced, tracker, DT, fallback="raise"), started(reduced)
     loop.step(0.0, *machine.read())
     with pytest.raises(rnc.InputError, match=reason):
         loop.step(DT, *spoil(*machine.read()))
@@ -332,17 +332,17 @@ def test_time_that_does_not_run_is_no_measurement(later):
     first = loop.step(1.0, *machine.read())
     state = loop.state.controller
     assert np.array_equal(loop.step(1.0 + later, *machine.read()), first)
-    assert "time" in loop.state.trouble
+    assert "time" in loop.state.fault
     assert loop.state.controller is state
 
 
 @pytest.mark.parametrize(("safe", "expected"), [("hold", 1.0), ("zero", 0.0), ("brake", -1.0)])
 def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
     reduced, tracker = sleigh()
-    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, on_trouble=safe, patience=3 * DT)
+    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT)
     times = DT * np.arange(40)
     inputs = drive(loop, machine, times, lambda sample, q, v: (q * np.nan, v) if sample >= 30 else (q, v))
-    assert np.array_equal(inputs[30:34], np.tile(inputs[29], (4, 1)))  # patience first
+    assert np.array_equal(inputs[30:34], np.tile(inputs[29], (4, 1)))  # the timeout first
     v2 = reduced.at(*machine.read()[:1], v=machine.read()[1]).v2
     assert v2[0] > 0.1
     if safe == "brake":
@@ -354,14 +354,14 @@ def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
 def test_a_singular_configuration_ends_the_controller_not_the_loop():
     reduced = systems.space_robot()  # the tip's x and y and joint 1: singular where the arm is straight
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(3)))
-    loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), DT, on_trouble="zero", margin=0.002)
+    loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), DT, fallback="zero", min_singular_value=0.002)
     robot = reduced.robot
     loop.step(0.0, robot.configuration({"joint_2": 1.0}), np.zeros(4))
-    assert loop.state.trouble is None
+    assert loop.state.fault is None
     T = loop.step(2 * DT, robot.configuration({"joint_2": 1e-3}), np.zeros(4))
     assert not T.any()
     assert loop.state.failed
-    assert "margin 0.002" in loop.state.trouble
+    assert "below the limit 0.002" in loop.state.fault
     assert not loop.step(3 * DT, robot.configuration({"joint_2": 1.0}), np.zeros(4)).any()  # for good
     loop.reset()
     assert loop.step(0.0, robot.configuration({"joint_2": 1.0}), np.zeros(4)).any()
@@ -451,7 +451,7 @@ def test_options_that_are_none_are_refused():
     reduced, tracker = sleigh()
     for options, reason in (
         ({"velocity": "guessed"}, "velocity of a loop: expected one of measured, filtered, observer"),
-        ({"on_trouble": "panic"}, "on_trouble of a loop: expected one of hold, brake, zero, raise"),
+        ({"fallback": "panic"}, "fallback of a loop: expected one of hold, brake, zero, raise"),
         ({"limits": np.ones(5)}, "limits of a loop have to be 2 non-negative numbers"),
         ({"cutoff": -1.0, "velocity": "filtered"}, "cutoff of a loop has to be positive"),
     ):
@@ -487,16 +487,16 @@ def test_inputs_that_the_loop_and_the_machine_take_away_are_missing_together():
     for given, missing in (([4.0, -3.0], [6.0, 0.0]), ([6.0, -3.0], [4.0, 0.0]), ([6.0, -1.0], [4.0, -2.0])):
         np.testing.assert_array_equal(loop.step(loop.state.time + DT if loop.state.time else 0.5, q, v), [6.0, -3.0])
         np.testing.assert_array_equal(loop.state.missing, [4.0, 0.0])
-        loop.acted(np.array(given))
+        loop.report_applied_input(np.array(given))
         np.testing.assert_array_equal(loop.state.missing, missing)
         np.testing.assert_array_equal(loop.state.T, given)
         np.testing.assert_array_equal(loop.last.T, given)
         loop.step(loop.state.time + DT, q, v)
         np.testing.assert_array_equal(controller.seen[-1].missing, missing)
         np.testing.assert_allclose(controller.seen[-1].excess, reduced.input_matrix(q) @ missing, atol=1e-15)
-    loop.acted(np.array([10.0, -3.0]))  # more than the loop itself let through
+    loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
     assert loop.state.missing is None
-    assert rnc.ControlLoop(reduced, controller, DT).acted(np.zeros(2)) is None, "before the first step nothing is told"
+    rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
 
 
 def swing(limits):

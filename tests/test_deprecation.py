@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import rnc_pin as rnc
 from rnc_pin.model.rows import Rows
+from rnc_pin.scenario.schema.plant import LoopSettings
 from systems import random_states, space_robot
 
 
@@ -20,6 +22,40 @@ def test_former_names_warn_and_work():
         np.testing.assert_array_equal(state.moving(np.zeros(4)).v, 0.0)
     with pytest.warns(DeprecationWarning, match="use 'in_reduction'"):
         np.testing.assert_array_equal(state.as_seen_by(reduced.reduction_data).v, state.v)
+
+
+def test_former_options_of_a_loop():
+    reduced = space_robot()
+    controller = rnc.control.VelocityTracker(
+        rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
+    )
+    with pytest.warns(DeprecationWarning, match="ControlLoop: on_trouble: renamed, use 'fallback'") as warned:
+        loop = rnc.ControlLoop(reduced, controller, 0.01, on_trouble="zero")
+    assert warned[0].filename == __file__
+    assert np.array_equal(loop.step(0.0, [np.nan], np.zeros(4)), np.zeros(reduced.p))
+    with pytest.warns(DeprecationWarning, match="use 'fault'"):
+        assert loop.state.trouble == loop.state.fault
+    with pytest.raises(TypeError, match="'patience' is the former name of 'timeout', and both are given"):
+        rnc.ControlLoop(reduced, controller, 0.01, patience=1.0, timeout=1.0)
+    with pytest.warns(DeprecationWarning, match="loop: fastest: renamed, use 'max_speed'") as warned:
+        run = rnc.simulate(
+            reduced,
+            controller,
+            reduced.robot.configuration({"joint_1": 0.4, "joint_2": 0.7}),
+            0.02,
+            0.01,
+            loop={"fastest": 1e9},
+        )
+    assert warned[0].filename == __file__
+    assert run.outcome is rnc.Outcome.COMPLETED
+
+
+def test_former_scenario_keys():
+    with pytest.warns(DeprecationWarning, match="LoopSettings: on_trouble: renamed, use 'fallback'"):
+        settings = LoopSettings.model_validate({"on_trouble": "brake", "timeout": 0.1})
+    assert (settings.fallback, settings.timeout) == ("brake", 0.1)
+    with pytest.raises(ValidationError, match="'margin' is the former name of 'min_singular_value'"):
+        LoopSettings.model_validate({"margin": 0.1, "min_singular_value": 0.1})
 
 
 def test_rows_with_former_names_are_rows():

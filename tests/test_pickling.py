@@ -47,7 +47,7 @@ def test_a_model_and_a_loop_go_on_elsewhere_to_the_bit(name):
             assert np.array_equal(other.terms(q, v2).V, reduced.terms(q, v2).V)
     assert compared
     assert str(others[0]) == str(reduced)
-    loop = rnc.ControlLoop(made.reduced, made.controller, 0.005, on_trouble="raise", fastest=np.inf)
+    loop = rnc.ControlLoop(made.reduced, made.controller, 0.005, fallback="raise", max_speed=np.inf)
     v = np.zeros(made.reduced.n)
     for sample in range(2):
         loop.step(0.005 * sample, made.q0, v)

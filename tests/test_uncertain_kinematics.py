@@ -162,11 +162,11 @@ def test_what_clipped_actuators_leave_out_is_told_as_the_belief_has_it(name, mak
     asked = []
     for experiment in (known, other):
         loop = rnc.ControlLoop(
-            experiment.reduced, experiment.controller, 0.01, limits=np.full(known.reduced.p, 1e-3), fastest=1e9
+            experiment.reduced, experiment.controller, 0.01, limits=np.full(known.reduced.p, 1e-3), max_speed=1e9
         )
         for k, (q, v2) in enumerate(states):
             loop.step(0.01 * k, q, known.reduced.velocity(q, v2))
-            asked.append(loop.last.asked)
+            asked.append(loop.last.requested)
     assert (np.abs(asked) > 1e-3).mean() > 0.5
     np.testing.assert_allclose(asked[:5], asked[5:], rtol=1e-9, atol=1e-9)
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from rnc_pin.control.protocol import Command, State, VelocityTarget
 from rnc_pin.errors import DivergenceError, InputError
-from rnc_pin.loop.options import named
+from rnc_pin.loop.options import type_name
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_OVER_IT = "put a controller of forces over it, such as rnc.control.VelocityTracker(it) or ComputedTorque(reduced, it)"
+_REMEDY = "put a controller of forces over it, such as rnc.control.VelocityTracker(it) or ComputedTorque(reduced, it)"
 
 
-def read_answer(answer: Any) -> tuple[Command, State]:
+def unpack_step(answer: Any) -> tuple[Command, State]:
     """Return the command and the new state from the answer of a controller's step.
 
     Raises:
@@ -29,7 +29,7 @@ def read_answer(answer: Any) -> tuple[Command, State]:
     return command, state
 
 
-def inputs_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -> np.ndarray:
+def input_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -> np.ndarray:
     """Actuator inputs (p,) of a command.
 
     Raises:
@@ -56,5 +56,5 @@ def inputs_of(reduced: ReducedModel, state: StateEvaluation, command: Command) -
 def _no_command(answer: Any) -> str:
     """Error message for an answer that is not a command."""
     if isinstance(answer, VelocityTarget):
-        return f"the controller decides velocities, not forces: {_OVER_IT}"
-    return f"step of a controller has to return a Command and its state, found {named(answer)}"
+        return f"the controller decides velocities, not forces: {_REMEDY}"
+    return f"step of a controller has to return a Command and its state, found {type_name(answer)}"

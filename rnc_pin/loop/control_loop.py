@@ -11,12 +11,13 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.deprecation import former_keywords, former_name, keep_former_attributes
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
-from rnc_pin.loop.command import inputs_of, read_answer
-from rnc_pin.loop.guard import Guard, ImpossibleError, is_time
+from rnc_pin.loop.command import input_of, unpack_step
+from rnc_pin.loop.guard import Guard, InvalidMeasurementError, is_time
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.options import admit_controller, admit_limits, admit_model, check_choice, check_number
-from rnc_pin.loop.restoring import restored
+from rnc_pin.loop.options import FORMER_OPTIONS, admit_controller, admit_limits, admit_model, check_choice, check_number
+from rnc_pin.loop.restoring import restore
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.state_checks import check_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
@@ -27,7 +28,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _A_LITTLE_MORE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
-_SAFE = ("hold", "brake", "zero", "raise")
+_FALLBACKS = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
 
 
@@ -40,9 +41,12 @@ class Decision(NamedTuple):
     """Measured state."""
     measurement: Measurement
     command: Command
-    asked: Float[Array, " p"]
+    requested: Float[Array, " p"]
     """Inputs of the command before clipping."""
     T: Float[Array, " p"]
+
+
+keep_former_attributes(Decision, {"asked": "requested"})
 
 
 class ControlLoop:
@@ -58,9 +62,9 @@ class ControlLoop:
     The first step defines the controller's time zero.
 
     The loop rejects an invalid measurement: NaN, a wrong shape, time that does not increase, or a jump. It holds the
-    last inputs for ``patience``, then gives the safe command until a measurement is valid again. If the controller
+    last inputs for ``timeout``, then gives the safe command until a measurement is valid again. If the controller
     raises an error, for example at a singular configuration, the loop gives the safe command from then on.
-    ``state.trouble`` has the reason as text.
+    ``state.fault`` has the reason as text.
 
     Args:
         reduced: nominal model of the plant.
@@ -72,17 +76,18 @@ class ControlLoop:
         cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
         limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
             command and held inputs are always clipped. With False their limits are those of the actuators.
-        on_trouble: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
+        fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
             model), "zero", or "raise" the error.
-        patience: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
-        fastest: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
-        margin: smallest singular value of E below which the loop fails with a SingularityError instead of a step.
+        timeout: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
+        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a
+            SingularityError instead of a step.
         brake: decay rate of the velocities under "brake" [1/s].
 
     Attributes:
         state: data of the loop between two steps; ``resume`` continues from it bit for bit.
         last: result of the last step of the controller; None before the first.
-        at_work: name of the component that was called last, for error messages.
+        active_component: name of the component that was called last, for error messages.
 
     Raises:
         ConfigurationError: an option has an invalid value, or the controller is not one.
@@ -98,6 +103,7 @@ class ControlLoop:
         array([20.,  0.])
     """
 
+    @former_keywords(FORMER_OPTIONS)
     def __init__(
         self,
         reduced: ReducedModel,
@@ -107,28 +113,29 @@ class ControlLoop:
         velocity: Literal["measured", "filtered", "observer"] = "measured",
         cutoff: float | None = None,
         limits: bool | Float[Array, " p"] = True,
-        on_trouble: Literal["hold", "brake", "zero", "raise"] = "hold",
-        patience: float | None = None,
-        fastest: float = 100.0,
-        margin: float = 0.0,
+        fallback: Literal["hold", "brake", "zero", "raise"] = "hold",
+        timeout: float | None = None,
+        max_speed: float = 100.0,
+        min_singular_value: float = 0.0,
         brake: float = 5.0,
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt
-        self._given = admit_controller(controller, of_measurement=True)
+        self._controller_or_factory = admit_controller(controller, of_measurement=True)
         self._controller: Controller | None = controller if isinstance(controller, Controller) else None
-        self._on_trouble = check_choice("on_trouble", on_trouble, _SAFE)
-        for option, value in (("fastest", fastest), ("margin", margin), ("brake", brake), ("patience", patience)):
-            if value is not None:
-                check_number(option, value, zero=option != "fastest")
-        self._guard = Guard(reduced.robot, fastest, self._estimator(velocity, cutoff))
+        self._fallback = check_choice("fallback", fallback, _FALLBACKS)
+        check_number("max_speed", max_speed)
+        check_number("min_singular_value", min_singular_value, zero=True)
+        check_number("brake", brake, zero=True)
+        check_number("timeout", 5 * dt if timeout is None else timeout, zero=True)
+        self._guard = Guard(reduced.robot, max_speed, self._estimator(velocity, cutoff))
         self._limits = admit_limits(reduced, limits)
-        self._safe_limits = reduced.actuation.limits if self._limits is None else self._limits
-        self._patience = 5 * dt if patience is None else patience
-        self._margin, self._brake = margin, brake
+        self._fallback_limits = reduced.actuation.limits if self._limits is None else self._limits
+        self._timeout = 5 * dt if timeout is None else timeout
+        self._min_singular_value, self._brake = min_singular_value, brake
         self.state = LoopState()
         self.last: Decision | None = None
-        self.at_work = "the model"
+        self.active_component = "the model"
 
     def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
         check_choice("velocity", velocity, _VELOCITIES)
@@ -158,25 +165,25 @@ class ControlLoop:
                 default the loop integrates.
 
         Raises:
-            RncError: an invalid measurement or an error of the controller, with ``on_trouble="raise"``.
+            RncError: an invalid measurement or an error of the controller, with ``fallback="raise"``.
         """
         if self.state.failed:
-            return self._safe(v)
+            return self._fallback_input(v)
         try:
-            taken = self._guard.take(self.state, t, q, v)
-        except ImpossibleError as problem:
-            return self._not_taken(t, str(problem), v)
-        self.state = self.state._replace(motion=taken.motion)
+            valid = self._guard.check(self.state, t, q, v)
+        except InvalidMeasurementError as problem:
+            return self._reject(t, str(problem), v)
+        self.state = self.state._replace(motion=valid.motion)
         try:
-            return self.decide(t, self.reduced.at(taken.q, v=taken.v), integrals).copy()
+            return self.compute_input(t, self.reduced.at(valid.q, v=valid.v), integrals).copy()
         except Exception as error:
-            if self._on_trouble == "raise":
+            if self._fallback == "raise":
                 raise
             reason = str(error) if isinstance(error, RncError) else f"{type(error).__name__}: {error}"
-            self.state = self.state._replace(trouble=printable(reason), failed=True)
-            return self._safe(taken.v)
+            self.state = self.state._replace(fault=printable(reason), failed=True)
+            return self._fallback_input(valid.v)
 
-    def decide(
+    def compute_input(
         self, t: float, state: StateEvaluation, integrals: Float[Array, " r"] | None = None
     ) -> Float[Array, " p"]:
         """Return actuator inputs (p,) for an evaluated state, without checks. Errors are raised.
@@ -186,39 +193,39 @@ class ControlLoop:
             state: state of the loop's model, with its velocity.
             integrals: as for ``step``.
         """
-        before, self.at_work = self.state, "the model"
+        before, self.active_component = self.state, "the model"
         if integrals is None:
-            integrals = self._integrated(t, state)
+            integrals = self._integrate(t, state)
         measurement = state.measure(integrals)
         if before.missing is not None:
             excess = apply(state.input_matrix, before.missing)
             measurement = measurement._replace(missing=before.missing, excess=excess)
-        if self._margin > 0 and state.smallest_singular_value < self._margin:
+        if self._min_singular_value > 0 and state.smallest_singular_value < self._min_singular_value:
             smallest = float(state.smallest_singular_value)
             raise SingularityError(
-                f"the smallest singular value of E is {smallest:.3g}, below the margin {self._margin:g}",
+                f"the smallest singular value of E is {smallest:.3g}, below the limit {self._min_singular_value:g}",
                 q=np.array(state.q),
                 condition=float(state.condition),
                 rows=self.reduced.reducing.names,
                 time=t,
             )
-        self.at_work = "the controller"
+        self.active_component = "the controller"
         begin, own = (t if before.begin is None else before.begin), before.controller
         if self._controller is None:
-            self._controller = self._made(measurement)
+            self._controller = self._make_controller(measurement)
         if before.begin is None and own is None:
             own = self._controller.initial_state(measurement)
         answer = self._controller.step(t - begin, measurement, own)
-        self.at_work = "taking its command"
-        command, own = read_answer(answer)
-        asked = inputs_of(self.reduced, state, command)
-        T = asked if self._limits is None else np.clip(asked, -self._limits, self._limits)
-        missing = None if T is asked else _missing(asked, T)
+        self.active_component = "the allocation of its command"
+        command, own = unpack_step(answer)
+        requested = input_of(self.reduced, state, command)
+        T = requested if self._limits is None else np.clip(requested, -self._limits, self._limits)
+        missing = None if T is requested else _missing(requested, T)
         self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, missing, own)
-        self.last = Decision(t - begin, state, measurement, command, asked, T)
+        self.last = Decision(t - begin, state, measurement, command, requested, T)
         return T
 
-    def acted(self, T: Float[Array, " p"]) -> None:
+    def report_applied_input(self, T: Float[Array, " p"]) -> None:
         """Report the inputs that the actuators applied, if they differ from those of the last step.
 
         Args:
@@ -232,10 +239,10 @@ class ControlLoop:
         T = vector(T, self.reduced.p, "T")
         if T.ndim > 1:
             raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
-        self.state = self.state._replace(T=T, missing=_missing(self.last.asked, T))
+        self.state = self.state._replace(T=T, missing=_missing(self.last.requested, T))
         self.last = self.last._replace(T=T)
 
-    def _integrated(self, t: float, state: StateEvaluation) -> np.ndarray:
+    def _integrate(self, t: float, state: StateEvaluation) -> np.ndarray:
         """Integrals (r,) of the reducing velocities, by the trapezoidal rule."""
         before = self.state
         if before.time is None or before.integrals is None or before.v2 is None:
@@ -244,36 +251,36 @@ class ControlLoop:
 
     # ------------------------------------------------------------------ safe command
 
-    def _not_taken(self, t: Any, problem: str, v: Array | None) -> Array:
-        if self._on_trouble == "raise":
+    def _reject(self, t: Any, problem: str, v: Array | None) -> Array:
+        if self._fallback == "raise":
             raise InputError(f"measurement at t = {t:g} s: {problem}" if is_time(t) else problem)
         before, last = self.state, 0.0 if self.state.time is None else self.state.time
         runs = is_time(t) and (before.time is None or t > last)
         now = t if runs else last
-        since = now if before.bad_since is None else before.bad_since
-        if not runs and before.bad_since is not None:
+        since = now if before.invalid_since is None else before.invalid_since
+        if not runs and before.invalid_since is not None:
             since -= self.dt  # the timeout elapses even if the clock stands still
-        self.state = before._replace(bad_since=since, trouble=problem)
-        if before.T is not None and not now - since > _A_LITTLE_MORE * self._patience:
+        self.state = before._replace(invalid_since=since, fault=problem)
+        if before.T is not None and not now - since > _A_LITTLE_MORE * self._timeout:
             return self._clipped(before.T)
-        return self._safe(v)
+        return self._fallback_input(v)
 
     def _clipped(self, T: Array) -> Array:
         """Copy of T, clipped to the limits: a stored state may come from another loop."""
-        clipped: Array = np.clip(T, -self._safe_limits, self._safe_limits)
+        clipped: Array = np.clip(T, -self._fallback_limits, self._fallback_limits)
         return clipped
 
-    def _safe(self, v: Any) -> Array:
+    def _fallback_input(self, v: Any) -> Array:
         """Inputs of the safe command."""
         T = np.zeros(self.reduced.p)
-        if self._on_trouble == "hold" and self.state.T is not None:
+        if self._fallback == "hold" and self.state.T is not None:
             T = self._clipped(self.state.T)
-        elif self._on_trouble == "brake":
-            T = self._braked(v)
+        elif self._fallback == "brake":
+            T = self._braking_input(v)
         self.state = self.state._replace(T=T, missing=None)
         return T
 
-    def _braked(self, v: Any) -> Array:
+    def _braking_input(self, v: Any) -> Array:
         """Braking inputs ``F = -brake diag(H) v2``; zero if q or v is unknown."""
         nothing = np.zeros(self.reduced.p)
         q, v = self.state.q, None if v is None else np.asarray(v, dtype=float)
@@ -291,7 +298,7 @@ class ControlLoop:
     def reset(self) -> None:
         """Clear the state: the next step is the first."""
         self.state, self.last = LoopState(), None
-        if not isinstance(self._given, Controller):
+        if not isinstance(self._controller_or_factory, Controller):
             self._controller = None
 
     def resume(self, state: LoopState) -> None:
@@ -308,8 +315,8 @@ class ControlLoop:
         if self.state.T is not None:
             T = self._clipped(self.state.T)
             if not np.array_equal(T, self.state.T):
-                asked = self.state.T if self.state.missing is None else self.state.T + self.state.missing
-                self.state = self.state._replace(T=T, missing=_missing(asked, T))
+                requested = self.state.T if self.state.missing is None else self.state.T + self.state.missing
+                self.state = self.state._replace(T=T, missing=_missing(requested, T))
 
     def save(self, path: str | Path) -> None:
         """Write the state to an ``.npz`` file.
@@ -333,16 +340,20 @@ class ControlLoop:
         Raises:
             ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.
         """
-        state, controller = restored(Path(path), self.reduced, self._made)
+        state, controller = restore(Path(path), self.reduced, self._make_controller)
         self.resume(state)
         self._controller = self._controller if controller is None else controller
 
-    def _made(self, measurement: Measurement) -> Controller:
-        """The controller; constructed from the first measurement if a function was given."""
-        made: Controller = self._given(measurement) if self._controller is None else self._controller
+    at_work = former_name("active_component")
+    decide = former_name("compute_input")
+    acted = former_name("report_applied_input")
+
+    def _make_controller(self, measurement: Measurement) -> Controller:
+        """Return the controller; constructed from the first measurement if a function was given."""
+        made: Controller = self._controller_or_factory(measurement) if self._controller is None else self._controller
         return made
 
 
-def _missing(asked: np.ndarray, T: np.ndarray) -> np.ndarray | None:
-    missing = asked - T
+def _missing(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:
+    missing = requested - T
     return missing if missing.any() else None

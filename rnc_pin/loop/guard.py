@@ -17,11 +17,11 @@ from rnc_pin.robots.robot import Robot
 _UNIT = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
 
 
-class ImpossibleError(Exception):
+class InvalidMeasurementError(Exception):
     """Invalid measurement; the message has the reason."""
 
 
-class Taken(NamedTuple):
+class ValidMeasurement(NamedTuple):
     """Valid measurement, with the velocity estimate."""
 
     q: Float[Array, " nq"]
@@ -37,14 +37,14 @@ class Guard:
 
     Args:
         robot: robot that is measured.
-        fastest: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
         estimator: velocity estimator; None if velocity is measured.
     """
 
-    def __init__(self, robot: Robot, fastest: float, estimator: VelocityEstimator | None) -> None:
-        self._robot, self._fastest, self._estimator = robot, fastest, estimator
+    def __init__(self, robot: Robot, max_speed: float, estimator: VelocityEstimator | None) -> None:
+        self._robot, self._max_speed, self._estimator = robot, max_speed, estimator
 
-    def take(self, before: LoopState, t: float, q: Any, v: Any) -> Taken:
+    def check(self, before: LoopState, t: float, q: Any, v: Any) -> ValidMeasurement:
         """Check a measurement and return it normalized.
 
         Args:
@@ -53,41 +53,41 @@ class Guard:
             q, v: raw measurement; v is ignored if the loop estimates velocity.
 
         Raises:
-            ImpossibleError: the measurement is invalid.
+            InvalidMeasurementError: the measurement is invalid.
         """
         if not is_time(t):
-            raise ImpossibleError(f"time is {t!r}, expected a finite number")
+            raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
         elapsed = None if before.time is None else t - before.time
         if elapsed is not None and elapsed <= 0:
-            raise ImpossibleError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
+            raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
         q = self._unit(_numbers("q", q, self._robot.nq))
         if elapsed is not None and before.q is not None:
             speed = np.abs(pin.difference(self._robot.model, before.q, q)).max(initial=0.0) / elapsed
-            if not speed < self._fastest:
-                raise ImpossibleError(
-                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._fastest:g}"
+            if not speed < self._max_speed:
+                raise InvalidMeasurementError(
+                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._max_speed:g}"
                 )
         if self._estimator is None:
-            return Taken(q, self._velocity(v), None)
+            return ValidMeasurement(q, self._velocity(v), None)
         if before.motion is None or elapsed is None:
             motion = self._estimator.start(q)
         else:
             motion = self._estimator.step(before.motion, q, elapsed)
-        return Taken(q, motion.v, motion)
+        return ValidMeasurement(q, motion.v, motion)
 
     def _unit(self, q: Array) -> Array:
         unit: Array = pin.normalize(self._robot.model, q)
         if not np.abs(unit - q).max(initial=0.0) < _UNIT:
-            raise ImpossibleError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+            raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return unit
 
     def _velocity(self, v: Any) -> Array:
         if v is None:
-            raise ImpossibleError("v is missing: measure it, or use velocity='filtered' or 'observer'")
+            raise InvalidMeasurementError("v is missing: measure it, or use velocity='filtered' or 'observer'")
         v = _numbers("v", v, self._robot.nv)
-        fastest = np.abs(v).max(initial=0.0)
-        if not fastest < self._fastest:
-            raise ImpossibleError(f"v reaches {fastest:.3g} rad/s or m/s, expected less than {self._fastest:g}")
+        speed = np.abs(v).max(initial=0.0)
+        if not speed < self._max_speed:
+            raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {self._max_speed:g}")
         return v
 
 
@@ -103,9 +103,9 @@ def _numbers(name: str, value: Any, size: int) -> Array:
     try:
         numbers = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise ImpossibleError(f"{name} is not made of numbers") from None
+        raise InvalidMeasurementError(f"{name} is not made of numbers") from None
     if numbers.shape != (size,):
-        raise ImpossibleError(f"{name} has shape {numbers.shape}, expected ({size},)")
+        raise InvalidMeasurementError(f"{name} has shape {numbers.shape}, expected ({size},)")
     if not isfinite(sum(numbers.tolist())):
-        raise ImpossibleError(f"{name}[{int(np.flatnonzero(~np.isfinite(numbers))[0])}] is not finite")
+        raise InvalidMeasurementError(f"{name}[{int(np.flatnonzero(~np.isfinite(numbers))[0])}] is not finite")
     return numbers

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import State
+from rnc_pin.deprecation import keep_former_attributes
 from rnc_pin.loop.velocity import VelocityEstimate
 
 
@@ -15,7 +16,7 @@ class LoopState(NamedTuple):
     """All data that a control loop keeps from one step to the next.
 
     Example:
-        >>> rnc.loop.LoopState().trouble is None  # before the first step
+        >>> rnc.loop.LoopState().fault is None  # before the first step
         True
     """
 
@@ -37,9 +38,12 @@ class LoopState(NamedTuple):
     """Input deficit: requested minus applied inputs. None if it is zero."""
     controller: State = None
     """State of the controller."""
-    bad_since: float | None = None
+    invalid_since: float | None = None
     """Time of the first invalid measurement since the last valid one [s]."""
-    trouble: str | None = None
+    fault: str | None = None
     """Reason for the safe command, as text; None in normal operation."""
     failed: bool = False
     """True after an error of the controller: the safe command is permanent."""
+
+
+keep_former_attributes(LoopState, {"trouble": "fault", "bad_since": "invalid_since"})

@@ -12,6 +12,14 @@ from rnc_pin.control.protocol import Controller
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
+FORMER_OPTIONS = {
+    "on_trouble": "fallback",
+    "patience": "timeout",
+    "fastest": "max_speed",
+    "margin": "min_singular_value",
+}
+"""Present names of options by the names of version 0.1."""
+
 
 class LoopOptions(TypedDict, total=False):
     """Keyword options of ``ControlLoop``; see there."""
@@ -19,10 +27,10 @@ class LoopOptions(TypedDict, total=False):
     velocity: Literal["measured", "filtered", "observer"]
     cutoff: float | None
     limits: bool | Float[Array, " p"]
-    on_trouble: Literal["hold", "brake", "zero", "raise"]
-    patience: float | None
-    fastest: float
-    margin: float
+    fallback: Literal["hold", "brake", "zero", "raise"]
+    timeout: float | None
+    max_speed: float
+    min_singular_value: float
     brake: float
 
 
@@ -35,7 +43,7 @@ def admit_model(reduced: Any) -> ReducedModel:
     if isinstance(reduced, ReducedModel):
         return reduced
     hint = ": call reduce() of it" if hasattr(reduced, "reduce") else ""
-    raise ConfigurationError(f"expected a ReducedModel, found {named(reduced)}{hint}")
+    raise ConfigurationError(f"expected a ReducedModel, found {type_name(reduced)}{hint}")
 
 
 def admit_controller(controller: Any, of_measurement: bool = False) -> Any:
@@ -51,7 +59,8 @@ def admit_controller(controller: Any, of_measurement: bool = False) -> Any:
     if isinstance(controller, Controller) or (of_measurement and callable(controller)):
         return controller
     raise ConfigurationError(
-        f"expected a controller with initial_state and step, such as those of rnc.control, found {named(controller)}"
+        "expected a controller with initial_state and step, such as those of rnc.control, "
+        f"found {type_name(controller)}"
     )
 
 
@@ -95,6 +104,6 @@ def check_choice(option: str, value: Any, valid: tuple[str, ...]) -> Any:
     return value
 
 
-def named(thing: Any) -> str:
+def type_name(thing: Any) -> str:
     """Name of the type of an object, for error messages."""
     return "None" if thing is None else f"a {type(thing).__name__}"

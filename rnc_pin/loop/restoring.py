@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import Controller, State
 from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
-from rnc_pin.loop.command import inputs_of, read_answer
+from rnc_pin.loop.command import input_of, unpack_step
 from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.saved_state import read_state
 from rnc_pin.loop.state_checks import check_memory, check_state
@@ -19,7 +19,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
 
-def restored(
+def restore(
     path: Path, reduced: ReducedModel, make: Callable[[Measurement], Controller]
 ) -> tuple[LoopState, Controller | None]:
     """Return the state of a loop from a file, and its controller.
@@ -48,8 +48,8 @@ def restored(
         raise
     except RncError as error:
         raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
-    if state.trouble is not None:
-        state = state._replace(trouble=printable(state.trouble))
+    if state.fault is not None:
+        state = state._replace(fault=printable(state.fault))
     return state, made[0] if made else None
 
 
@@ -64,10 +64,10 @@ def _try(state: LoopState, reduced: ReducedModel, controller: Controller, initia
     measurement = here.measure(nothing if state.integrals is None else state.integrals)
     elapsed = 0.0 if state.time is None else state.time - (state.time if state.begin is None else state.begin)
     try:
-        command, after = read_answer(controller.step(elapsed, measurement, state.controller))
+        command, after = unpack_step(controller.step(elapsed, measurement, state.controller))
     except RncError:
         raise
     except Exception as error:  # a state of the wrong shape can raise any error
         raise InputError(f"the controller raises {type(error).__name__}: {error}") from None
     check_memory(state.controller, initial, after)
-    inputs_of(reduced, here, command)
+    input_of(reduced, here, command)

@@ -29,7 +29,7 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     """
     if not isinstance(state, LoopState):
         raise InputError(f"expected a LoopState, found {type(state).__name__}")
-    for name in ("begin", "time", "bad_since"):
+    for name in ("begin", "time", "invalid_since"):
         value = getattr(state, name)
         if value is not None and (isinstance(value, bool) or not _is_number(value)):
             raise InputError(f"{name} is not a finite number: {_shown(value)}")
@@ -49,8 +49,8 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
     for q in (state.q, None if state.motion is None else state.motion.q):
         if q is not None:
             admission.configuration(q)
-    if state.trouble is not None and not isinstance(state.trouble, str):
-        raise InputError(f"trouble is not text: {_shown(state.trouble)}")
+    if state.fault is not None and not isinstance(state.fault, str):
+        raise InputError(f"fault is not text: {_shown(state.fault)}")
     if not isinstance(state.failed, bool):
         raise InputError(f"failed is not a boolean: {_shown(state.failed)}")
 

@@ -12,19 +12,19 @@ _OUTCOMES = {SingularityError: Outcome.SINGULAR, DivergenceError: Outcome.DIVERG
 _LONGEST = 300  # largest number of characters from the message of a foreign error
 
 
-def raise_with(so_far: Callable[[RncError], PartialRun], error: Exception, culprit: str, t: float) -> NoReturn:
+def raise_with(so_far: Callable[[RncError], PartialRun], error: Exception, component: str, t: float) -> NoReturn:
     """Raise the error that ended a run, with the run so far in its ``trajectory``. Call it in the ``except`` clause.
 
     Args:
         so_far: function from the error to the run so far.
         error: error that was caught.
-        culprit: name of the component that raised it.
+        component: name of the component that raised it.
         t: time [s].
 
     Raises:
         RncError: the error itself if it is an RncError, else a SimulationError with the error as its cause.
     """
-    told = _told(error, culprit, t)
+    told = _told(error, component, t)
     told.trajectory = so_far(told)
     if told is error:
         raise
@@ -36,7 +36,7 @@ def outcome_of(error: RncError) -> Outcome:
     return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)
 
 
-def _told(error: Exception, culprit: str, t: float) -> RncError:
+def _told(error: Exception, component: str, t: float) -> RncError:
     """Convert an error to an RncError, which can carry the run so far."""
     if isinstance(error, RncError):
         if isinstance(error, SingularityError | DivergenceError) and error.time is None:
@@ -44,4 +44,4 @@ def _told(error: Exception, culprit: str, t: float) -> RncError:
         return error
     said = " ".join(str(error).split())
     said = f": {said[:_LONGEST]}" if said else ""
-    return SimulationError(f"{culprit} raised {type(error).__name__} at t = {t:.3f} s{said}")
+    return SimulationError(f"{component} raised {type(error).__name__} at t = {t:.3f} s{said}")

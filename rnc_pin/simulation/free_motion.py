@@ -124,6 +124,6 @@ def free_motion(
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED
         except Exception as error:
-            culprit = "the feedback" if feedback else "the model"
-            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
+            active = "the feedback" if feedback else "the model"
+            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, active, t)
         return record.finish(dt, provenance, outcome)

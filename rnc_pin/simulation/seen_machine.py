@@ -54,14 +54,14 @@ class SeenMachine:
     def decide(self, loop: ControlLoop, t: float) -> np.ndarray:
         """Return the inputs (p,) of a loop for the last measurement."""
         if self._exact is not None:
-            return loop.decide(t, self._exact.state, self._exact.integrals)
+            return loop.compute_input(t, self._exact.state, self._exact.integrals)
         return loop.step(t, *self._sensed)
 
     def act(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
         """Apply inputs to the plant, report the applied ones to the loop, and return them."""
         self.machine.apply(T)
         acting: np.ndarray = getattr(self.machine, "applied", T)
-        loop.acted(acting)
+        loop.report_applied_input(acting)
         return acting
 
     @property

@@ -133,16 +133,16 @@ def simulate(
         >>> round(run.x2[-1, 0].item(), 2)
         0.5
     """
-    check_parts(reduced, controller, plant, stop, machine, loop, observer)
+    loop = check_parts(reduced, controller, plant, stop, machine, loop, observer)
     provenance = provenance_of(meta)
     samples = sample_count(duration, dt, substeps)
     seen = SeenMachine(ReducedPlant(reduced, plant, substeps) if machine is None else machine, reduced)
     usual: LoopOptions = {
-        "on_trouble": "raise" if machine is None else "hold",
+        "fallback": "raise" if machine is None else "hold",
         "limits": plant.actuator_limits,
-        "fastest": stop.speed,
+        "max_speed": stop.speed,
     }
-    usual.update(loop or {})
+    usual.update(loop)
     control, watch = ControlLoop(reduced, controller, dt, **usual), Watch(stop, reduced.robot)
     nothing = np.zeros(reduced.r)
     start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), np.zeros(reduced.r) if v2_0 is None else v2_0)
@@ -151,35 +151,35 @@ def simulate(
         controller_state = controller.initial_state(seen.look().measure(nothing))
     control.resume(LoopState(begin=0.0, controller=controller_state))
     record = Record(reduced, samples, integrated(reduced), seen.friction_names)
-    outcome, message, t, culprit = Outcome.COMPLETED, None, 0.0, _MODEL
+    outcome, message, t, active = Outcome.COMPLETED, None, 0.0, _MODEL
     with uninterrupted():
         try:
             with interruptible():
                 for sample in range(samples):
-                    t, culprit = sample * dt, _MODEL
+                    t, active = sample * dt, _MODEL
                     state = seen.look()
                     watch.check(t, state)
-                    culprit = _LOOP
+                    active = _LOOP
                     T = seen.decide(control, t)
-                    culprit = _MODEL
+                    active = _MODEL
                     T = seen.act(control, T)
                     measurement, command = _decided(control, state)
                     integrals = control.state.integrals if control.state.integrals is not None else nothing
                     record.moves(seen.model, seen.external)
                     record.add(t, state, integrals, command, T, seen.work, seen.v_measured, seen.friction_used)
                     if observer is not None:
-                        culprit = "the observer"
+                        active = "the observer"
                         observer(Sample(t, measurement, command, T))
-                        culprit = _MODEL
+                        active = _MODEL
                     if sample + 1 < samples:
                         seen.machine.advance(dt)
         except KeyboardInterrupt:
             outcome = Outcome.INTERRUPTED
         except Exception as error:
-            culprit = control.at_work if culprit is _LOOP else culprit
-            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, culprit, t)
+            active = control.active_component if active is _LOOP else active
+            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, active, t)
         if control.state.failed and outcome is Outcome.COMPLETED:
-            outcome, message = Outcome.FAILED, f"the loop gave the safe command until the end: {control.state.trouble}"
+            outcome, message = Outcome.FAILED, f"the loop gave the safe command until the end: {control.state.fault}"
         return record.finish(dt, provenance, outcome, message)
 
 
@@ -204,6 +204,6 @@ def _decided(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Co
     """Measurement and command of the loop's last step. For a safe command, the goals are those of the step before."""
     if loop.last is None:
         return state.measure(loop.state.integrals), Command(T=loop.state.T)
-    if loop.state.trouble is not None:
+    if loop.state.fault is not None:
         return loop.last.measurement, loop.last.command._replace(F=None, T=loop.state.T)
     return loop.last.measurement, loop.last.command

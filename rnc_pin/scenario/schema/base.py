@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 import sys
-from typing import Annotated, Any, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import nearest
 from rnc_pin.model.values import Positive as Positive
 
@@ -58,12 +60,20 @@ def _hint(model: type[BaseModel], key: str) -> str:
 class Strict(BaseModel):
     """Mapping with a fixed set of keys. It refuses an unknown key and suggests the nearest one."""
 
+    former_keys: ClassVar[Mapping[str, str]] = {}
+    """Present keys by former ones, which work for one version."""
+
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, raw: object) -> object:
+    def _known_keys(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
+            if cls.former_keys.keys() & raw.keys():
+                try:
+                    raw = present_keywords(raw, cls.former_keys, cls.__name__)
+                except TypeError as error:
+                    raise ValueError(str(error)) from None
             for key, value in raw.items():
                 if key not in cls.model_fields:
                     raise ValueError(f"'{key}' is not known{_hint(cls, str(key))}")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, cast
+from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field, model_validator
 
+from rnc_pin.loop.options import FORMER_OPTIONS
 from rnc_pin.plants import Faults
 from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.scenario.schema.base import Positive, Strict
@@ -83,19 +84,21 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
 class LoopSettings(Strict):
     """Control loop around the controller: velocity estimation, supervision and safe commands."""
 
+    former_keys: ClassVar = FORMER_OPTIONS
+
     velocity: Literal["measured", "filtered", "observer"] = "measured"
     """"measured": velocities of the sensors. "filtered": velocities from positions by low-pass filters. "observer":
     velocities from positions by an observer."""
     cutoff: Positive | None = None
     """Cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default."""
-    on_trouble: Literal["hold", "brake", "zero", "raise"] | None = None
+    fallback: Literal["hold", "brake", "zero", "raise"] | None = None
     """Safe command after a fault: "hold" the last inputs, "brake", or "zero" inputs. "raise" ends the run. The default
     is "raise" on the plant "reduced" without faults, otherwise "hold"."""
-    patience: Positive | None = None
+    timeout: Positive | None = None
     """Time for which the loop holds the last inputs while measurements are invalid [s]; five periods by default."""
-    fastest: Positive | None = None
+    max_speed: Positive | None = None
     """Largest plausible speed [rad/s, m/s]; a faster measurement is invalid."""
-    margin: Annotated[float, Field(ge=0)] | None = None
+    min_singular_value: Annotated[float, Field(ge=0)] | None = None
     """Limit for the smallest singular value of E; below it the loop gives the safe command."""
     brake: Positive | None = None
     """Rate at which the safe command "brake" reduces velocities [1/s]."""
