@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from rnc_pin.analysis import Report, Singularity
-from rnc_pin.constraints import (
-    AckermannSteering,
-    Caster,
-    JointCoupling,
-    LoopClosure,
-    MomentumConservation,
-    NoSideSlip,
-    RollingBall,
-    RollingWheel,
-)
+from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import ConstraintKind
 
 _FEW = 4  # names listed in a sentence
-_KNOWN = (
-    *(RollingWheel, RollingBall, NoSideSlip, MomentumConservation),
-    *(LoopClosure, JointCoupling, AckermannSteering, Caster),
-)
 
 
 def sentences(reduced: ReducedModel, report: Report) -> tuple[str, str, str]:
@@ -32,30 +19,19 @@ def sentences(reduced: ReducedModel, report: Report) -> tuple[str, str, str]:
         reduced: reduced model of the system.
         report: result of ``analyze``.
     """
-    blocks = [place.block for place in reduced.all_constraints.places]
-    kinds = [block.kind for block in blocks if block.kind is not None]
-    # Rows without a kind are mimic couplings of the robot file.
-    coupled = len(kinds) < len(blocks) or any(isinstance(each, JointCoupling | AckermannSteering) for each in kinds)
-    barred = [*_barred(kinds), *(["move coupled joints by themselves"] if coupled else [])]
-    return _kind(reduced, kinds), _motions(report, reduced.reducing.names), _limits(reduced, barred, report)
+    phrases = [place.block.phrases() for place in reduced.all_constraints.places]
+    motions = _motions(report, reduced.reducing.names)
+    return _kind(reduced, phrases), motions, _limits(reduced, _prevented(phrases), report)
 
 
-def _kind(reduced: ReducedModel, kinds: Sequence[ConstraintKind]) -> str:
+def _kind(reduced: ReducedModel, phrases: Sequence[Phrases]) -> str:
     robot = reduced.robot
     first = robot.model.joints[1].shortname()
     base = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}.get(first)
-    stands = [
-        _count(len(names), noun)
-        for kind, noun in ((RollingWheel, "rolling wheel"), (NoSideSlip, "knife edge"), (RollingBall, "rolling ball"))
-        if (names := _frames(kinds, kind))
-    ]
-    noun = "a robot"
-    if stands:
-        noun = f"a vehicle on {_and(stands)}"
-    elif any(isinstance(kind, MomentumConservation) for kind in kinds):
-        noun = "a robot whose momentum is conserved"
-    elif any(isinstance(kind, LoopClosure) for kind in kinds):
-        noun = "a mechanism with closed loops"
+    supports = Counter(each.support for each in phrases if each.support)
+    noun = next((each.robot for each in phrases if each.robot), "a robot")
+    if supports:
+        noun = f"a vehicle on {_and([_count(number, support) for support, number in supports.items()])}"
     joints = _count(robot.model.njoints - 1 - (base is not None), "joint")
     stance = f"its base {base}" if base else "its base is fixed"
     return f"'{robot.name}' is {noun}: {stance}, and it has {joints} and {_count(reduced.p, 'actuator')}."
@@ -73,26 +49,19 @@ def _motions(report: Report, names: Sequence[str]) -> str:
     return f"{said}, and together they lead to only {reach} of the {n} dimensions of its configurations."
 
 
-def _limits(reduced: ReducedModel, barred: Sequence[str], report: Report) -> str:
+def _limits(reduced: ReducedModel, prevented: Sequence[str], report: Report) -> str:
     undriven = f"no actuator drives {_and(report.unactuated)}" if report.actuation_rank < report.r else ""
-    cannot = f"It cannot {_or(barred)}" if barred else "No constraint keeps it from any motion"
+    cannot = f"It cannot {_or(prevented)}" if prevented else "No constraint keeps it from any motion"
     return f"{cannot}; {undriven + ', and ' if undriven else ''}{_singular(reduced, report)}."
 
 
-def _barred(kinds: Sequence[ConstraintKind]) -> list[str]:
+def _prevented(phrases: Sequence[Phrases]) -> list[str]:
     """Describe the motions that the constraints prevent."""
-    found = []
-    skidding = [kind for kind in kinds if isinstance(kind, RollingWheel)]
-    for kind, words in ((RollingWheel, "slip at"), (RollingBall, "slip at"), (NoSideSlip, "slide sideways at")):
-        frames = _frames(kinds, kind)
-        if frames and kind is RollingWheel and not all(wheel.lateral and wheel.roller is None for wheel in skidding):
-            words = "roll without turning"
-        found += [f"{words} {_and(frames)}"] if frames else []
-    momenta = [kind.joint for kind in kinds if isinstance(kind, MomentumConservation)]
-    found += [f"change its momentum about {_and(momenta)}"] if momenta else []
-    found += ["open its loops"] if any(isinstance(kind, LoopClosure) for kind in kinds) else []
-    found += ["break the rows of your own"] if any(not isinstance(kind, _KNOWN) for kind in kinds) else []
-    return found
+    found: dict[str, list[str]] = {}
+    for each in phrases:
+        if each.prevents:
+            found.setdefault(each.prevents, []).extend([each.where] if each.where else [])
+    return [f"{words} {_and(names)}" if names else words for words, names in found.items()]
 
 
 def _singular(reduced: ReducedModel, report: Report) -> str:
@@ -109,10 +78,6 @@ def _where(found: Singularity, reduced: ReducedModel) -> str:
         names = [name for name in found.rows if name in reduced.reducing.names]
         return f"it becomes singular where its constraints leave no free choice of {_and(names) if names else 'motion'}"
     return f"it becomes singular where its redundant motions cannot move {_and(found.rows)}"
-
-
-def _frames(kinds: Sequence[ConstraintKind], kind: type) -> list[str]:
-    return [str(each.frame) for each in kinds if isinstance(each, kind)]  # type: ignore[attr-defined]
 
 
 def _count(number: int, noun: str) -> str:

@@ -11,7 +11,9 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component, components, packed, packed_vector
+from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -58,7 +60,7 @@ class AckermannSteering:
 
     def bind(self, robot: Robot) -> Rows:
         pivots = [_pivot(self.left, robot), _pivot(self.right, robot)]
-        return AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
+        return _AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
 
 
 class _Pivot(NamedTuple):
@@ -78,12 +80,10 @@ class _Shape(NamedTuple):
     f_lr: Component
 
 
-class AckermannRow(Rows):
+class _AckermannRow(Rows):
     """Row with ``f(l, r) = sin(l - r) - k sin(l) sin(r)``, where k is the track over the wheelbase.
 
-    Attributes:
-        ratio: k; negative if the joint ``left`` is on the right.
-        signs: sign of each joint: 1 if a positive angle steers to the left, else -1.
+    k is negative if the joint ``left`` is on the right.
     """
 
     holonomic = (True,)
@@ -91,13 +91,12 @@ class AckermannRow(Rows):
 
     def __init__(self, kind: AckermannSteering, pivots: list[_Pivot], ratio: float) -> None:
         self.names = (f"ackermann({kind.left}, {kind.right})",)
-        self._pivots, self.ratio = pivots, ratio
-        self.signs = (pivots[0].sign, pivots[1].sign)
+        self._steering, self._pivots, self._ratio = kind, pivots, ratio
 
     def _shape(self, at: PositionKinematics) -> _Shape:
         q = components(at.q)
         (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
-        k = self.ratio
+        k = self._ratio
         cosine, sine = cl * cr + sl * sr, sl * cr - cl * sr  # of l - r
         return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
 
@@ -138,6 +137,19 @@ class AckermannRow(Rows):
     def residual(self, at: PositionKinematics) -> np.ndarray:
         f = self._shape(at).f
         return packed_vector([f], f)
+
+    def mechanisms(self) -> tuple[JointCoupler]:
+        return (JointCoupler(self._steering.left, self._steering.right, function=self._left_angle, period=np.pi),)
+
+    def _left_angle(self, position: float) -> tuple[float, float]:
+        """Position of the left joint up to half turns, from that of the right joint, and its slope."""
+        left, right = (pivot.sign for pivot in self._pivots)
+        r, k = right * position, self._ratio
+        sine, cosine = np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = sin r / (cos r - k sin r)
+        return left * float(np.arctan2(sine, cosine)), left * float(1.0 / (sine * sine + cosine * cosine)) * right
+
+    def phrases(self) -> Phrases:
+        return COUPLED
 
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:

@@ -9,6 +9,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
 from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import NotNegative
 from rnc_pin.robots.robot import Robot
@@ -56,7 +57,7 @@ class _CasterRow(FrameVelocityRows):
     def __init__(self, kind: Caster, robot: Robot) -> None:
         super().__init__(robot, kind.frame, (_UP,))
         self.names = (f"vertical({kind.frame})",)
-        self._radius = kind.radius
+        self._caster, self._radius = kind, kind.radius
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._frame).translation[..., _UP:] - self._radius
@@ -65,3 +66,9 @@ class _CasterRow(FrameVelocityRows):
         up = np.array([[0.0, 0.0, 1.0]])
         contact = at.placement(self._frame).translation[..., None, :] - self._radius * up
         return contact, np.broadcast_to(up, contact.shape)
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self._caster.frame, self._radius, friction="none"),)
+
+    def phrases(self) -> Phrases:
+        return Phrases()

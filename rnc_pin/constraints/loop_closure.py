@@ -12,6 +12,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Placement, PositionKinematics, RateKinematics, VelocityKinematics, over_states
+from rnc_pin.model.mechanisms import FrameAnchor, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame, triple
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Vector
@@ -77,7 +78,7 @@ class LoopClosure:
         b = OffsetFrame(robot, self.frame_b, self.offset_b, pin.rpy.rpyToMatrix(turned).T)
         if a.joint == b.joint:
             raise ConstraintError(f"frames {between} are on one body: there is no loop")
-        return _ClosureRows(a, b, self.kind == "point")
+        return _ClosureRows((self.frame_a, self.frame_b), a, b, self.kind == "point")
 
 
 class _ClosureRows(Rows):
@@ -88,8 +89,8 @@ class _ClosureRows(Rows):
     closed loop.
     """
 
-    def __init__(self, a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
-        self._a, self._b, self._point = a, b, point
+    def __init__(self, frames: tuple[str, str], a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
+        self._frames, self._a, self._b, self._point = frames, a, b, point
         size = 3 if point else 6
         self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in _PARTS[:size])
         self.units = ("m/s",) * 3 + ("rad/s",) * (size - 3)
@@ -145,6 +146,12 @@ class _ClosureRows(Rows):
             return relative.translation
         flat = relative.rotation.reshape(*at.q.shape[:-1], 9)
         return over_states(_log6, (6,), flat, relative.translation)
+
+    def mechanisms(self) -> tuple[FrameAnchor]:
+        return (FrameAnchor(self._frames, (self._a.offset, self._b.offset), self._point),)
+
+    def phrases(self) -> Phrases:
+        return Phrases(robot="a mechanism with closed loops", prevents="open its loops")
 
 
 def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics, over_states
+from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Numbers
 from rnc_pin.robots.robot import Robot
@@ -102,6 +103,7 @@ class _MomentumRows(Rows):
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))
         self.units = units
+        self._name = joint
         self.conserved = self._rows = rows
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
@@ -119,6 +121,10 @@ class _MomentumRows(Rows):
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
+
+    def phrases(self) -> Phrases:
+        robot = "a robot whose momentum is conserved"
+        return Phrases(robot=robot, prevents="change its momentum about", where=self._name)
 
 
 class _WorldMomentumRows(_MomentumRows):

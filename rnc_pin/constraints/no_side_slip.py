@@ -14,6 +14,7 @@ from rnc_pin.model.kinematics import (
     RateKinematics,
     VelocityKinematics,
 )
+from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Axis, Vector
@@ -55,13 +56,20 @@ class NoSideSlip:
 
 class _NoSideSlipRow(FrameVelocityRows):
     def __init__(self, kind: NoSideSlip, robot: Robot, point: OffsetFrame) -> None:
-        self._axis, self._point = axis_index(kind.axis), point
+        self._edge, self._axis, self._point = kind, axis_index(kind.axis), point
         super().__init__(robot, kind.frame, (self._axis,), OWN_AXES)
         self.names = (f"no_side_slip({point.name}.{kind.axis})",)
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
         return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        center = np.asarray(self._edge.at, dtype=float)
+        return (GroundContact(self._edge.frame, None, np.eye(3)[self._axis], center, "lateral"),)
+
+    def phrases(self) -> Phrases:
+        return Phrases("knife edge", prevents="slide sideways at", where=self._edge.frame)
 
 
 class _OffsetRow(_NoSideSlipRow):

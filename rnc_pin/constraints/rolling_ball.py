@@ -10,6 +10,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.values import Positive
 from rnc_pin.robots.robot import Robot
@@ -56,7 +57,7 @@ class _RollingBallRows(Rows):
     def __init__(self, kind: RollingBall, robot: Robot) -> None:
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
         self.units = ("m/s",) * 3
-        self._frame = robot.frame_id(kind.frame)
+        self._ball, self._frame = kind, robot.frame_id(kind.frame)
         self.joints = (robot.model.frames[self._frame].parentJoint,)
         self._below = np.array([0.0, 0.0, kind.radius])
         # Velocity of the contact point, from the velocity of the centre and the angular velocity.
@@ -82,3 +83,9 @@ class _RollingBallRows(Rows):
         contact = (at.placement(self._frame).translation - self._below)[..., None, :]
         shape = (*contact.shape[:-2], 3, 3)
         return np.broadcast_to(contact, shape), np.broadcast_to(np.eye(3), shape)
+
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self._ball.frame, self._ball.radius),)
+
+    def phrases(self) -> Phrases:
+        return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)

@@ -21,6 +21,7 @@ from rnc_pin.model.kinematics import (
     RateKinematics,
     VelocityKinematics,
 )
+from rnc_pin.model.mechanisms import Friction, GroundContact, Phrases
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
@@ -115,6 +116,7 @@ class RollingRows(Rows):
 
     def __init__(self, kind: RollingWheel, robot: Robot) -> None:
         parts, self._combination = _parts(kind)
+        self._friction = _friction(kind)
         self.names = tuple(f"{part}({kind.frame})" for part in parts)
         self.units = ("m/s",) * len(parts)
         self.holonomic = tuple(part == "vertical" for part in parts)
@@ -189,6 +191,13 @@ class RollingRows(Rows):
         contact = at.placement(self.frame).translation + arm
         return np.broadcast_to(contact[..., None, :], directions.shape), directions
 
+    def mechanisms(self) -> tuple[GroundContact]:
+        return (GroundContact(self.wheel, self.radius, self.axle, friction=self._friction),)
+
+    def phrases(self) -> Phrases:
+        prevents = "slip at" if self._friction == "all" else "roll without turning"
+        return Phrases("rolling wheel", prevents=prevents, where=self.wheel)
+
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         axle = at.placement(self.frame).rotation @ self.axle
         motion, velocity, acceleration = (
@@ -203,6 +212,13 @@ class RollingRows(Rows):
             (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
         return self._combined(gradient)
+
+
+def _friction(kind: RollingWheel) -> Friction:
+    """Directions of friction on the ground."""
+    if kind.roller is None:
+        return "all" if kind.lateral else "longitudinal"
+    return "oblique" if abs(kind.roller) > 1e-9 else "longitudinal"
 
 
 def _parts(kind: RollingWheel) -> tuple[tuple[str, ...], np.ndarray | None]:

@@ -10,9 +10,12 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError
 from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import Mimic
+
+COUPLED = Phrases(prevents="move coupled joints by themselves")
 
 _LARGEST_DENOMINATOR = 1000
 
@@ -60,6 +63,12 @@ class CouplingRow(ConstantRows):
         if self._period:
             gap = gap - self._period * np.round(gap / self._period)
         return gap[..., None]
+
+    def mechanisms(self) -> tuple[JointCoupler]:
+        return (JointCoupler(self.joint, self.driver, 0.0 if self.driver is None else self.ratio),)
+
+    def phrases(self) -> Phrases:
+        return COUPLED
 
 
 def mimic_rows(robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:

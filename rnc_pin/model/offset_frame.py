@@ -37,6 +37,7 @@ class OffsetFrame:
         name: name of the parent frame, with the point if this is not its origin.
         index: index of the parent frame in the model.
         joint: index of the joint that supports the frame.
+        offset: constant placement on the parent frame.
 
     Raises:
         ModelError: unknown frame.
@@ -49,7 +50,8 @@ class OffsetFrame:
         self.joint = robot.model.frames[self.index].parentJoint
         self.name = f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
         self._point, self._rotation = point, rotation
-        self._action = pin.SE3(rotation, point).toActionMatrixInverse()  # from the parent frame to the offset frame
+        self.offset = pin.SE3(rotation, point)
+        self._action = self.offset.toActionMatrixInverse()  # from the parent frame to the offset frame
         self._moved = not np.array_equal(self._action, np.eye(6))
 
     def placement(self, at: PositionKinematics) -> Placement:

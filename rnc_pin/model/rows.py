@@ -15,6 +15,7 @@ from rnc_pin.deprecation import adopt_former_names
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.mechanisms import Mechanism, Phrases
 from rnc_pin.robots.robot import Robot
 
 
@@ -36,8 +37,7 @@ class Rows(ABC):
         on_ground: True if holonomic rows that no joint can move are ignored, e.g. the height of a wheel on a planar
             base. Otherwise they have to be satisfied.
         unnamed: True if the user gave no names, so that the system numbers the rows.
-        kind: the description that was bound, e.g. for a simulator that implements the same constraint; None for rows
-            that a system adds itself.
+        kind: the description that was bound; None for rows that a system adds itself.
     """
 
     names: tuple[str, ...]
@@ -96,6 +96,14 @@ class Rows(ABC):
             Points (..., k, 3) [m] and unit vectors (..., k, 3); None for rows that act on no point, such as a momentum.
         """
         return None
+
+    def mechanisms(self) -> tuple[Mechanism, ...]:
+        """Physical mechanisms that enforce the rows, for simulators and drawings; empty if none is known."""
+        return ()
+
+    def phrases(self) -> Phrases:
+        """Words for the description of a system."""
+        return Phrases(prevents="break the rows of your own")
 
     def _zeros(self, at: PositionKinematics) -> np.ndarray:
         return np.zeros((*at.q.shape[:-1], len(self.names)))

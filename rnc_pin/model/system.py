@@ -17,6 +17,7 @@ from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, select_independent
 from rnc_pin.model.independence import row_scales as row_scales_beside
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -102,7 +103,7 @@ class NonholonomicSystem(SummaryMixin):
             )
         check_actuators(blocks, self.actuation, Kinematics(robot), self._samples)
         _warn_of_mimics(robot, samples[:, self.kept])
-        _warn_of_open_loops(robot, constraints)
+        _warn_of_open_loops(robot, blocks)
         _warn_of_rounding(robot, merged, found)
 
     @property
@@ -290,9 +291,9 @@ def _warn_of_mimics(robot: Robot, samples: np.ndarray) -> None:
         )
 
 
-def _warn_of_open_loops(robot: Robot, constraints: Sequence[ConstraintKind]) -> None:
+def _warn_of_open_loops(robot: Robot, blocks: Sequence[Rows]) -> None:
     """Warn of loop closures of the robot's file that no constraint closes."""
-    closed = [{getattr(kind, "frame_a", None), getattr(kind, "frame_b", None)} for kind in constraints]
+    closed = [{*each.frames} for block in blocks for each in block.mechanisms() if isinstance(each, FrameAnchor)]
     loose = [
         f"{a} and {b}"
         for a, b, *_ in robot.closures

@@ -10,10 +10,9 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.constraints import NoSideSlip, RollingBall, RollingRows
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.mechanisms import GroundContact
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
 _UPRIGHT = 0.7  # smallest vertical component of a unit vector that counts as vertical
@@ -69,8 +68,11 @@ def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     found: dict[int, list[tuple[_Contact, _Contact]]] = {
         joint: [] for joint in range(1, model.njoints) if "Planar" in model.joints[joint].shortname()
     }
-    for place in reduced.all_constraints.places:
-        contacts = [_contact(place.block, robot, position) for position in (here, there)]
+    mechanisms = [each for place in reduced.all_constraints.places for each in place.block.mechanisms()]
+    for mechanism in mechanisms:
+        if not isinstance(mechanism, GroundContact) or mechanism.friction == "none":
+            continue
+        contacts = [_contact(mechanism, robot, position) for position in (here, there)]
         if contacts[0] is not None and contacts[1] is not None:
             joint = _carrier(model, data, contacts[0])
             found.setdefault(joint, []).append((contacts[0], contacts[1]))
@@ -83,23 +85,16 @@ def ground_poses(bodies: Iterable[GroundBody], at: PositionKinematics) -> Float[
     return np.concatenate(poses, axis=-1) if poses else np.empty((*at.q.shape[:-1], 0))
 
 
-def _contact(rows: Rows, robot: Robot, at: PositionKinematics) -> _Contact | None:
-    """Contact of constraint rows; None if they do not describe a contact that supports a vehicle."""
-    kind = rows.kind
-    if isinstance(rows, RollingRows):
-        frame = rows.frame
-        point, lateral, beside = at.placement(frame).translation, at.rotation(frame) @ rows.axle, rows.radius
-    elif isinstance(kind, NoSideSlip):
-        lines = rows.lines_of_action(at)
-        assert lines is not None
-        frame, point, lateral, beside = robot.frame_id(kind.frame), lines[0][0], lines[1][0], _BESIDE
-    elif isinstance(kind, RollingBall):
-        frame = robot.frame_id(kind.frame)
-        return _Contact(robot.model.frames[frame].parentJoint, at.placement(frame).translation.copy(), None, 0.0)
-    else:
-        return None
-    joint = robot.model.frames[frame].parentJoint
-    return _Contact(joint, point.copy(), lateral.copy(), beside) if abs(lateral[2]) < _UPRIGHT else None
+def _contact(contact: GroundContact, robot: Robot, at: PositionKinematics) -> _Contact | None:
+    """Contact at one configuration; None for a wheel or runner that lies flat."""
+    frame = robot.frame_id(contact.frame)
+    joint, (rotation, translation) = robot.model.frames[frame].parentJoint, at.placement(frame)
+    point = translation + rotation @ contact.center
+    if contact.axle is None:
+        return _Contact(joint, point, None, 0.0)
+    lateral = rotation @ contact.axle
+    beside = _BESIDE if contact.radius is None else contact.radius
+    return _Contact(joint, point, lateral, beside) if abs(lateral[2]) < _UPRIGHT else None
 
 
 def _carrier(model: pin.Model, data: pin.Data, contact: _Contact) -> int:

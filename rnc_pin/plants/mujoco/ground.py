@@ -30,6 +30,7 @@ _IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one 
 _STIFFER = 1e5  # tangential over normal contact impedance
 _STICKS = 1e-6  # slip treated as zero [m/s]
 _LEVEL = np.array([1.0, 1.0, 0.0])
+_UP = np.array([0.0, 0.0, 1.0])
 _BEYOND = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
@@ -42,7 +43,7 @@ def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], set
     spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=[0, 0, half], contype=0, conaffinity=0)
     for contact in contacts:
         kind, size, axis = _shape(contact, contact.radius + half, settings)
-        raised = contact.radius + half - _EDGE if contact.grip == "across" else 0.0
+        raised = contact.radius + half - _EDGE if contact.friction == "lateral" else 0.0
         tree.bodies[contact.joint].add_geom(
             name=contact.name,
             type=kind,
@@ -64,11 +65,13 @@ def _gives_way(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
 def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
     """Return type, size and axis of a geometry. In MuJoCo the first friction direction is along a capsule."""
     shape = mujoco.mjtGeom
-    if contact.grip == "across":
+    if contact.axle is None:
+        return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], _UP
+    if contact.friction == "lateral":
         return shape.mjGEOM_CAPSULE, [_EDGE, _SHORT, 0.0], np.cross(contact.axle, contact.up)
-    if contact.grip == "forward":
+    if contact.friction == "longitudinal":
         return shape.mjGEOM_CAPSULE, [radius, _SHORT, 0.0], contact.axle
-    if contact.round or settings.wheel_shape == "sphere":
+    if settings.wheel_shape == "sphere":
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], contact.axle
     half = _THIN[settings.wheel_shape] * radius
     if settings.wheel_shape == "cylinder":
@@ -79,11 +82,11 @@ def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[A
 def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> None:
     sliding, torsional, rolling = settings.friction
     condim, first, second = 6 if rolling else 4 if torsional else 3, sliding, sliding
-    if contact.grip == "none":
+    if contact.friction == "none":
         condim = 1
-    elif contact.grip != "all":  # the capsule is along the axle for "forward", along the heading for "across"
+    elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
         first = _NO_GRIP
-    impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.grip == "none" else 1.0
+    impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
@@ -97,7 +100,7 @@ def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> No
 
 def _turned_to(axis: np.ndarray) -> np.ndarray:
     """Return the quaternion (w, x, y, z) that rotates z to an axis."""
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis / np.linalg.norm(axis))
+    turn = pin.Quaternion.FromTwoVectors(_UP, axis / np.linalg.norm(axis))
     return scalar_first(turn.coeffs())
 
 
@@ -117,7 +120,7 @@ class Ground:
         self, model: mujoco.MjModel, data: mujoco.MjData, contacts: Sequence[Contact], settings: MuJoCoSettings
     ) -> None:
         self._model, self._data = model, data
-        self._holding = [each for each in contacts if each.grip != "none"]
+        self._holding = [each for each in contacts if each.friction != "none"]
         self.names = tuple(each.name for each in self._holding)
         self._friction = settings.friction[0]
         self._adapts = settings.cone == "elliptic"
@@ -125,10 +128,10 @@ class Ground:
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
         self._softness = np.full((len(self.names), 2), -1.0)
         self._frictions = model.pair_friction[self._pairs].copy()
-        self._edges = np.flatnonzero([each.grip == "across" for each in self._holding])
+        self._edges = np.flatnonzero([each.friction == "lateral" for each in self._holding])
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
-        self._gripping = np.array([each.grip == "all" for each in self._holding], dtype=float)
+        self._gripping = np.array([each.friction == "all" for each in self._holding], dtype=float)
         """1 if the first friction direction has grip, else 0."""
         self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))

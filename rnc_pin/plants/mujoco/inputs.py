@@ -42,6 +42,7 @@ class Drive:
         _, lowest = self.contact.at(placement)
         jacobian = pin.getJointJacobian(robot.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         moving = jacobian[:2] - pin.skew(lowest - placement.translation)[:2] @ jacobian[3:]
+        assert self.contact.axle is not None  # balls have no drives
         x, y, _ = placement.rotation @ self.contact.axle
         return (y * moving[0] - x * moving[1]) / (np.hypot(x, y) * radius)
 
@@ -155,7 +156,7 @@ def _drives(reduced: ReducedModel, contacts: Sequence[Contact]) -> list[Drive]:
     for contact in contacts:
         if contact.drawn:
             found.append(Drive(contact, None))
-        elif contact.grip in ("all", "forward") and not contact.round:
+        elif contact.friction in ("all", "longitudinal") and contact.axle is not None:
             joint = model.joints[contact.joint]
             if joint.nv == 1 and str(model.names[contact.joint]) not in reduced.actuation.names:
                 found.append(Drive(contact, joint.idx_v))

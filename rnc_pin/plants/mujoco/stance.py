@@ -18,7 +18,6 @@ from rnc_pin.robots.robot import Robot
 _MARGIN = 0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
 _LEVEL = 1e-6
 _CASTER = 0.02  # radius of added casters [m]
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 class Standing(NamedTuple):
@@ -79,11 +78,11 @@ def stance_of(
 def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: Contact) -> bool:
     """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
     model, joint = robot.model, contact.joint
-    axle = data.oMi[joint].rotation @ contact.axle
+    axle = None if contact.axle is None else data.oMi[joint].rotation @ contact.axle
     while joint > 1:
         index = model.joints[joint].idx_v
         axis = columns[3:, index]
-        own = joint == contact.joint and not contact.drawn and abs(axis @ axle) > 1 - _LEVEL
+        own = joint == contact.joint and axle is not None and not contact.drawn and abs(axis @ axle) > 1 - _LEVEL
         if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL):
             return False
         joint = model.parents[joint]
@@ -111,4 +110,4 @@ def _outriggers(points: np.ndarray) -> np.ndarray | None:
 
 def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> Contact:
     center = base.actInv(np.array([*at, ground + _CASTER]))
-    return Contact(f"caster[{number}]", 1, center, _UP, _CASTER, "none", round=True)
+    return Contact(f"caster[{number}]", 1, center, None, _CASTER, "none")

@@ -1,17 +1,15 @@
-"""Ground contacts of a robot: wheels, balls and casters of its constraints, and drawn wheels without joints."""
+"""Bodies of the ground contacts of a robot: wheels, balls and casters, and drawn wheels without joints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import Caster, NoSideSlip, RollingBall, RollingRows, RollingWheel
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.mechanisms import Friction, GroundContact
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -19,9 +17,6 @@ _ALONG = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in ra
 _LARGE = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
 _UP = np.array([0.0, 0.0, 1.0])
 _POINT = 1e-3  # radius of the ball that models a contact point [m]
-
-Grip = Literal["all", "forward", "across", "none"]
-"""Directions with friction: all, only along the heading, only across it, or none."""
 
 
 @dataclass(frozen=True)
@@ -31,30 +26,29 @@ class Contact:
     Attributes:
         name: name of its frame; with a number if a frame has several.
         joint: index of the joint whose body carries it.
-        center, axle: center and axle direction (3,) in the joint frame [m]; the axle of a ball is meaningless.
+        center: center (3,) in the joint frame [m].
+        axle: axle direction (3,) in the joint frame; None for a ball.
         radius: radius [m].
-        grip: directions with friction.
+        friction: directions with friction.
         drawn: True for a drawn wheel without a joint.
         blade: True for a point that glides along its heading, without a drawn wheel.
-        round: True for a ball.
         up: vertical direction (3,) in the joint frame.
     """
 
     name: str
     joint: int
     center: np.ndarray
-    axle: np.ndarray
+    axle: np.ndarray | None
     radius: float
-    grip: Grip = "all"
+    friction: Friction = "all"
     drawn: bool = False
     blade: bool = False
-    round: bool = False
     up: np.ndarray = field(default_factory=_UP.copy)
 
     def at(self, placement: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
         """Return its center and its lowest point (3,) in the world, for a placement of its joint."""
         center = placement.act(self.center)
-        if self.round or self.blade:
+        if self.axle is None or self.blade:
             return center, center - self.radius * _UP
         axle = placement.rotation @ self.axle
         down = axle[2] * axle - _UP
@@ -62,57 +56,35 @@ class Contact:
 
 
 def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
-    """Return all ground contacts, in the order of the constraints.
+    """Return the bodies of all ground contacts, in the order of the constraints.
 
     Raises:
         ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies.
     """
-    found: list[Contact] = []
-    for block in blocks:
-        kind = block.kind
-        if isinstance(kind, RollingWheel) and isinstance(block, RollingRows):
-            found.append(_wheel(robot, kind, block))
-        elif isinstance(kind, RollingBall):
-            found.append(_ball(robot, kind.frame, kind.radius, "all"))
-        elif isinstance(kind, Caster):
-            found.append(_ball(robot, kind.frame, kind.radius, "none"))
-        elif isinstance(kind, NoSideSlip):
-            found += _edge(robot, kind)
-    return found
+    mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))
+    return [body for contact in mechanisms for body in _bodies(robot, contact)]
 
 
-def _wheel(robot: Robot, kind: RollingWheel, rows: RollingRows) -> Contact:
-    if kind.roller is not None and abs(kind.roller) > 1e-9:
+def _bodies(robot: Robot, contact: GroundContact) -> list[Contact]:
+    """Return the body of a contact; of a runner the wheels that are drawn on its axle, or a blade if there are none."""
+    if contact.friction == "oblique":
         raise ConfigurationError(
-            f"MuJoCo: wheel '{kind.frame}' has oblique rollers, for which the robot has no bodies; expected a wheel, "
-            "an omni wheel (roller=0), a wheel that skids (lateral=False), a ball or a caster"
+            f"MuJoCo: wheel '{contact.frame}' has oblique rollers, for which the robot has no bodies; expected a "
+            "wheel, an omni wheel (roller=0), a wheel that skids (lateral=False), a ball or a caster"
         )
-    frame = robot.model.frames[rows.frame]
-    axle = frame.placement.rotation @ rows.axle
-    grip: Grip = "all" if kind.roller is None and kind.lateral else "forward"
-    return Contact(kind.frame, frame.parentJoint, frame.placement.translation.copy(), axle, kind.radius, grip)
-
-
-def _ball(robot: Robot, name: str, radius: float, grip: Grip) -> Contact:
-    frame = robot.model.frames[robot.frame_id(name)]
-    return Contact(name, frame.parentJoint, frame.placement.translation.copy(), _UP, radius, grip, round=True)
-
-
-# ------------------------------------------------------------------ knife edges
-
-
-def _edge(robot: Robot, kind: NoSideSlip) -> list[Contact]:
-    """Return the wheels that are drawn on the axle of a knife edge, or a blade if there are none."""
-    frame = robot.model.frames[robot.frame_id(kind.frame)]
-    axle = frame.placement.rotation[:, axis_index(kind.axis)]
-    middle = frame.placement.act(np.asarray(kind.at, dtype=float))
-    wheels = _drawn(robot, frame.parentJoint, middle, axle)
+    frame = robot.model.frames[robot.frame_id(contact.frame)]
+    joint, center = frame.parentJoint, frame.placement.act(contact.center)
+    axle = None if contact.axle is None else frame.placement.rotation @ contact.axle
+    if contact.radius is not None:
+        return [Contact(contact.frame, joint, center, axle, contact.radius, contact.friction)]
+    assert axle is not None
+    wheels = _drawn(robot, joint, center, axle)
     if not wheels:
-        return [Contact(kind.frame, frame.parentJoint, middle, axle, 0.0, "across", blade=True)]
-    names = [kind.frame] if len(wheels) == 1 else [f"{kind.frame}[{number}]" for number in range(len(wheels))]
+        return [Contact(contact.frame, joint, center, axle, 0.0, contact.friction, blade=True)]
+    names = [contact.frame] if len(wheels) == 1 else [f"{contact.frame}[{number}]" for number in range(len(wheels))]
     return [
-        Contact(name, frame.parentJoint, center, axle, radius, "across", drawn=True)
-        for name, (center, radius) in zip(names, wheels, strict=True)
+        Contact(name, joint, middle, axle, radius, contact.friction, drawn=True)
+        for name, (middle, radius) in zip(names, wheels, strict=True)
     ]
 
 
