@@ -81,6 +81,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'s'[: count != 1]}"
 
 
+def significant(value: float, digits: int = 2) -> float:
+    """Round a number to significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
 def _listed(listed: Sequence[Item]) -> str:
     more = f" and {len(listed) - _MOST} more" if len(listed) > _MOST else ""
     return (", ".join(map(str, listed[:_MOST])) or "none") + more

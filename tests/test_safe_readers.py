@@ -18,7 +18,7 @@ from rnc_pin.app.report import print_report
 from rnc_pin.app.tables import print_summary
 from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest
-from rnc_pin.plain import json_text
+from rnc_pin.io.json import dump_json
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
 from rnc_pin.scenario.replay import load_run
@@ -508,7 +508,7 @@ def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch
     assert rnc.Trajectory.load(run_file, largest=size).outcome == "completed"
     with pytest.raises(rnc.ConfigurationError, match=f"take more than {size // 2:,} bytes"):
         rnc.Trajectory.load(run_file, largest=size // 2)
-    monkeypatch.setattr("rnc_pin.bounded_npz.ROOM", 0)  # a run of any length is within what its own size allows
+    monkeypatch.setattr("rnc_pin.io.safe_npz.ROOM", 0)  # a run of any length is within what its own size allows
     assert rnc.Trajectory.load(run_file).outcome == "completed"
 
 
@@ -577,7 +577,7 @@ def test_every_error_is_one_printable_line_of_bounded_length():
 
 def test_json_has_no_infinity():
     content = {"a": float("inf"), "b": [float("nan"), 1.5], "c": {"d": -float("inf")}}
-    assert json.loads(json_text(content)) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
+    assert json.loads(dump_json(content)) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
 
 
 def test_an_actuator_that_is_named_twice_is_refused():

@@ -16,8 +16,8 @@ import scipy.linalg
 
 from rnc_pin.analysis.bracket_jets import BracketJets, Jets
 from rnc_pin.errors import SingularityError
+from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plain import Json
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
 _ZERO = 10.0  # ratio to the same values below which a singular value is clearly zero

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json
 
 _ZERO = 1e-9
 _RANK = 1e-9  # of the largest singular value of all outputs' Jacobian

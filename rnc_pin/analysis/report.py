@@ -14,10 +14,10 @@ from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.redundancy import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json, plain_mapping
 
 _LEMMA_TOLERANCE = 1e-6
 _RANK = 1e-10  # of the largest singular value of R^T B
@@ -89,7 +89,7 @@ class Report:
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
         own = {"redundancy": self.redundancy.to_dict(), "growth_evidence": self.growth_evidence.to_dict()}
-        return plain_mapping({**asdict(self), **own}, "report")
+        return to_json_mapping({**asdict(self), **own}, "report")
 
 
 def analyze(

@@ -13,12 +13,12 @@ from typing import TextIO
 import click
 
 from rnc_pin.errors import ModelWarning, printable
-from rnc_pin.plain import json_text
+from rnc_pin.io.json import dump_json
 
 
 def print_json(content: object) -> None:
     """Print JSON on standard output."""
-    click.echo(json_text(content))
+    click.echo(dump_json(content))
 
 
 _SPELLINGS = (

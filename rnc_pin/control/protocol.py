@@ -20,8 +20,8 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
 
 State: TypeAlias = Any

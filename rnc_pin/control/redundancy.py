@@ -8,10 +8,10 @@ from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, describe, listed, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import apply, condition_number
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
 

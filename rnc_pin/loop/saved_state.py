@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.bounded_npz import ArchiveError, read_npz
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.plain import Json
-from rnc_pin.whole_files import written_whole
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import Json
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
 
 _FORMER_NAMES = {"Motion": "VelocityEstimate"}  # names of types in files of version 0.1
 _STRUCTURE = "structure"
@@ -27,7 +27,7 @@ def write_state(state: Any, path: Path) -> None:
     """
     arrays: dict[str, np.ndarray] = {}
     structure = json.dumps(_plain(state, arrays, "state"))
-    with written_whole(path) as partial, partial.open("wb") as file:
+    with atomic_file(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
 
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few
 from rnc_pin.math.linear_algebra import unit_diagonal
-from rnc_pin.plain import significant
+from rnc_pin.printing import significant
 from rnc_pin.robots.sources.description import Body
 
 _TRIANGLE = 1e-3  # relative to the largest principal moment: values in files are rounded

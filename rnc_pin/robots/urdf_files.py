@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 from functools import cache
 from pathlib import Path
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.regular_files import is_file
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -27,7 +27,7 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     path = Path(path).expanduser()
     candidates = [path] if path.is_absolute() else [(beside or Path()) / path, shipped_directory() / path]
     for candidate in candidates:
-        if is_file(candidate):
+        if os.path.isfile(candidate):
             return candidate.resolve()
     if path.is_absolute():
         raise ModelError(f"no URDF file '{path}'")
@@ -43,7 +43,7 @@ def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
         ModelError: no such file; the message names the nearest one in the same folder.
     """
     found = (beside or Path()) / Path(path).expanduser()
-    if is_file(found):
+    if os.path.isfile(found):
         return found.resolve()
     there = sorted(each.name for each in found.parent.glob("*.xml")) if found.parent.is_dir() else []
     raise ModelError(f"no MJCF file '{path}'{nearest(found.name, there) if there else ''}")

@@ -13,12 +13,12 @@ import pinocchio as pin
 from rnc_pin.analysis import Grip
 from rnc_pin.control import Controller, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, nearest
+from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json
 from rnc_pin.planning import CarPath, Hold, Reference, Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.steering_geometry import SteeringGeometry

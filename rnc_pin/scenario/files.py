@@ -13,10 +13,10 @@ from pathlib import Path
 
 import yaml
 
-from rnc_pin.bounded_yaml import load_bounded
 from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
-from rnc_pin.plain import Json
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.json import Json
+from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io.safe_yaml import load_yaml
 from rnc_pin.robots.urdf_files import example_urdfs, shipped_directory
 
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
@@ -85,7 +85,7 @@ def read_yaml(path: Path) -> dict[str, Json]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from None
     try:
-        raw = load_bounded(text)
+        raw = load_yaml(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f"line {mark.line + 1}" if mark else "somewhere"
@@ -103,7 +103,7 @@ def parse_option(option: str) -> tuple[str, Json]:
     if not equals or not key.strip():
         raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
     try:
-        return key.strip(), load_bounded(text)
+        return key.strip(), load_yaml(text)
     except yaml.YAMLError:
         raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
 

@@ -17,10 +17,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rnc_pin.whole_files import BEGINNING
+from rnc_pin.io.atomic_write import TEMPORARY_PREFIX
 
 MARK = ".rnc_pin"
-STAGING = BEGINNING
+STAGING = TEMPORARY_PREFIX
 """Prefix of the name of the temporary folder in which a run writes its results."""
 _FILES = re.compile(
     r"trajectory(_\w+)?\.npz|summary\.json|scenario\.yaml|animation\.html|sweep\.(csv|json)|[^/\0]+\.png"

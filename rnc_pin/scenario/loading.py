@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import describe
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.controllers import TYPES

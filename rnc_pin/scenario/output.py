@@ -12,7 +12,7 @@ from types import TracebackType
 import yaml
 
 from rnc_pin.errors import ConfigurationError, few
-from rnc_pin.plain import json_text
+from rnc_pin.io.json import dump_json
 from rnc_pin.scenario import kept_files
 from rnc_pin.scenario.kept_files import MARK, STAGING, Mark
 
@@ -125,7 +125,7 @@ class OutputFolder:
     def write_json(self, name: str, content: Mapping[str, object]) -> Path:
         """Write JSON."""
         path = self.file(name)
-        path.write_text(json_text(content) + "\n", encoding="utf-8")
+        path.write_text(dump_json(content) + "\n", encoding="utf-8")
         return path
 
     def write_yaml(self, name: str, content: Mapping[str, object]) -> Path:

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import chosen, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate

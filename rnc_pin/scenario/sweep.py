@@ -12,7 +12,7 @@ import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import chosen, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder

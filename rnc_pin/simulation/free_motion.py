@@ -10,9 +10,9 @@ import pinocchio as pin
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plain import Json
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
 from rnc_pin.simulation.ending import outcome_of, raise_with
 from rnc_pin.simulation.info_json import provenance_of

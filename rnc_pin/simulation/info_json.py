@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.plain import Json, plain_mapping
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PlannedPath, Provenance, RunInfo, TaskNames
 
 _Value = TypeVar("_Value")
@@ -55,7 +55,7 @@ def provenance_to_plain(origin: Provenance) -> dict[str, Json]:
         "predicted": origin.predicted or None,
     }
     known = {key: value for key, value in content.items() if value is not None}
-    return plain_mapping({**known, **origin.more}, "meta")
+    return to_json_mapping({**known, **origin.more}, "meta")
 
 
 def provenance_of(content: Provenance | Mapping[str, Json] | None) -> Provenance:
@@ -72,7 +72,7 @@ def provenance_of(content: Provenance | Mapping[str, Json] | None) -> Provenance
         return content
     if content is not None and not isinstance(content, Mapping):
         raise ConfigurationError(f"meta: expected a Provenance or a mapping, found {type(content).__name__}")
-    content = plain_mapping(content or {}, "meta")
+    content = to_json_mapping(content or {}, "meta")
     read = _Reader(content)
     return Provenance(
         scenario=read.optional("scenario", _text),

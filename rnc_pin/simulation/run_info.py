@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from rnc_pin.io.json import Json
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.plain import Json
 
 
 class Outcome(StrEnum):

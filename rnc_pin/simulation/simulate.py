@@ -10,12 +10,12 @@ import numpy as np
 from rnc_pin.control.protocol import Command, Controller, State
 from rnc_pin.errors import InputError
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.io.json import Json
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.model.admission import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plain import Json
 from rnc_pin.plants import Machine
 from rnc_pin.simulation.arguments import check_parts
 from rnc_pin.simulation.ending import outcome_of, raise_with

@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.bounded_npz import ArchiveError, read_npz
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import Json, dump_json
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.plain import Json, json_text
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
-from rnc_pin.whole_files import written_whole
 
 _PLOTTERS = "rnc_pin.plotters"
 """Entry point group of plotting backends, ``plotter(run, title, comparisons) -> figure``. Packages may add some."""
@@ -152,8 +152,8 @@ class Trajectory(SummaryMixin):
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         path = Path(path)
         arrays = {name: getattr(self, name) for name in _array_names()}
-        with written_whole(path) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, **arrays, meta=np.array(json_text(self.meta)))
+        with atomic_file(path) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))
 
     @classmethod
     def load(cls, path: str | Path, largest: int | None = None) -> Trajectory:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.whole_files import written_folder, written_whole
+from rnc_pin.io.atomic_write import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
     from rnc_pin.visualization.recording import Recording
@@ -97,7 +97,7 @@ def write_frames(
         OSError: a file cannot be written.
     """
     folder, names = Path(folder), []
-    with written_folder(folder, replace) as staging:
+    with atomic_folder(folder, replace) as staging:
         for k, picture in enumerate(take_pictures(recording, _times(recording, rate), size)):
             names.append(f"frame_{k:05d}.png")
             (staging / names[-1]).write_bytes(picture)
@@ -130,7 +130,7 @@ def write_video(
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigurationError(f"{path}: a video needs ffmpeg, which is not installed; frames do not need it")
-    with written_whole(path, replace) as partial:
+    with atomic_file(path, replace) as partial:
         _encode(ffmpeg, path, partial, take_pictures(recording, _times(recording, rate), size, "jpeg"), rate)
     return path
 

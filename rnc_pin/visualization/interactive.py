@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.panels import Others, Panel, panels
 from rnc_pin.visualization.plots import plot_run
 from rnc_pin.visualization.top_view import GroundPath, ground_paths
-from rnc_pin.whole_files import written_whole
 
 _MOST_POINTS = 2000
 _DASHES = ("dash", "dashdot", "longdash", "longdashdot")
@@ -48,7 +48,7 @@ def write_plots(
     if path.suffix != ".html":
         raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf, .svg or .html")
     figure = interactive_figure(trajectory, title, comparisons)
-    with written_whole(path, replace) as partial:
+    with atomic_file(path, replace) as partial:
         figure.write_html(partial, include_plotlyjs=True)
     return path
 

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from rnc_pin.errors import RncError
+from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
 
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.visualization.textures import has_own_textures
 
 _RAW = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 
-from rnc_pin.whole_files import written_whole
+from rnc_pin.io.atomic_write import atomic_file
 
 # Palette of Okabe and Ito, ordered so that neighbours also differ in lightness.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
@@ -76,7 +76,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file."""
-    with mpl.rc_context(STYLE), written_whole(Path(path), replace) as partial:
+    with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
         figure.savefig(partial)
     return Path(path)
 

@@ -7,8 +7,9 @@ from html import escape
 from pathlib import Path
 
 from rnc_pin.errors import InputError
+from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plain import significant
+from rnc_pin.printing import significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.scene_server import SceneWindow
@@ -17,7 +18,6 @@ from rnc_pin.visualization.stage import Stage
 from rnc_pin.visualization.state import RATE, recorded_states
 from rnc_pin.visualization.subject import Subject
 from rnc_pin.visualization.view import View
-from rnc_pin.whole_files import written_whole
 
 
 class Recording:
@@ -86,7 +86,7 @@ class Recording:
         Raises:
             OSError: the file cannot be written.
         """
-        with written_whole(Path(path), replace) as partial:
+        with atomic_file(Path(path), replace) as partial:
             partial.write_text(self.html(), encoding="utf-8")
         return Path(path)
 

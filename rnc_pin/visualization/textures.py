@@ -9,7 +9,7 @@ from urllib.parse import unquote
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelWarning
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.containment import is_below
 
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"BM", b"RIFF", b"II*\0", b"MM\0*", b"DDS ")

@@ -10,9 +10,9 @@ import click
 
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.scenario.draft import DraftOptions, draft
 from rnc_pin.scenario.files import parse_options
-from rnc_pin.whole_files import written_whole
 
 
 def draft_scenario(
@@ -33,7 +33,7 @@ def draft_scenario(
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
     try:
-        with written_whole(path, force) as partial:
+        with atomic_file(path, force) as partial:
             partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None

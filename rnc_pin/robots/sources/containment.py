@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 
 from rnc_pin.errors import ModelError
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.description import parse_tree
 
 REMEDY = "give its folder in package_dirs (--package-dir) if you trust the description with it"

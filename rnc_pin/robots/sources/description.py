@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 
 GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from rnc_pin.regular_files import is_file
 from rnc_pin.robots.sources.containment import AllowedFolders, folders_above, package_name
 
 
@@ -81,7 +80,7 @@ class Packages:
         if separator and scheme in ("package", "model"):
             name, _, inside = rest.partition("/")
             candidates = list(self.candidates(name))
-            having = [each for each in candidates if is_file(each / inside)]
+            having = [each for each in candidates if os.path.isfile(each / inside)]
             having.sort(key=lambda each: not self.allowed.has(each / inside))
             self._recorded(name, next(iter([*having, *candidates]), None))
             return self.allowed.admit(having[0] / inside, f"file '{uri}'") if having else None
@@ -89,7 +88,7 @@ class Packages:
             return None
         path = Path(rest if separator else uri)
         places = [folder / path for folder in (self._beside, *self._folders)]
-        place = next((place for place in places if is_file(place)), None)
+        place = next((place for place in places if os.path.isfile(place)), None)
         return None if place is None else self.allowed.admit(place, f"file '{uri}'")
 
 

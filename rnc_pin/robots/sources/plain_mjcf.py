@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rnc_pin.errors import ModelError, few, nearest
-from rnc_pin.regular_files import LARGEST
+from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots.sources.description import ROOT_JOINTS, read_numbers
 
 _WITH_DEFAULTS = ("joint", "geom", "site", "mesh")

@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, RncError
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plain import Json, plain_mapping
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft import actuators, outputs
 from rnc_pin.scenario.draft.couplings import loop_closures, uncoupled_joints
@@ -284,4 +284,4 @@ def _rounded(value: float | list[float]) -> float | list[float]:
 
 def _without_remarks(scenario: Drafted) -> dict[str, Json]:
     bare = {key: [entry for entry, _ in scenario[key]] for key in ("constraints", "actuators")}
-    return plain_mapping({**scenario, **bare}, "draft")
+    return to_json_mapping({**scenario, **bare}, "draft")

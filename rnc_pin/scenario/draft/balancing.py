@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from rnc_pin.plain import Json, significant
+from rnc_pin.io.json import Json
+from rnc_pin.printing import significant
 from rnc_pin.scenario.draft.chassis import WheelGroup, WheelLayout, are_parallel
 from rnc_pin.scenario.draft.mobility import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
 from rnc_pin.scenario.draft.site import RobotAtStart

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.joints import effort_limit, is_revolute, joint_limits, turning_axis
 from rnc_pin.scenario.draft.mobility import BaseAssumptions
 from rnc_pin.scenario.draft.shapes import LEVEL, Shape

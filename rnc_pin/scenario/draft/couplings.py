@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from pydantic import TypeAdapter
 
+from rnc_pin.io.json import Json
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import ConstraintKind
-from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.mobility import Entry
 from rnc_pin.scenario.schema.constraints import ConstraintItem

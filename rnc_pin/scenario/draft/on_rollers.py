@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.plain import Json
 from rnc_pin.scenario.draft.chassis import WheelLayout
 from rnc_pin.scenario.draft.joints import turning_axis
 from rnc_pin.scenario.draft.mobility import BaseAssumptions, measured, rolls

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.chassis import WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls

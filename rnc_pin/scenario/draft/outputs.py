@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plain import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.joints import is_revolute, joint_limits
 from rnc_pin.scenario.draft.mobility import BENT, BaseAssumptions

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rnc_pin.plain import Json
+from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis
 from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry, measured, rolls

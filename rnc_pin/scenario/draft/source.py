@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.plain import Json
-from rnc_pin.regular_files import is_file
+from rnc_pin.io.json import Json
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.description import parse_xml
@@ -202,7 +201,7 @@ def _volume(robot: Robot) -> float:
 
 def _entry(source: str, folder: Path) -> dict[str, Json]:
     path = Path(source).expanduser()
-    if is_file(path):
+    if os.path.isfile(path):
         relative = os.path.relpath(path.resolve(), folder.resolve())
         if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
             return {"urdf": relative}

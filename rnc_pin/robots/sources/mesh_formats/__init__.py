@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from rnc_pin.errors import ModelError
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.mesh_formats.collada import read_collada
 from rnc_pin.robots.sources.mesh_formats.gltf import read_glb, read_gltf
 from rnc_pin.robots.sources.mesh_formats.mesh import (

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from rnc_pin.errors import ModelError
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 
 _DEEPEST = 200
 

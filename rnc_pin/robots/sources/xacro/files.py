@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.regular_files import read_bytes
+from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro.expander import Expander
 from rnc_pin.robots.sources.xacro.substitution import Arguments

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import yaml
 
-from rnc_pin.bounded_yaml import load_bounded
 from rnc_pin.errors import ModelError, ModelWarning, nearest
-from rnc_pin.regular_files import is_file, read_bytes
+from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io.safe_yaml import load_yaml
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
@@ -189,7 +189,7 @@ class Substitution:
     def _chosen(self, text: str) -> str:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
-        if path.is_absolute() and is_file(path):
+        if path.is_absolute() and os.path.isfile(path):
             self._packages.allowed.add(path)
         return text
 
@@ -214,7 +214,7 @@ class Substitution:
         path = self.admitted(self.path(name))
         try:
             text = read_bytes(path).decode()
-            return load_bounded(text, unit_loader(self.budget))
+            return load_yaml(text, unit_loader(self.budget))
         except OSError as error:
             raise ModelError(f"cannot read '{path}': {error.strerror}") from None
         except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -14,9 +14,9 @@ from pydantic import Field, model_validator
 from rnc_pin.analysis import Grip
 from rnc_pin.control import Controller, Estimator, SlitheringReference, UncertainController
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.plain import Json
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict, wrong
 from rnc_pin.scenario.schema.controllers.unknown import Unknown

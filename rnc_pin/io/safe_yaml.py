@@ -42,7 +42,7 @@ def _mapping(loader: UniqueKeyLoader, node: yaml.MappingNode) -> dict[Hashable, 
 UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
-def load_bounded(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
+def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
     """Parse YAML text.
 
     Raises:

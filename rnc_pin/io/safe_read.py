@@ -31,14 +31,6 @@ def open_regular(path: Path) -> BinaryIO:
         raise
 
 
-def is_file(path: Path) -> bool:
-    """Return True if the path is a regular file; False for an invalid file name."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
 def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
     """Read the content of a file.
 

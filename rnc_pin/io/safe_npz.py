@@ -15,7 +15,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from rnc_pin.regular_files import open_regular
+from rnc_pin.io.safe_read import open_regular
 
 ROOM = 256 * 2**20
 """Size limit of the arrays of a small file [bytes]."""

@@ -1,4 +1,4 @@
-"""Plain data: values that JSON and YAML can represent."""
+"""Values that JSON and YAML can represent."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rnc_pin.errors import InputError
 Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
 
 
-def plain(content: object, what: str) -> Json:
-    """Return a deep copy with mappings as dicts and sequences as lists.
+def to_json(content: object, what: str) -> Json:
+    """Return a deep copy of JSON values, with mappings as dicts and sequences as lists.
 
     Args:
         content: value to copy.
@@ -25,24 +25,19 @@ def plain(content: object, what: str) -> Json:
     if content is None or isinstance(content, bool | int | float | str):
         return content
     if isinstance(content, Mapping):
-        return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
+        return {str(key): to_json(value, f"{what}.{key}") for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [plain(value, f"{what}[{place}]") for place, value in enumerate(content)]
+        return [to_json(value, f"{what}[{place}]") for place, value in enumerate(content)]
     raise InputError(f"{what}: is of type {type(content).__name__}, expected numbers, text, lists and mappings")
 
 
-def plain_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
-    """Return ``plain`` of each value of a mapping."""
-    return {str(key): plain(value, f"{what}.{key}") for key, value in content.items()}
+def to_json_mapping(content: Mapping[str, object], what: str) -> dict[str, Json]:
+    """Return a deep copy of a mapping of JSON values, like ``to_json``."""
+    return {str(key): to_json(value, f"{what}.{key}") for key, value in content.items()}
 
 
-def significant(value: float, digits: int = 2) -> float:
-    """Round a number to significant digits."""
-    return float(f"{value:.{digits}g}")
-
-
-def json_text(content: object) -> str:
-    """Return plain data as JSON text; infinities and NaN become null."""
+def dump_json(content: object) -> str:
+    """Return values as JSON text; infinities and NaN become null."""
     return json.dumps(_finite(content), indent=2, allow_nan=False)
 
 

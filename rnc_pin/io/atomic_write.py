@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-BEGINNING = ".rnc_pin_"
+TEMPORARY_PREFIX = ".rnc_pin_"
 """Prefix of temporary names."""
 
 
 @contextmanager
-def written_whole(path: Path, replace: bool = True) -> Iterator[Path]:
+def atomic_file(path: Path, replace: bool = True) -> Iterator[Path]:
     """Yield a temporary path for a file, and move the file into place at the end; a failure leaves no file.
 
     A link at ``path`` is replaced itself; its target does not change.
@@ -27,7 +27,7 @@ def written_whole(path: Path, replace: bool = True) -> Iterator[Path]:
     Raises:
         OSError: the file cannot be written or exists; the error names ``path``.
     """
-    partial = path.with_name(BEGINNING + secrets.token_hex(4) + path.suffix)
+    partial = path.with_name(TEMPORARY_PREFIX + secrets.token_hex(4) + path.suffix)
     try:
         partial.open("xb").close()
         yield partial
@@ -41,7 +41,7 @@ def written_whole(path: Path, replace: bool = True) -> Iterator[Path]:
 
 
 @contextmanager
-def written_folder(path: Path, replace: bool = True) -> Iterator[Path]:
+def atomic_folder(path: Path, replace: bool = True) -> Iterator[Path]:
     """Yield a temporary folder, and move its files into place at the end; other files in the folder stay.
 
     Args:
@@ -53,7 +53,7 @@ def written_folder(path: Path, replace: bool = True) -> Iterator[Path]:
     """
     path = Path(os.path.abspath(path))  # "." has no name to derive a temporary one from
     path.parent.mkdir(parents=True, exist_ok=True)
-    staging = path.with_name(BEGINNING + secrets.token_hex(4))
+    staging = path.with_name(TEMPORARY_PREFIX + secrets.token_hex(4))
     staging.mkdir()
     try:
         yield staging

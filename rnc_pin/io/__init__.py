@@ -1,0 +1,1 @@
+"""Files: safe reading of untrusted ones, atomic writing, and data that JSON can represent."""
