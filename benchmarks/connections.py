@@ -24,12 +24,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import rnc_pin as rnc
-from rnc_pin.visualization.live import LiveView, MeshcatScreen, Screen
-from rnc_pin.visualization.viser_screen import ViserScreen
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.viewers import MeshcatViewer, Viewer
+from rnc_pin.visualization.viser_viewer import ViserViewer
 
 PATIENCE = 60.0  # [s]
 GROWTH = 40.0  # [MB] of a process that serves; of 10 MB a visitor, as it once was, 4 would be too many
-SCREENS: dict[str, Callable[..., Screen]] = {"meshcat": MeshcatScreen, "viser": ViserScreen}
+VIEWERS: dict[str, Callable[..., Viewer]] = {"meshcat": MeshcatViewer, "viser": ViserViewer}
 
 _KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
 _UPGRADE = f"Upgrade: websocket\r\nConnection: Upgrade\r\n{_KEY}"
@@ -194,16 +195,16 @@ def eventually(true: Callable[[], bool]) -> bool:
     return True
 
 
-def visit(screen: str, count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
+def visit(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
     """Let so many visitors come to a live view, and close it while some are there.
 
     Returns:
         How many of each kind came, what went wrong, and what is left: sockets, threads, and memory [MB].
     """
-    _visited(screen, 2 * len(VISITORS), random.Random(-1))  # what is loaded once is not growth
+    _visited(viewer, 2 * len(VISITORS), random.Random(-1))  # what is loaded once is not growth
     gc.collect()
     before = sockets(), threading.active_count(), memory()
-    counts, faults = _visited(screen, count, random.Random(seed))
+    counts, faults = _visited(viewer, count, random.Random(seed))
     eventually(lambda: sockets() <= before[0])
     gc.collect()
     left = {
@@ -212,15 +213,15 @@ def visit(screen: str, count: int, seed: int = 0) -> tuple[Counter[str], list[st
         "megabytes": memory() - before[2],
     }
     if left["sockets"] > 0 or left["threads"] > 0 or left["megabytes"] > GROWTH:
-        faults.append(f"{screen}: left behind: {left}")
+        faults.append(f"{viewer}: left behind: {left}")
     return counts, faults, left
 
 
-def _visited(screen: str, count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
+def _visited(viewer: str, count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
     counts: Counter[str] = Counter()
     faults: list[str] = []
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    live = LiveView(robot, open_browser=False, screen=SCREENS[screen])
+    live = LiveView(robot, open_browser=False, viewer=VIEWERS[viewer])
     staying: list[Visitor] = []
     try:
         port = int(live.url.split(":")[2].split("/")[0])
@@ -230,18 +231,18 @@ def _visited(screen: str, count: int, dice: random.Random) -> tuple[Counter[str]
             visitor = Visitor(port, random.Random(dice.random()))
             try:
                 if not act(visitor):
-                    faults.append(f"{screen} {number}: {act.__name__} was not ended as it should be")
+                    faults.append(f"{viewer} {number}: {act.__name__} was not ended as it should be")
             except Exception as error:
-                faults.append(f"{screen} {number}: {act.__name__}: {type(error).__name__}: {error}")
+                faults.append(f"{viewer} {number}: {act.__name__}: {type(error).__name__}: {error}")
             staying.append(visitor)
             if len(staying) > 8:
                 staying.pop(dice.randrange(8)).socket.close()
         with_browser = Visitor(port, dice)
         staying.append(with_browser)
         if with_browser.open() != 101:
-            faults.append(f"{screen}: a proper visitor is not let in at the end")
+            faults.append(f"{viewer}: a proper visitor is not let in at the end")
         if live.problem is not None:
-            faults.append(f"{screen}: the view stopped: {live.problem}")
+            faults.append(f"{viewer}: the view stopped: {live.problem}")
     finally:
         live.close()
         for visitor in staying:
@@ -251,20 +252,20 @@ def _visited(screen: str, count: int, dice: random.Random) -> tuple[Counter[str]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1700, help="visitors of each screen")
+    parser.add_argument("--count", type=int, default=1700, help="visitors of each viewer")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--screen", choices=list(SCREENS), action="append", help="by default both, where viser is installed"
+        "--viewer", choices=list(VIEWERS), action="append", help="by default both, where viser is installed"
     )
     options = parser.parse_args()
     wrong = 0
-    for screen in options.screen or (SCREENS if _VERSION else ["meshcat"]):
+    for viewer in options.viewer or (VIEWERS if _VERSION else ["meshcat"]):
         start = time.perf_counter()
-        counts, faults, left = visit(screen, options.count, options.seed)
+        counts, faults, left = visit(viewer, options.count, options.seed)
         for kind, number in counts.items():
-            print(f"{screen:8} {kind:20} {number:6,}")
+            print(f"{viewer:8} {kind:20} {number:6,}")
         print(
-            f"{screen:8} {sum(counts.values()):,} connections in {time.perf_counter() - start:.0f} s, "
+            f"{viewer:8} {sum(counts.values()):,} connections in {time.perf_counter() - start:.0f} s, "
             f"{len(faults)} faults; left: {left['sockets']:.0f} sockets, {left['threads']:.0f} threads, "
             f"{left['megabytes']:.1f} MB",
             flush=True,

@@ -13,7 +13,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from rnc_pin.scenario.draft import DraftOptions, draft
-from rnc_pin.visualization.meshes import MeshVisualizer, drawn_triangles
+from rnc_pin.visualization.meshcat_robot import MeshVisualizer, drawn_triangles
 from rnc_pin.visualization.recording import Recording
 
 _AT_ONCE = 40  # meshes of a robot that is drafted

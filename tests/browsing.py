@@ -50,10 +50,10 @@ def visit(launched, url, offline=False):
 def picture(page):
     """What the page shows once it has drawn, without board and player, (height, width, 3) in [0, 1]."""
     page.evaluate("document.body.classList.add('still')")
-    page.evaluate("document.querySelectorAll('#board, #foot').forEach(part => { part.style.visibility = 'hidden'; })")
+    page.evaluate("document.querySelectorAll('#overlay, #foot').forEach(part => { part.style.visibility = 'hidden'; })")
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     shot = image.imread(io.BytesIO(page.screenshot(timeout=1000 * PATIENCE)))[..., :3]
-    page.evaluate("document.querySelectorAll('#board, #foot').forEach(part => { part.style.visibility = ''; })")
+    page.evaluate("document.querySelectorAll('#overlay, #foot').forEach(part => { part.style.visibility = ''; })")
     return shot
 
 

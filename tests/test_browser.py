@@ -16,11 +16,11 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Sample, tracking_errors
+from rnc_pin.visualization.drawn_state import RATE, sample_configurations
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.screens import selected_screen
-from rnc_pin.visualization.state import RATE, sample_configurations
 from rnc_pin.visualization.view import View
+from rnc_pin.visualization.viewers import selected_viewer
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)
@@ -66,9 +66,9 @@ def loaded(browser, recording, path, begin=None):
 
 
 def row(page, label):
-    """A figure on the board."""
+    """A figure in the overlay."""
     return page.evaluate(
-        "label => [...document.querySelectorAll('#board tr')]"
+        "label => [...document.querySelectorAll('#overlay tr')]"
         ".find(line => line.cells[0].textContent === label).cells[1].textContent",
         label,
     )
@@ -129,7 +129,7 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     assert len(children(page, "tracks")) == 6
     assert len(children(page, "constraint forces")) == 3
     assert page.evaluate("Object.keys(viewer.gui.__folders)") == ["Scene", "Save / Load / Capture", "Animations"]
-    # The board says what the run says.
+    # The overlay says what the run says.
     i = 400
     position = [tracking_errors(run)[name][i] for name in ("tractor_x", "tractor_y")]
     assert row(page, "time") == "4.00 s"
@@ -154,7 +154,7 @@ def test_everything_is_drawn_and_can_be_switched(browser, fire_truck, tmp_path):
     assert changed(before, picture(page)) > 30
     # Whose figures move as the animation does.
     page.evaluate("viewer.animator.seek(0.0)")
-    page.wait_for_function("document.querySelector('#board td.value').textContent === '0.0000 s'")
+    page.wait_for_function("document.querySelector('#overlay td.value').textContent === '0.0000 s'")
     assert problems == []
     page.context.close()
 
@@ -240,7 +240,7 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
         assert {"plan", "goal", "path", "tracks", "constraint forces", "margin"} <= set(children(page))
         assert eventually(lambda: float(row(page, "time").split()[0]) > 5.5)
         assert float(row(page, "error of tractor").split()[0]) < 0.01
-        assert page.text_content("#board h1") == "Truck"
+        assert page.text_content("#overlay h1") == "Truck"
         live.close()  # which shows the last sample, if it has not been shown
         wanted = expected_place(experiment.reduced.robot, result.trajectory.q[-1], "tractor_1")
         there = ("robot", "visuals", "tractor_1")
@@ -256,7 +256,7 @@ def test_viser_shows_the_robot_where_it_is_asked_for(browser, robot, monkeypatch
     pytest.importorskip("viser", reason="viser is an optional extra and not installed")
     monkeypatch.setenv("PINOCCHIO_VIEWER", "viser")
     before = listening()
-    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, screen=selected_screen())
+    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, viewer=selected_viewer())
     try:
         assert {address for address, _ in listening() - before} == {"0100007F"}
         page, problems = visit(browser, live.url + "/")

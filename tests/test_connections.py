@@ -5,10 +5,10 @@ import pytest
 from benchmarks import connections
 
 
-@pytest.mark.parametrize("screen", connections.SCREENS)
-def test_visitors_cost_nothing_that_stays(screen):
-    if screen == "viser":
+@pytest.mark.parametrize("viewer", connections.VIEWERS)
+def test_visitors_cost_nothing_that_stays(viewer):
+    if viewer == "viser":
         pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    counts, faults, _ = connections.visit(screen, 60)
+    counts, faults, _ = connections.visit(viewer, 60)
     assert faults == []
     assert len(counts) == len(connections.VISITORS)

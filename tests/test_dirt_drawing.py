@@ -24,15 +24,15 @@ from rnc_pin.scenario import pictures
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import Follower
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import DrawnState
-from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.robot_meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viser_screen import ViserScreen
+from rnc_pin.visualization.viser_viewer import ViserViewer
 
 DIRT = Path(__file__).parent / "data" / "dirt"
 SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
@@ -247,16 +247,16 @@ def test_the_page_shows_mirrored_meshes_from_outside(mirrored, browser, tmp_path
 
 def test_viser_shows_mirrored_meshes_from_outside(mirrored):
     pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    subject, visual = Subject.of(mirrored), mirrored.visual_model
-    screen = ViserScreen(subject, View(), RunInfo(subject.outputs), "127.0.0.1", "mirrored")
+    drawn_model, visual = DrawnModel.of(mirrored), mirrored.visual_model
+    viewer = ViserViewer(drawn_model, View(), RunInfo(drawn_model.outputs), "127.0.0.1", "mirrored")
     try:
         for name in ("right_0", "upper_right_0", "top_right_0"):
-            handle = screen._visualizer.frames[f"robot/visual/{name}"]
+            handle = viewer._visualizer.frames[f"robot/visual/{name}"]
             shape = visual.geometryObjects[visual.getGeometryId(name)]
             triangles = np.asarray(handle.vertices)[np.asarray(handle.faces)]
             assert volume(triangles) == pytest.approx(volume(drawn_triangles(shape) * drawn_scale(shape)), rel=1e-5)
     finally:
-        screen.close()
+        viewer.close()
 
 
 @pytest.mark.parametrize("name", ["centauro", "talos_reduced"])
@@ -553,7 +553,7 @@ def test_the_live_page_keeps_a_robot_in_sight_that_drives_away(cart, browser):
 )
 def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(Stage, "grid", lambda stage, height, center, half: drawn.append(height))
+    monkeypatch.setattr(MeshcatScene, "grid", lambda scene, height, center, half: drawn.append(height))
     path = tmp_path / "satellite.urdf"
     body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
     path.write_text(chain(hub=body, arm=body))

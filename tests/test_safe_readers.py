@@ -23,7 +23,7 @@ from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.meshes import MeshVisualizer
+from rnc_pin.visualization.meshcat_robot import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
@@ -342,7 +342,7 @@ def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
     pytest.importorskip("viser", reason="viser is an optional extra and not installed")
     import trimesh
 
-    from rnc_pin.visualization.viser_screen import ViserScreen
+    from rnc_pin.visualization.viser_viewer import ViserViewer
 
     (tmp_path / "robot").mkdir()
     for name in ("elsewhere.png", "robot/skin.png"):
@@ -359,7 +359,7 @@ def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
     monkeypatch.setattr(trimesh, "load_scene", lambda path, *more: opened.append(path) or usual(path, *more))
     monkeypatch.setattr(trimesh, "load_mesh", lambda path, *more: opened.append(path))
     with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is not an image"):
-        live = LiveView(robot, open_browser=False, screen=ViserScreen)
+        live = LiveView(robot, open_browser=False, viewer=ViserViewer)
     live.close()
     assert opened == [str(tmp_path / "robot/own.dae")]
 

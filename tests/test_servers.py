@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.visualization.browser.access import RequestFilter
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.visitors import RequestFilter
 
 PATIENCE = 20.0  # [s]
 
@@ -199,10 +199,10 @@ def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog)
 
 def test_viser_is_served_like_our_own_page(monkeypatch):
     pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    from rnc_pin.visualization.viser_screen import ViserScreen
+    from rnc_pin.visualization.viser_viewer import ViserViewer
 
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    live = LiveView(robot, open_browser=False, screen=ViserScreen)
+    live = LiveView(robot, open_browser=False, viewer=ViserViewer)
     try:
         port = int(live.url.split(":")[2].split("/")[0])
         ours = f"localhost:{port}"

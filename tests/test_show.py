@@ -12,14 +12,14 @@ import systems
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Columns, OutputNames, output_names
-from rnc_pin.visualization.board import Board, margin_color
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
+from rnc_pin.visualization.drawn_state import RATE, DrawnState, OutputColumns, recorded_states, sample_configurations
 from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.keyframes import Keyframes
 from rnc_pin.visualization.null_motion import NullMotion
-from rnc_pin.visualization.poses import Poses
+from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.state import RATE, DrawnState, OutputColumns, recorded_states, sample_configurations
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
 
 
@@ -146,7 +146,7 @@ def test_a_momentum_acts_on_no_point():
 def test_wheels_leave_tracks(truck):
     reduced, run = truck
     first = next(recorded_states(reduced.robot, run))
-    poses = Poses(reduced.robot, reduced.constraints)
+    poses = SceneKinematics(reduced.robot, reduced.constraints)
     wheels = poses.wheels(first, -0.13)
     where = np.sort([wheel(first) for wheel in wheels.values()], axis=0)
     # Three axles at -9, -8 and -7, wheels 0.24 to 0.26 beside the middle, on the ground.
@@ -158,7 +158,7 @@ def test_wheels_leave_tracks(truck):
 def test_an_axle_without_drawn_wheels_leaves_a_track_itself(truck):
     reduced, run = truck
     first = next(recorded_states(reduced.robot, run))
-    tracks = Poses(rnc.Robot(reduced.robot.model), reduced.constraints).wheels(first, 0.0)
+    tracks = SceneKinematics(rnc.Robot(reduced.robot.model), reduced.constraints).wheels(first, 0.0)
     np.testing.assert_allclose(np.sort([track(first)[0] for track in tracks.values()]), [-9, -8, -7], atol=1e-9)
 
 
@@ -172,7 +172,7 @@ def test_an_arrow_goes_from_a_point_along_a_vector():
     assert np.linalg.det(matrix[:3, :3]) > 0
 
 
-# ---------------------------------------------------------------------- null motion, board, camera
+# ---------------------------------------------------------------------- null motion, overlay, camera
 
 
 @pytest.mark.parametrize(("name", "output"), [("space_robot", "joint_1"), ("mobile_manipulator", "base_yaw")])
@@ -198,8 +198,8 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     vertical = list(reduced.vertical.names)
     names = OutputColumns.of(output_names(reduced))
     goals = ["tractor_x", "tractor_y", "trailer_yaw"]
-    board = Board(names, goals, Poses(reduced.robot), {}, margin=True)
-    assert [each["label"] for each in board.labels()] == [
+    overlay = Overlay(names, goals, SceneKinematics(reduced.robot), {}, margin=True)
+    assert [each["label"] for each in overlay.labels()] == [
         "time", "error of tractor", "error of trailer yaw", "singularity margin"]  # fmt: skip
     actual, desired = dict.fromkeys(vertical, 0.0), dict.fromkeys(vertical, np.nan)
     actual |= {"tractor_x": 1.0, "tractor_y": 2.0, "trailer_yaw": 3.1}
@@ -207,7 +207,7 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     x1, x1_desired = (np.array([values[name] for name in vertical]) for values in (actual, desired))
     state = DrawnState(1.5, reduced.robot.configuration(), *np.zeros((6, 3)), 0.25)
     state = state._replace(x1=x1, x1_desired=x1_desired)
-    np.testing.assert_allclose(board.figures(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
+    np.testing.assert_allclose(overlay.values(state)[0], [1.5, 0.5, 2 * np.pi - 6.2, 0.25])
 
 
 def test_the_board_tells_an_integral_from_a_speed():
@@ -215,18 +215,20 @@ def test_the_board_tells_an_integral_from_a_speed():
     reduced = systems.fire_truck()
     names = OutputColumns.of(output_names(reduced))
     (speed,) = (name for name in reduced.reducing.names if "speed" in name)
-    labels = Board(names, [speed], Poses(reduced.robot), None, margin=False).labels()
+    labels = Overlay(names, [speed], SceneKinematics(reduced.robot), None, margin=False).labels()
     assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
 
 
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
-    board = Board(OutputColumns.of(OutputNames(x2=attitude)), attitude.names, Poses(robot), None, margin=False)
+    overlay = Overlay(
+        OutputColumns.of(OutputNames(x2=attitude)), attitude.names, SceneKinematics(robot), None, margin=False
+    )
     state = DrawnState(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
-    assert [each["label"] for each in board.labels()] == ["time", "error of panda hand orientation"]
-    np.testing.assert_allclose(board.figures(state)[0][1], 2 * np.pi - 6.0)
+    assert [each["label"] for each in overlay.labels()] == ["time", "error of panda hand orientation"]
+    np.testing.assert_allclose(overlay.values(state)[0][1], 2 * np.pi - 6.0)
 
 
 def test_colours_warn_of_a_singularity():

@@ -15,6 +15,7 @@ import meshcat
 import meshcat.geometry as mg
 import numpy as np
 import pytest
+import umsgpack
 
 import rnc_pin as rnc
 from browsing import listening
@@ -23,11 +24,11 @@ from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Sample
+from rnc_pin.visualization.browser.access import is_loopback
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow, in_order
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_server import SceneWindow, is_loopback
-from rnc_pin.visualization.scene_store import SceneStore
-from rnc_pin.visualization.screens import selected_screen
+from rnc_pin.visualization.viewers import selected_viewer
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
@@ -183,7 +184,7 @@ def test_a_browser_that_reads_no_more_costs_no_memory():
 
 
 def stored(window):
-    return {path.rsplit("/", 1)[-1] for (path, _), _ in window._store.items()}
+    return {path.rsplit("/", 1)[-1] for path, _ in list(window.latest)}
 
 
 def test_the_loop_does_not_wait_for_a_browser_that_reads_no_more(prepared, run):
@@ -227,7 +228,7 @@ def test_pictures_are_dropped_when_drawing_is_slow(robot):
         def close(self):
             pass
 
-    live = LiveView(robot, speed=0.0, open_browser=False, screen=Slow)
+    live = LiveView(robot, speed=0.0, open_browser=False, viewer=Slow)
     begin = time.perf_counter()
     for t in np.arange(0.0, 10.0, 0.01):
         live(sample(t, robot.configuration()))
@@ -250,7 +251,7 @@ def test_a_picture_that_fails_does_not_take_the_run_along(robot):
         def close(self):
             pass
 
-    live = LiveView(robot, speed=0.0, open_browser=False, screen=Broken)
+    live = LiveView(robot, speed=0.0, open_browser=False, viewer=Broken)
     live(sample(0.0, robot.configuration()))
     assert eventually(lambda: isinstance(live.problem, ValueError))
     live(sample(1.0, robot.configuration()))
@@ -319,20 +320,21 @@ def test_a_robot_without_geometry_cannot_be_drawn(robot):
 def test_a_visualizer_that_is_not_known_is_refused(monkeypatch):
     monkeypatch.setenv("PINOCCHIO_VIEWER", "vizer")
     with pytest.raises(rnc.ConfigurationError, match=r"PINOCCHIO_VIEWER=vizer: .*did you mean 'viser'"):
-        selected_screen()
+        selected_viewer()
 
 
-def test_the_store_keeps_the_last_word_and_an_order_that_works():
-    store = SceneStore()
-    for key in (("a", "set_transform"), ("", "set_animation"), ("a", "set_object"), ("a/b", "set_object")):
-        store.put(key, b"first")
-    store.put(("a", "set_transform"), b"second")
-    assert list(store.items()) == [
-        (("a", "set_object"), b"first"),
-        (("a", "set_transform"), b"second"),
-        (("a/b", "set_object"), b"first"),
-        (("", "set_animation"), b"first"),
+def test_the_latest_commands_stay_in_an_order_that_draws_the_scene():
+    window = SceneWindow()
+    for kind, path, size in (("set_transform", "a", 1), ("set_animation", "", 1), ("set_object", "a", 1),
+                             ("set_object", "a/b", 1), ("set_transform", "/a", 2)):  # fmt: skip
+        window.post({"type": kind, "path": path, "size": size})
+    drawn = [umsgpack.unpackb(data) for data in in_order(window.latest)]
+    assert [(each["path"], each["type"], each["size"]) for each in drawn] == [
+        ("a", "set_object", 1),
+        ("a/b", "set_object", 1),
+        ("/a", "set_transform", 2),
+        ("", "set_animation", 1),
     ]
-    store.put(("ab", "set_object"), b"")
-    store.put(("a", "delete"), b"")
-    assert [path for (path, _), _ in store.items()] == ["ab", ""]
+    window.post({"type": "set_object", "path": "ab"})
+    window.post({"type": "delete", "path": "a"})
+    assert {path for path, _ in window.latest} == {"ab", ""}

@@ -8,10 +8,10 @@ from rnc_pin.app.messages import warn
 from rnc_pin.interruption import interruptible
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation import Provenance, RunInfo
+from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.scene_server import is_loopback
-from rnc_pin.visualization.screens import selected_screen
 from rnc_pin.visualization.view import View
+from rnc_pin.visualization.viewers import selected_viewer
 
 
 def live_view(
@@ -20,7 +20,7 @@ def live_view(
     """Serve a live view, print its address, and wait for the browser."""
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
-    live = LiveView(reduced, view, info, speed, browser, host, title, selected_screen())
+    live = LiveView(reduced, view, info, speed, browser, host, title, selected_viewer())
     click.echo(f"showing on {live.url}", err=True)
     try:
         with interruptible():

@@ -11,7 +11,7 @@ VIEW_DIRECTION = (-0.35, 1.0, -0.8)  # viewing direction of a camera that is pla
 ASPECT = 1.6  # width over height of the picture
 _USED_PART = np.array(
     [0.8, 0.58]
-)  # used part of the picture's width and height; board, legend and player need the rest
+)  # used part of the picture's width and height; overlay, legend and player need the rest
 _CENTERINGS = 4
 _ROOM = 1.5  # box around a robot that the camera follows, over the size of the robot
 # Largest distance of the robot from the target, over the distance between camera and target.

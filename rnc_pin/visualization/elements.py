@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
-from rnc_pin.visualization.meshes import drawn_scale
-from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import DrawnState
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.robot_meshes import drawn_scale
 
 # Okabe and Ito
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
@@ -47,11 +47,11 @@ class Element(ABC):
     entry: LayerEntry
     expensive = False
 
-    def build(self, stage: Stage) -> None:  # noqa: B027, some have nothing to build
+    def build(self, scene: MeshcatScene) -> None:  # noqa: B027, some have nothing to build
         """Draw the initial content."""
 
     @abstractmethod
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         """Show a state."""
 
 
@@ -61,11 +61,11 @@ class FixedPath(Element):
     def __init__(self, entry: LayerEntry, name: str, points: np.ndarray, width: float) -> None:
         self.entry, self._name, self._points, self._width = entry, name, points, width
 
-    def build(self, stage: Stage) -> None:
+    def build(self, scene: MeshcatScene) -> None:
         dashed = self.entry.sign == "dashed"
-        stage.path(f"{self.entry.layer}/{self._name}", self._points, self.entry.color, self._width, dashed)
+        scene.path(f"{self.entry.layer}/{self._name}", self._points, self.entry.color, self._width, dashed)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         pass
 
 
@@ -87,13 +87,13 @@ class Trail(Element):
         self._points: list[np.ndarray] = []
         self._count = 0
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         self._points.append(np.array(self._point(state)))
         if len(self._points) <= self._piece:
             return
         node = f"{self.entry.layer}/{self._name}/{self._count:03d}"
-        stage.path(node, np.stack(self._points), self.entry.color, self._width, self.entry.sign == "dashed")
-        stage.appear(node)
+        scene.path(node, np.stack(self._points), self.entry.color, self._width, self.entry.sign == "dashed")
+        scene.appear(node)
         self._points, self._count = self._points[-1:], self._count + 1
 
 
@@ -103,19 +103,19 @@ class Triad(Element):
     def __init__(self, entry: LayerEntry, name: str, pose: Callable[[DrawnState], np.ndarray], size: float) -> None:
         self.entry, self._node, self._pose, self._size = entry, f"{entry.layer}/{name}", pose, size
 
-    def build(self, stage: Stage) -> None:
+    def build(self, scene: MeshcatScene) -> None:
         size = self._size
         for axis, color in enumerate((VERMILLION, GREEN, BLUE)):
             shape = [0.06 * size] * 3
             shape[axis] = size
             offset = np.eye(4)
             offset[axis, 3] = size / 2
-            stage.mesh(f"{self._node}/{'xyz'[axis]}", mg.Box(shape), color)
-            stage.root[f"{self._node}/{'xyz'[axis]}"].set_transform(offset)
-        stage.mesh(f"{self._node}/point", mg.Sphere(0.14 * size), self.entry.color)
+            scene.mesh(f"{self._node}/{'xyz'[axis]}", mg.Box(shape), color)
+            scene.root[f"{self._node}/{'xyz'[axis]}"].set_transform(offset)
+        scene.mesh(f"{self._node}/point", mg.Sphere(0.14 * size), self.entry.color)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
-        stage.place(self._node, self._pose(state))
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
+        scene.place(self._node, self._pose(state))
 
 
 class Arrow(Element):
@@ -126,23 +126,23 @@ class Arrow(Element):
     ) -> None:
         self.entry, self._node, self._vector, self._width = entry, f"{entry.layer}/{name}", vector, width
 
-    def build(self, stage: Stage) -> None:
-        stage.mesh(f"{self._node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
-        stage.mesh(f"{self._node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
+    def build(self, scene: MeshcatScene) -> None:
+        scene.mesh(f"{self._node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
+        scene.mesh(f"{self._node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         point, vector = self._vector(state)
         length = float(np.linalg.norm(vector))
         width = self._width
         if not length > 0.2 * width:  # True if NaN
             for part in ("shaft", "head"):
-                stage.place(f"{self._node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
+                scene.place(f"{self._node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
             return
         along = vector / length
         head = min(3.5 * width, length)
         shaft = max(length - head, 1e-4)
-        stage.place(f"{self._node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
-        stage.place(
+        scene.place(f"{self._node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
+        scene.place(
             f"{self._node}/head", _cylinder_transform(point + along * (shaft + head / 2), along, head, 0.4 * head)
         )
 
@@ -161,12 +161,12 @@ class Rod(Element):
         self.entry, self._node, self._line = entry, f"{entry.layer}/{name}", line
         self._length, self._width = length, width
 
-    def build(self, stage: Stage) -> None:
-        stage.mesh(self._node, mg.Cylinder(1.0, 1.0), self.entry.color)
+    def build(self, scene: MeshcatScene) -> None:
+        scene.mesh(self._node, mg.Cylinder(1.0, 1.0), self.entry.color)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         point, along = self._line(state)
-        stage.place(self._node, _cylinder_transform(point, along, self._length, self._width / 2))
+        scene.place(self._node, _cylinder_transform(point, along, self._length, self._width / 2))
 
 
 class ColoredSphere(Element):
@@ -183,14 +183,14 @@ class ColoredSphere(Element):
         self.entry, self._node = entry, f"{entry.layer}/{name}"
         self._point, self._color, self._size = point, color, size
 
-    def build(self, stage: Stage) -> None:
-        stage.mesh(self._node, mg.Sphere(self._size), self.entry.color)
+    def build(self, scene: MeshcatScene) -> None:
+        scene.mesh(self._node, mg.Sphere(self._size), self.entry.color)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         placement = np.eye(4)
         placement[:3, 3] = self._point(state)
-        stage.place(self._node, placement)
-        stage.paint(self._node, self._color(state))
+        scene.place(self._node, placement)
+        scene.paint(self._node, self._color(state))
 
 
 class Ghost(Element):
@@ -223,19 +223,19 @@ class Ghost(Element):
         self._visual = robot.visual_model
         self._data, self._shapes = robot.model.createData(), self._visual.createData()
 
-    def build(self, stage: Stage) -> None:
+    def build(self, scene: MeshcatScene) -> None:
         color = None if self._opacity >= 1.0 else self.entry.color
         for shape in self._visual.geometryObjects:
-            stage.copy(f"{self._node}/{shape.name}", f"{self._source}/{shape.name}", color, self._opacity)
+            scene.copy(f"{self._node}/{shape.name}", f"{self._source}/{shape.name}", color, self._opacity)
 
-    def update(self, stage: Stage, state: DrawnState) -> None:
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         q = self._configuration(state)
         pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
         for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
             matrix = placement.homogeneous.copy()
             matrix[:3, :3] *= drawn_scale(shape)
             matrix[:3, 3] += self._offset
-            stage.place(f"{self._node}/{shape.name}", matrix)
+            scene.place(f"{self._node}/{shape.name}", matrix)
 
 
 def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:

@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Protocol
 
 import numpy as np
 
@@ -16,28 +15,14 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.info_json import info_from_plain, provenance_of
-from rnc_pin.visualization.robot_view import check_drawable
-from rnc_pin.visualization.scene_server import LOOPBACK, SceneWindow
-from rnc_pin.visualization.show import RunScene, RunToShow
-from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import DrawnState, live_state
-from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.browser.access import LOOPBACK
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState, live_state
+from rnc_pin.visualization.robot_meshes import check_drawable
 from rnc_pin.visualization.view import View
+from rnc_pin.visualization.viewers import MeshcatViewer, Viewer
 
 RATE = 30.0  # frames per second
-_FIGURES_RATE = 10.0
-
-
-class Screen(Protocol):
-    """Screen that draws states: the page of Meshcat or of another visualizer."""
-
-    url: str
-
-    @property
-    def browsers(self) -> int: ...
-    def open(self) -> None: ...
-    def draw(self, state: DrawnState) -> None: ...
-    def close(self) -> None: ...
 
 
 class LiveView:
@@ -54,7 +39,7 @@ class LiveView:
         open_browser: open the page immediately.
         host: address to serve on.
         title: title of the page.
-        screen: factory of the screen; Meshcat's page by default.
+        viewer: factory of the viewer; Meshcat's page by default.
     """
 
     def __init__(
@@ -66,13 +51,13 @@ class LiveView:
         open_browser: bool = True,
         host: str = LOOPBACK,
         title: str = "rnc_pin",
-        screen: Callable[..., Screen] | None = None,
+        viewer: Callable[..., Viewer] | None = None,
     ) -> None:
-        subject = Subject.of(model)
-        check_drawable(subject.robot)
-        self._subject, self._speed = subject.with_own_model(), speed  # the loop uses the original
-        self._screen = (screen or MeshcatScreen)(self._subject, view or View(), _info(subject, meta), host, title)
-        self.url = self._screen.url
+        drawn_model = DrawnModel.of(model)
+        check_drawable(drawn_model.robot)
+        self._model, self._speed = drawn_model.with_own_model(), speed  # the loop uses the original
+        self._viewer = (viewer or MeshcatViewer)(self._model, view or View(), _info(drawn_model, meta), host, title)
+        self.url = self._viewer.url
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | DrawnState | None = None
@@ -82,14 +67,14 @@ class LiveView:
         self.problem: Exception | None = None
         self._thread.start()
         if open_browser:
-            self._screen.open()
+            self._viewer.open()
 
     def wait_for_browser(self, timeout: float) -> bool:
         """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected."""
         end = time.monotonic() + timeout
-        while not self._screen.browsers and time.monotonic() < end:
+        while not self._viewer.browsers and time.monotonic() < end:
             time.sleep(0.05)
-        return bool(self._screen.browsers)
+        return bool(self._viewer.browsers)
 
     def __call__(self, sample: Sample | DrawnState) -> None:
         """Show a sample or a state, if the next frame is due at its time."""
@@ -120,7 +105,7 @@ class LiveView:
         """Draw the pending samples. Return False if drawing failed."""
         while self._due:
             try:
-                self._screen.draw(self._state(self._due.popleft()))
+                self._viewer.draw(self._state(self._due.popleft()))
             except RncError:
                 continue  # for example a singular configuration; the run itself reports it
             except Exception as error:  # a drawing error must not stop the run
@@ -131,8 +116,8 @@ class LiveView:
     def _state(self, sample: Sample | DrawnState) -> DrawnState:
         if isinstance(sample, DrawnState):
             return sample
-        if self._subject.reduced is not None:
-            return live_state(self._subject.reduced, sample)
+        if self._model.reduced is not None:
+            return live_state(self._model.reduced, sample)
         none = np.empty(0)
         return DrawnState(sample.time, sample.measurement.q, none, none, none, none, none, none, float("nan"))
 
@@ -145,66 +130,13 @@ class LiveView:
         self._over.set()
         self._wake.set()
         self._thread.join(timeout=5)
-        self._screen.close()
+        self._viewer.close()
 
 
-def _info(subject: Subject, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
+def _info(drawn_model: DrawnModel, meta: RunInfo | Provenance | Mapping[str, Json] | None) -> RunInfo:
     """Run information from ``meta``, or from the model's output names before a run."""
     if isinstance(meta, RunInfo):
         return meta
     if isinstance(meta, Mapping) and "names" in meta:
         return info_from_plain(meta)
-    return RunInfo(subject.outputs, provenance=provenance_of(meta))
-
-
-class MeshcatScreen:
-    """Meshcat page served by this process.
-
-    Args:
-        subject: subject to show; only the drawing thread may use it.
-        view: view options.
-        info: information on the run.
-        host: address to serve on.
-        title: title of the page.
-    """
-
-    def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
-        self._subject, self._view, self._info = subject, view, info
-        self._window = SceneWindow(title)
-        self._stage = Stage(self._window)
-        self._show: RunScene | None = None
-        self._next_figures = 0.0
-        self.url = self._window.serve(host=host)
-
-    @property
-    def browsers(self) -> int:
-        """Number of connected browsers."""
-        return self._window.browsers
-
-    def open(self) -> None:
-        """Show the page in the user's browser."""
-        self._window.open()
-
-    def draw(self, state: DrawnState) -> None:
-        """Draw a state; the first state creates the scene."""
-        if self._show is None:
-            # The first command shows which outputs have goals.
-            goals = self._info.goals or [
-                name
-                for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
-                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
-                if np.isfinite(value)
-            ]
-            self._show = RunScene(RunToShow(self._subject, self._info, goals), self._view, self._stage, state)
-            title = self._window.title if self._window.title != "rnc_pin" else ""
-            self._stage.board(title, self._show.board.labels(), self._show.legend())
-        now = time.monotonic()
-        with self._window.batched():
-            self._show.update(state)
-            if now >= self._next_figures:
-                self._next_figures = now + 1.0 / _FIGURES_RATE
-                self._stage.figures(*self._show.board.figures(state))
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._window.close()
+    return RunInfo(drawn_model.outputs, provenance=provenance_of(meta))

@@ -12,11 +12,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization.scene_server import SceneWindow
-from rnc_pin.visualization.show import RunScene, RunToShow
-from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import RATE, recorded_states
-from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import RATE, recorded_states
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.view import View
 
 
@@ -46,27 +46,29 @@ class Recording:
         aside: bool = False,
     ) -> None:
         others = dict(comparisons or {})
-        subject = Subject.of(model)
-        robot = subject.robot
+        drawn_model = DrawnModel.of(model)
+        robot = drawn_model.robot
         for label, each in {title: trajectory, **others}.items():
             if each.q.shape[1] != robot.nq:
                 raise InputError(f"'{label}': q has {each.q.shape[1]} entries, but nq of the robot is {robot.nq}")
             if len(each.time) < 2:
                 raise InputError(f"'{label}': too few samples to play: {len(each.time)}, expected at least 2")
         states = list(recorded_states(robot, trajectory, RATE, list(others.values())))
-        shown = RunToShow(subject, trajectory.info, trajectory.info.goals, trajectory, others, aside)
+        shown = ShownRun(drawn_model, trajectory.info, trajectory.info.goals, trajectory, others, aside)
         self.duration = float(trajectory.time[-1])
-        self._stage = Stage(SceneWindow(title), RATE)
-        show = RunScene(shown, view or View(), self._stage, states[0])
+        self._scene = MeshcatScene(SceneWindow(title), RATE)
+        run_scene = RunScene(shown, view or View(), self._scene, states[0])
         frames, chips = [], []
-        for self._stage.frame, state in enumerate(states):
-            show.update(state)
-            values, colors = show.board.figures(state)
+        for self._scene.frame, state in enumerate(states):
+            run_scene.update(state)
+            values, colors = run_scene.overlay.values(state)
             frames.append([significant(value, 4) for value in values])
             chips.append(colors)
         heading = title if title != "rnc_pin" else ""
-        self._stage.board(heading, show.board.labels(), show.legend(), frames=frames, chips=chips, rate=RATE)
-        self._stage.play()
+        self._scene.overlay(
+            heading, run_scene.overlay.labels(), run_scene.legend(), frames=frames, chips=chips, rate=RATE
+        )
+        self._scene.play()
 
     def html(self, begin: float | None = None) -> str:
         """Return the HTML page.
@@ -74,7 +76,7 @@ class Recording:
         Args:
             begin: pause at this time [s]; by default the animation plays immediately.
         """
-        return self._stage.window.page(begin)
+        return self._scene.window.page(begin)
 
     def save(self, path: str | Path, replace: bool = True) -> Path:
         """Write the HTML page. A failure leaves no partial file.

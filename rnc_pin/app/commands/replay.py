@@ -14,8 +14,8 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.replay import Run, compared, load_run, record, view_of
 from rnc_pin.simulation import summarize
 from rnc_pin.visualization.capture import write_frames, write_video
+from rnc_pin.visualization.drawn_state import recorded_states
 from rnc_pin.visualization.interactive import write_plots
-from rnc_pin.visualization.state import recorded_states
 
 
 def replay_runs(

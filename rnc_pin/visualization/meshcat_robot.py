@@ -1,8 +1,4 @@
-"""Meshes for Meshcat: mirrored meshes with outward faces, and formats that Meshcat cannot read.
-
-A file may scale a mesh by negative factors, for example to draw both arms from one mesh. A placement cannot mirror, so
-the mesh itself is mirrored. The placement contains only the absolute values of the factors.
-"""
+"""Robot drawn by Pinocchio's Meshcat visualizer, with mirrored meshes and all formats that Pinocchio reads."""
 
 from __future__ import annotations
 
@@ -13,27 +9,15 @@ from pathlib import Path
 import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
+from pinocchio.visualize import BaseVisualizer
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
 
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.visualization.textures import has_own_textures
+from rnc_pin.robots.robot import Robot
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.robot_meshes import check_drawable, drawn_scale, drawn_triangles, has_own_textures
 
 _RAW = {".stl": mg.StlMeshGeometry, ".obj": mg.ObjMeshGeometry}
-
-
-def drawn_scale(shape: pin.GeometryObject) -> np.ndarray:
-    """Absolute scale factors (3,) in the placement of a shape."""
-    return np.abs(np.asarray(shape.meshScale, dtype=float))
-
-
-def drawn_triangles(shape: pin.GeometryObject) -> np.ndarray:
-    """Triangles (N, 3, 3) of a mesh as drawn, before ``drawn_scale``; corners counterclockwise seen from outside."""
-    mesh, scale = shape.geometry, np.asarray(shape.meshScale, dtype=float)
-    indices = (mesh.tri_indices(k) for k in range(mesh.num_tris))
-    triangles = np.array(mesh.vertices())[np.array([(each[0], each[1], each[2]) for each in indices])]
-    if scale.prod() < 0:  # mirroring reverses the orientation of every triangle
-        triangles = triangles[:, ::-1]
-    return np.asarray(triangles / np.abs(scale))
 
 
 class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
@@ -71,3 +55,40 @@ class MeshVisualizer(MeshcatVisualizer):  # type: ignore[misc]
             pass
         corners = drawn_triangles(shape).reshape(-1, 3)
         return mg.TriangularMeshGeometry(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+class MeshcatRobot:
+    """Robot in a scene.
+
+    Args:
+        robot: robot to draw.
+        scene: scene to draw in.
+
+    Attributes:
+        group: path of the group of its shapes.
+    """
+
+    def __init__(self, robot: Robot, scene: MeshcatScene) -> None:
+        check_drawable(robot)
+        self.visualizer: BaseVisualizer = MeshVisualizer(robot.model, robot.visual_model, robot.folders)
+        self.visualizer.initViewer(viewer=scene.root)
+        self.visualizer.loadViewerModel(rootNodeName="robot")
+        self.visualizer.viewer = _TransformSink(scene)
+        self.group = "robot/visuals"
+
+    def display(self, q: np.ndarray) -> None:
+        """Show a configuration."""
+        self.visualizer.display(q)
+
+
+class _TransformSink:
+    """Replacement of Meshcat's tree in the visualizer, so that the scene receives every transform."""
+
+    def __init__(self, scene: MeshcatScene, name: str = "") -> None:
+        self._scene, self._name = scene, name
+
+    def __getitem__(self, name: str) -> _TransformSink:
+        return _TransformSink(self._scene, name)
+
+    def set_transform(self, matrix: np.ndarray) -> None:
+        self._scene.place(self._name, np.asarray(matrix))

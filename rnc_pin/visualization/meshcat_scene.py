@@ -8,14 +8,14 @@ import meshcat
 import meshcat.geometry as mg
 import numpy as np
 
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.keyframes import Keyframes
-from rnc_pin.visualization.scene_server import SceneWindow
 
 _MOST_DOTS = 2000
 
 
-class Stage:
+class MeshcatScene:
     """Meshcat scene. Nodes of a live scene move immediately; those of a recording move by keyframes.
 
     Args:
@@ -118,16 +118,16 @@ class Stage:
         self._pitch = pitch
         self.root["ground"].set_object(_grid(height, np.round(center[:2] / pitch) * pitch, half, pitch))
 
-    def board(
+    def overlay(
         self, title: str, rows: Sequence[Mapping[str, object]], legend: Sequence[Mapping[str, object]], **series: object
     ) -> None:
-        """Show the board and the legend in the corners of the page."""
+        """Show the overlay and the legend in the corners of the page."""
         content = {"title": title, "rows": list(rows), "legend": list(legend), **series}
-        self.window.post({"type": "board", "path": "/board", **content}, single=True)
+        self.window.post({"type": "overlay", "path": "/overlay", **content}, single=True)
 
-    def figures(self, values: Sequence[float], chips: Sequence[str | None]) -> None:
-        """Update the values on the live board; ``chips`` are colours, or None."""
-        self.window.post({"type": "figures", "path": "/board", "values": list(values), "chips": list(chips)})
+    def overlay_values(self, values: Sequence[float], chips: Sequence[str | None]) -> None:
+        """Update the values on the live overlay; ``chips`` are colours, or None."""
+        self.window.post({"type": "overlay_values", "path": "/overlay", "values": list(values), "chips": list(chips)})
 
 
 def _grid(height: float, center: np.ndarray, half: float, pitch: float) -> mg.LineSegments:

@@ -11,15 +11,14 @@ import pinocchio as pin
 
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
-from rnc_pin.visualization.board import Board, margin_color
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
-from rnc_pin.visualization.floor import ground_height
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState, OutputColumns
+from rnc_pin.visualization.meshcat_robot import MeshcatRobot
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.null_motion import NullMotion
-from rnc_pin.visualization.poses import Poses
-from rnc_pin.visualization.robot_view import RobotView
-from rnc_pin.visualization.stage import Stage
-from rnc_pin.visualization.state import DrawnState, OutputColumns
-from rnc_pin.visualization.subject import Subject
+from rnc_pin.visualization.overlay import Overlay, margin_color
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
@@ -29,11 +28,11 @@ _LAG = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
-class RunToShow:
+class ShownRun:
     """Run to show, live or finished.
 
     Attributes:
-        subject: robot, and its reduced model if there is one.
+        drawn_model: robot, and its reduced model if there is one.
         info: names of the outputs, and provenance of the run.
         goals: outputs that have goals.
         trajectory: trajectory of a finished run; None for a live run.
@@ -41,7 +40,7 @@ class RunToShow:
         aside: True places the compared runs beside the run instead of in the same place.
     """
 
-    subject: Subject
+    drawn_model: DrawnModel
     info: RunInfo
     goals: Sequence[str]
     trajectory: Trajectory | None = None
@@ -65,46 +64,46 @@ class RunScene:
     Args:
         shown: run to show.
         view: view options.
-        stage: Meshcat scene to draw in.
+        scene: Meshcat scene to draw in.
         first: first state.
 
     Raises:
         ModelError: the robot has no visual geometry, or a frame of the view does not exist.
     """
 
-    def __init__(self, shown: RunToShow, view: View, stage: Stage, first: DrawnState) -> None:
-        self.shown, self.view, self.stage = shown, view, stage
-        self.robot, self.reduced = shown.subject.robot, shown.subject.reduced
+    def __init__(self, shown: ShownRun, view: View, scene: MeshcatScene, first: DrawnState) -> None:
+        self.shown, self.view, self.scene = shown, view, scene
+        self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
         self.names = OutputColumns.of(shown.info.outputs)
-        self.robot_view = RobotView(self.robot, stage)
-        self.poses = Poses(self.robot, self.reduced.constraints if self.reduced else None)
+        self.meshcat_robot = MeshcatRobot(self.robot, scene)
+        self.kinematics = SceneKinematics(self.robot, self.reduced.constraints if self.reduced else None)
         run = shown.trajectory
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 12)]
-        self.size = float(np.clip(np.linalg.norm(np.ptp(self.poses.corners(first.q), axis=0)) / 2, 0.05, 20.0))
+        self.size = float(np.clip(np.linalg.norm(np.ptp(self.kinematics.corners(first.q), axis=0)) / 2, 0.05, 20.0))
         self._offset = np.zeros(3)
         self._pictures = 0
-        self.ground = ground_height(view, shown.subject)
+        self.ground = shown.drawn_model.ground_height(view)
         self._follower: Follower | None = None
-        self._look(first, np.concatenate([self.poses.corners(q) for q in moments]))
+        self._look(first, np.concatenate([self.kinematics.corners(q) for q in moments]))
         self.tracked = self.names.tracked(shown.goals, self.robot)
         self.elements = self._elements(first)
-        self.board = Board(self.names, shown.goals, self.poses, self._path, self.reduced is not None)
+        self.overlay = Overlay(self.names, shown.goals, self.kinematics, self._path, self.reduced is not None)
         for element in self.elements:
-            element.build(stage)
+            element.build(scene)
         for entry in self.legend():
             if not entry["visible"]:
-                stage.hide(entry["path"])
+                scene.hide(entry["path"])
 
     def update(self, state: DrawnState) -> None:
         """Draw a state."""
-        self.robot_view.display(state.q)
+        self.meshcat_robot.display(state.q)
         if self._follower is not None:
-            self.stage.follow(self._follower.follow(self.poses.center_of_mass(state.q)))
+            self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
         self._pictures += 1
         for element in self.elements:
-            if element.expensive and self.stage.keyframes is None and self._pictures % _LAG != 1:
+            if element.expensive and self.scene.keyframes is None and self._pictures % _LAG != 1:
                 continue
-            element.update(self.stage, state)
+            element.update(self.scene, state)
 
     def legend(self) -> list[LegendLine]:
         """Entries of the legend, one per layer."""
@@ -141,16 +140,16 @@ class RunScene:
         far = self._path is None and radius > _FAR * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
-            shown = enlarged_box(self.poses.corners(first.q)) if far and not self.shown.aside else whole
+            shown = enlarged_box(self.kinematics.corners(first.q)) if far and not self.shown.aside else whole
             camera, target = fitting_camera(shown, forward)
         else:
             camera, target = given, np.array(view.target, dtype=float)
-        self.stage.set_camera(camera, target)
+        self.scene.set_camera(camera, target)
         if self.ground is not None:
-            self.stage.grid(self.ground, target, max(10.0, 2.5 * radius))
+            self.scene.grid(self.ground, target, max(10.0, 2.5 * radius))
         if not self.shown.aside and (far or given is not None or not over):
             close = given is None and self._path is None
-            self._follower = Follower(camera, target, self.poses.center_of_mass(first.q), close)
+            self._follower = Follower(camera, target, self.kinematics.center_of_mass(first.q), close)
 
     # ------------------------------------------------------------------ elements
 
@@ -183,7 +182,7 @@ class RunScene:
         return (self.ground or 0.0) + 0.004 * self.size
 
     def _desired(self, frame: str, columns: Mapping[int, tuple[str, int]]) -> Callable[[DrawnState], np.ndarray]:
-        actual = self.poses.frame(frame)
+        actual = self.kinematics.frame(frame)
         turned = self._desired_attitude(frame)
 
         def pose(state: DrawnState) -> np.ndarray:
@@ -220,7 +219,7 @@ class RunScene:
                 continue
             wanted = {axis: getattr(run, f"{kind}_desired")[:, column] for axis, (kind, column) in columns.items()}
             every = slice(None, None, max(1, len(run.time) // 400))
-            points = self.poses.path(frame, run.q[every])
+            points = self.kinematics.path(frame, run.q[every])
             for axis, values in wanted.items():
                 points[:, axis] = values[every]
             if not planned and np.ptp(points, axis=0).max() > 2 * self._width:
@@ -237,20 +236,20 @@ class RunScene:
         found: list[e.Element] = []
         for frame, color in zip(frames, _repeated(_TRAILS, len(frames)), strict=True):
             entry = e.LayerEntry(f"path of {frame.replace('_', ' ')}", f"path/{frame}", color)
-            found.append(e.Trail(entry, frame, self.poses.point(frame), self._width, self._piece))
+            found.append(e.Trail(entry, frame, self.kinematics.point(frame), self._width, self._piece))
         return found
 
     def _tracks(self, first: DrawnState) -> list[e.Element]:
         if self.ground is None or self.reduced is None or not self.reduced.m:
             return []
         entry = e.LayerEntry("wheel tracks", "tracks", e.GREY)
-        wheels = self.poses.wheels(first, self._floor)
+        wheels = self.kinematics.wheels(first, self._floor)
         return [e.Trail(entry, str(k), wheel, self._width, self._piece) for k, wheel in enumerate(wheels.values())]
 
     def _constraints(self, first: DrawnState) -> list[e.Element]:
         if self.reduced is None or not self.reduced.m:
             return []
-        points, _ = self.poses.lines_of_action_at(first)
+        points, _ = self.kinematics.lines_of_action_at(first)
         drawn = np.flatnonzero(~np.isnan(points).any(axis=1))
         run = self.shown.trajectory
         largest = _RunningMaximum(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
@@ -260,11 +259,11 @@ class RunScene:
         for row in drawn:
 
             def line(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.poses.lines_of_action_at(state)
+                points, directions = self.kinematics.lines_of_action_at(state)
                 return points[row], directions[row]
 
             def vector(state: DrawnState, row: int = int(row)) -> tuple[np.ndarray, np.ndarray]:
-                points, directions = self.poses.lines_of_action_at(state)
+                points, directions = self.kinematics.lines_of_action_at(state)
                 # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
                 value = -state.multipliers[row]
                 return points[row], directions[row] * value / largest(abs(value)) * 0.7 * self.size
@@ -280,7 +279,7 @@ class RunScene:
             return []
         entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
         motion = NullMotion(self.reduced, free[0])
-        ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.robot_view.parts, 0.3)
+        ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.meshcat_robot.group, 0.3)
         ghost.expensive = True
         return [ghost]
 
@@ -289,7 +288,7 @@ class RunScene:
         if self.reduced is None or not frames:
             return []
         entry = e.LayerEntry("singularity margin", "margin", e.BLUE, "dot")
-        origin, above = self.poses.point(frames[0]), np.array([0.0, 0.0, 0.14 * self.size])
+        origin, above = self.kinematics.point(frames[0]), np.array([0.0, 0.0, 0.14 * self.size])
 
         def point(state: DrawnState) -> np.ndarray:
             return origin(state) + above
@@ -303,9 +302,9 @@ class RunScene:
             offset = self._offset * (k + 1)
             entry = e.LayerEntry(label, f"compared/{k}", color)
             opacity = 1.0 if self.shown.aside else 0.4
-            found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.robot_view.parts, opacity, offset))
+            found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.meshcat_robot.group, opacity, offset))
             for frame in self.view.trail or self.tracked:
-                path = self.poses.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
+                path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
                 found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
         return found
 

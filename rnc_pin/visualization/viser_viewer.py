@@ -1,4 +1,4 @@
-"""Live view in viser with the robot, its paths and the board; selected by ``PINOCCHIO_VIEWER=viser``."""
+"""Live view in viser with the robot, its paths and the overlay; selected by ``PINOCCHIO_VIEWER=viser``."""
 
 from __future__ import annotations
 
@@ -13,17 +13,13 @@ from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization.browser.access import RequestFilter, viser_request_filter
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
-from rnc_pin.visualization.floor import ground_height
-from rnc_pin.visualization.meshes import drawn_scale, drawn_triangles
-from rnc_pin.visualization.poses import Poses
-from rnc_pin.visualization.robot_view import check_drawable
-from rnc_pin.visualization.state import DrawnState
-from rnc_pin.visualization.subject import Subject
-from rnc_pin.visualization.textures import has_own_textures
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.robot_meshes import check_drawable, drawn_scale, drawn_triangles, has_own_textures
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viser_guard import with_request_filter
-from rnc_pin.visualization.visitors import RequestFilter
 
 _PIECE = 15  # frames per piece of a path
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
@@ -61,32 +57,32 @@ class _Visualizer(ViserVisualizer):  # type: ignore[misc]
             )
 
 
-class ViserScreen:
-    """Viser page served by this process; see ``MeshcatScreen``.
+class ViserViewer:
+    """Viser page served by this process; see ``MeshcatViewer``.
 
     Raises:
         ConfigurationError: viser is not installed, or its server does not support the access check.
     """
 
-    def __init__(self, subject: Subject, view: View, info: RunInfo, host: str, title: str) -> None:
+    def __init__(self, drawn_model: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> None:
         try:
             import viser
         except ImportError:
             raise ConfigurationError(
                 "PINOCCHIO_VIEWER=viser: viser is not installed; pip install 'rnc_pin[viser]'"
             ) from None
-        robot = subject.robot
+        robot = drawn_model.robot
         check_drawable(robot)
-        with with_request_filter(RequestFilter(host)):
+        with viser_request_filter(RequestFilter(host)):
             self._server = viser.ViserServer(host=host, port=8080, label=title, verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
         self._visualizer: BaseVisualizer = _Visualizer(robot)
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
-        self._ground = ground_height(view, subject)
+        self._ground = drawn_model.ground_height(view)
         self._follower: Follower | None = None
-        self._poses, self._view, self._plan = Poses(robot), view, info.provenance.path
-        self._trails = {frame: self._poses.point(frame) for frame in view.trail}
+        self._kinematics, self._view, self._plan = SceneKinematics(robot), view, info.provenance.path
+        self._trails = {frame: self._kinematics.point(frame) for frame in view.trail}
         self._points: dict[str, list[np.ndarray]] = {frame: [] for frame in view.trail}
         self._pieces = 0
         self._figures = self._server.gui.add_markdown(title)
@@ -119,7 +115,7 @@ class ViserScreen:
 
     def _place(self, state: DrawnState) -> None:
         view = self._view
-        points = with_plan(self._poses.corners(state.q), self._plan, self._ground or 0.0)
+        points = with_plan(self._kinematics.corners(state.q), self._plan, self._ground or 0.0)
         camera, target = fitting_camera(points, np.array(VIEW_DIRECTION))
         if view.camera is not None:
             camera, target = np.array(view.camera, dtype=float), np.array(view.target, dtype=float)
@@ -129,7 +125,7 @@ class ViserScreen:
             height = (float(target[0]), float(target[1]), self._ground)
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
         close = view.camera is None and self._plan is None
-        self._follower = Follower(camera, target, self._poses.center_of_mass(state.q), close)
+        self._follower = Follower(camera, target, self._kinematics.center_of_mass(state.q), close)
         self._placed = True
 
     def _follow(self, state: DrawnState) -> None:
@@ -137,7 +133,7 @@ class ViserScreen:
         if self._follower is None:
             return
         before = self._follower.offset
-        step = self._follower.follow(self._poses.center_of_mass(state.q)) - before
+        step = self._follower.follow(self._kinematics.center_of_mass(state.q)) - before
         if not step.any():
             return
         first = self._server.initial_camera

@@ -1,4 +1,4 @@
-// Extensions of Meshcat's viewer: camera commands, copies of nodes, a board with a legend, a player.
+// Extensions of Meshcat's viewer: camera commands, copies of nodes, a overlay with a legend, a player.
 "use strict";
 var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 viewer.gui.domElement.style.zIndex = 1;
@@ -28,7 +28,7 @@ viewer.gui.domElement.style.zIndex = 1;
   }
 
   // The camera moves by the change of the offset, so movements by the user remain.
-  let followed = [0, 0, 0], way = null;
+  let followed = [0, 0, 0], track = null;
 
   function follow(offset) {
     const [x, y, z] = offset.map((value, k) => value - followed[k]);
@@ -62,8 +62,8 @@ viewer.gui.domElement.style.zIndex = 1;
 
   let cells = [], series = null;
 
-  function board(command) {
-    const home = document.getElementById("board");
+  function overlay(command) {
+    const home = document.getElementById("overlay");
     home.replaceChildren();
     if (command.title) element("h1", home, command.title);
     const table = element("table", home);
@@ -101,25 +101,25 @@ viewer.gui.domElement.style.zIndex = 1;
     series = command.frames ? command : null;
   }
 
-  function figure(value, unit) {
+  function text_of(value, unit) {
     if (value === null || Number.isNaN(value)) return "–";
     const size = Math.abs(value);
     const text = size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toFixed(size >= 1 ? 2 : 4);
     return unit ? text + " " + unit : text;
   }
 
-  function figures(values, chips) {
+  function show_values(values, chips) {
     cells.forEach((cell, k) => {
-      cell.value.textContent = figure(values[k], cell.unit);
+      cell.value.textContent = text_of(values[k], cell.unit);
       if (cell.chip && chips && chips[k]) cell.chip.style.background = chips[k];
     });
   }
 
   const own = {
-    look, copy, board,
+    look, copy, overlay,
     follow: (command) => follow(command.offset),
-    track: (command) => { way = command; },
-    figures: (command) => figures(command.values, command.chips),
+    track: (command) => { track = command; },
+    overlay_values: (command) => show_values(command.values, command.chips),
   };
   const theirs = viewer.handle_command.bind(viewer);
   viewer.handle_command = (command) => {
@@ -172,11 +172,11 @@ viewer.gui.domElement.style.zIndex = 1;
       if (animator.time !== shown) {
         shown = animator.time;
         slider.value = shown;
-        if (way) follow(way.offsets[Math.min(Math.round(shown * way.rate), way.offsets.length - 1)]);
+        if (track) follow(track.offsets[Math.min(Math.round(shown * track.rate), track.offsets.length - 1)]);
         clock.value = shown.toFixed(2) + " / " + animator.duration.toFixed(2) + " s";
         if (series) {
           const frame = Math.min(Math.round(shown * series.rate), series.frames.length - 1);
-          figures(series.frames[frame], series.chips && series.chips[frame]);
+          show_values(series.frames[frame], series.chips && series.chips[frame]);
         }
       }
     };

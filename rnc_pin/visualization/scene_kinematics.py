@@ -1,4 +1,4 @@
-"""Poses of frames, shapes and wheels at a state, and the size of the robot."""
+"""SceneKinematics of frames, shapes and wheels at a state, and the size of the robot."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import pinocchio as pin
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
-from rnc_pin.visualization.state import DrawnState
+from rnc_pin.visualization.drawn_state import DrawnState
 
 Point = Callable[[DrawnState], np.ndarray]
 
 _ENDLESS = 1e3  # [m]
 
 
-class Poses:
+class SceneKinematics:
     """Kinematics of a robot, computed once per state.
 
     Args:

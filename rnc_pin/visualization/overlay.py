@@ -1,4 +1,4 @@
-"""Board in the corner of the page: time, errors of the outputs with goals, singularity margin."""
+"""Overlay in the corner of the page: time, errors of the outputs with goals, singularity margin."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.simulation import PlannedPath
-from rnc_pin.visualization.poses import Poses
-from rnc_pin.visualization.state import DrawnState, OutputColumns
+from rnc_pin.visualization.drawn_state import DrawnState, OutputColumns
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 _MOST_ERRORS = 5
 _BEHIND = 20.0  # [m]
 
 
-class Row(NamedTuple):
-    """Number on the board: its label, unit, value and optional colour."""
+class OverlayRow(NamedTuple):
+    """Number on the overlay: its label, unit, value and optional colour."""
 
     label: str
     unit: str
@@ -25,7 +25,7 @@ class Row(NamedTuple):
     color: Callable[[DrawnState], np.ndarray] | None = None
 
 
-class Label(TypedDict):
+class OverlayLabel(TypedDict):
     """Label of a row, as ``page.js`` reads it."""
 
     label: str
@@ -33,28 +33,33 @@ class Label(TypedDict):
     chip: bool
 
 
-class Board:
-    """Rows of the board.
+class Overlay:
+    """Rows of the overlay.
 
     Args:
         names: names of the outputs.
         goals: outputs that have goals.
-        poses: kinematics of the robot.
+        kinematics: kinematics of the robot.
         plan: planned path, if any.
         margin: True if the states have a singularity margin.
     """
 
     def __init__(
-        self, names: OutputColumns, goals: Sequence[str], poses: Poses, plan: PlannedPath | None, margin: bool
+        self,
+        names: OutputColumns,
+        goals: Sequence[str],
+        kinematics: SceneKinematics,
+        plan: PlannedPath | None,
+        margin: bool,
     ) -> None:
-        errors: list[Row] = []
+        errors: list[OverlayRow] = []
         told: set[tuple[str, int]] = set()
 
         def tell(label: str, unit: str, columns: Sequence[tuple[str, int]]) -> None:
             told.update(columns)
-            errors.append(Row(f"error of {_words(label)}", unit, _size_of_error(names, columns)))
+            errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(names, columns)))
 
-        for frame, places in names.tracked(goals, poses.robot).items():
+        for frame, places in names.tracked(goals, kinematics.robot).items():
             tell(frame, "m", list(places.values()))
         for name in goals:
             column = names.column(name)
@@ -65,31 +70,37 @@ class Board:
                 tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
                 tell(f"integral of {name}" if names.is_integral(kind, k) else name, names.units[kind][k], [column])
-        self.rows = [Row("time", "s", lambda state: state.time), *errors[:_MOST_ERRORS], *_off_track(plan, poses)]
+        self.rows = [
+            OverlayRow("time", "s", lambda state: state.time),
+            *errors[:_MOST_ERRORS],
+            *_off_track(plan, kinematics),
+        ]
         if margin:
             self.rows.append(
-                Row("singularity margin", "", lambda state: state.margin, lambda state: margin_color(state.margin))
+                OverlayRow(
+                    "singularity margin", "", lambda state: state.margin, lambda state: margin_color(state.margin)
+                )
             )
 
-    def labels(self) -> list[Label]:
+    def labels(self) -> list[OverlayLabel]:
         """Labels of the rows."""
         return [{"label": row.label, "unit": row.unit, "chip": row.color is not None} for row in self.rows]
 
-    def figures(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
+    def values(self, state: DrawnState) -> tuple[list[float], list[str | None]]:
         """Values and colours of the rows at a state."""
         values = [float(row.value(state)) for row in self.rows]
         chips = [None if row.color is None else _hex(row.color(state)) for row in self.rows]
         return values, chips
 
 
-def _off_track(plan: PlannedPath | None, poses: Poses) -> list[Row]:
+def _off_track(plan: PlannedPath | None, kinematics: SceneKinematics) -> list[OverlayRow]:
     if not plan or not plan.trailer:
         return []
     # The trailer starts behind the path, so the path is continued backwards in a straight line.
     points = continued_back(np.array(plan.poses), _BEHIND)
-    point = poses.point(plan.trailer)
+    point = kinematics.point(plan.trailer)
     return [
-        Row(
+        OverlayRow(
             f"{_words(plan.trailer)} off the planned path",
             "m",
             lambda state: float(distances(point(state)[None, :2], points)[0]),

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
+from rnc_pin.visualization.view import View
 
 
 @dataclass(frozen=True)
-class Subject:
+class DrawnModel:
     """Robot to draw.
 
     Attributes:
@@ -23,8 +24,8 @@ class Subject:
     reduced: ReducedModel | None = None
 
     @classmethod
-    def of(cls, model: ReducedModel | Robot) -> Subject:
-        """Subject from a reduced model or from a robot."""
+    def of(cls, model: ReducedModel | Robot) -> DrawnModel:
+        """DrawnModel from a reduced model or from a robot."""
         return cls(model.robot, model) if isinstance(model, ReducedModel) else cls(model)
 
     @property
@@ -32,6 +33,19 @@ class Subject:
         """Names of the outputs; empty without a reduced model."""
         return OutputNames() if self.reduced is None else output_names(self.reduced)
 
-    def with_own_model(self) -> Subject:
+    def with_own_model(self) -> DrawnModel:
         """Copy with its own reduced model: a model serves one thread at a time."""
-        return self if self.reduced is None else Subject.of(copy.deepcopy(self.reduced))
+        return self if self.reduced is None else DrawnModel.of(copy.deepcopy(self.reduced))
+
+    def ground_height(self, view: View) -> float | None:
+        """Height of the grid [m]; None for no grid."""
+        if view.ground == "auto":
+            return None if self._floats() else 0.0
+        return view.ground
+
+    def _floats(self) -> bool:
+        """True if the robot floats in space: free base, no gravity, and (in a reduced model) conserved momentum."""
+        model = self.robot.model
+        if model.joints[1].shortname() != "JointModelFreeFlyer" or model.gravity.linear.any():
+            return False
+        return self.reduced is None or any(name.startswith("momentum(") for name in self.reduced.constraints.names)

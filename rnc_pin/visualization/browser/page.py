@@ -1,4 +1,4 @@
-"""HTML page: Meshcat's viewer with a board, a legend and a player."""
+"""HTML page: Meshcat's viewer with a overlay, a legend and a player."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PAGE = """<!DOCTYPE html>
 {style}</style></head>
 <body>
 <div id="meshcat-pane"></div>
-<div id="board"></div>
+<div id="overlay"></div>
 <div id="foot">
 <div id="legend"></div>
 <div id="player" hidden>
@@ -68,4 +68,4 @@ def bundle(commands: Iterable[bytes]) -> bytes:
 
 @cache
 def _part(name: str) -> str:
-    return files(__package__).joinpath("page", name).read_text(encoding="utf-8")
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,194 @@
+"""Server of a scene in a thread of this process, on loopback by default.
+
+Meshcat 0.3.2 starts a server process that listens on every interface. Its queue for a browser that does not read grows
+without limit. Here a thread of this process serves Meshcat's viewer, and the web server binds to 127.0.0.1. Each
+browser receives the latest command for every node, as fast as it reads.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+
+import tornado.httpserver
+import tornado.ioloop
+import tornado.iostream
+import tornado.netutil
+import tornado.web
+import tornado.websocket
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.visualization.browser.access import RequestFilter
+from rnc_pin.visualization.browser.drawing_commands import Commands, Key, in_order, put_latest, record
+from rnc_pin.visualization.browser.page import VIEWER, bundle, live_page
+
+_GOODBYE = 0.5  # [s]
+_LONGEST_MESSAGE = 1024  # [bytes]; messages from browsers are ignored
+_LIMITS = {
+    "max_header_size": 16_384,
+    "max_body_size": 1024,
+    "max_buffer_size": 262_144,
+    "idle_connection_timeout": 30.0,
+    "body_timeout": 10.0,
+}
+"""Resource limits of one connection [bytes, s]."""
+
+
+class SceneServer:
+    """Server of one page, the viewer's script and the drawing commands, and of nothing else.
+
+    Args:
+        title: title of the page.
+        latest: commands so far. The thread of the server owns them until ``close`` and adds those that are sent.
+        port: port to listen on; 0 finds a free port.
+        host: address to listen on; any address except loopback lets other computers watch.
+
+    Raises:
+        ConfigurationError: the port is in use, or the address is not an address of this computer.
+    """
+
+    def __init__(self, title: str, latest: Commands, port: int, host: str) -> None:
+        try:
+            sockets = tornado.netutil.bind_sockets(port, host)
+        except OSError as error:
+            raise ConfigurationError(f"port {port} on {host} cannot be used: {error.strerror}") from None
+        name = f"[{host}]" if ":" in host else host
+        self.url = f"http://{name}:{sockets[0].getsockname()[1]}/static/"
+        self._latest, self._watching = latest, set[_Browser]()
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(title, host, sockets), name="meshcat", daemon=True)
+        self._thread.start()
+        self._started.wait()
+
+    @property
+    def browsers(self) -> int:
+        """Number of connected browsers."""
+        return len(self._watching)
+
+    def send(self, commands: list[tuple[Key, bytes]]) -> None:
+        """Send commands to all browsers, without waiting."""
+        self._loop.call_soon_threadsafe(self._send, commands)
+
+    def close(self) -> None:
+        """Send the last frame to browsers that still read, and stop serving."""
+        self._loop.call_soon_threadsafe(self._stop.set)
+        self._thread.join(timeout=5)
+
+    # ------------------------------------------------------------------ in the thread of the server
+
+    def _run(self, title: str, host: str, sockets: list[socket.socket]) -> None:
+        asyncio.run(self._serve(title, host, sockets))
+        self._wrapper.close()  # tornado would keep it until it creates the next one
+
+    async def _serve(self, title: str, host: str, sockets: list[socket.socket]) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._wrapper = tornado.ioloop.IOLoop.current()
+        application = tornado.web.Application(
+            [
+                (r"/static/", _StaticFile, {"kind": "text/html", "text": live_page(title).encode()}),
+                (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
+                (r"/favicon.ico", _StaticFile, {"kind": "image/x-icon", "text": b""}),
+                (r"/", _Browser, {"latest": self._latest, "watching": self._watching}),
+            ],
+            default_handler_class=_NotFound,
+            websocket_max_message_size=_LONGEST_MESSAGE,
+            requests=RequestFilter(host),
+            log_function=lambda handler: None,  # requests are not logged to the terminal
+        )
+        server = tornado.httpserver.HTTPServer(application, **_LIMITS)
+        server.add_sockets(sockets)
+        self._started.set()
+        await self._stop.wait()
+        server.stop()
+        sending = [browser.sending for browser in self._watching if browser.sending is not None]
+        if sending:
+            await asyncio.wait(sending, timeout=_GOODBYE)
+        for browser in list(self._watching):
+            browser.disconnect()
+        self._watching.clear()
+        await server.close_all_connections()
+
+    def _send(self, commands: list[tuple[Key, bytes]]) -> None:
+        record(self._latest, commands)
+        for browser in self._watching:
+            browser.offer(commands)
+
+
+class _FilteredHandler(tornado.web.RequestHandler):
+    """Request handler that refuses requests which ``RequestFilter`` does not admit."""
+
+    def prepare(self) -> None:
+        requests: RequestFilter = self.settings["requests"]
+        headers = self.request.headers
+        if not requests.allows(headers.get("Host"), headers.get("Origin")):
+            raise tornado.web.HTTPError(403)
+
+    def write_error(self, status_code: int, **more: object) -> None:
+        self.finish()
+
+
+class _Browser(_FilteredHandler, tornado.websocket.WebSocketHandler):
+    """Connection to a browser. Messages from the browser are ignored.
+
+    One batch is sent at a time. Meanwhile only the latest command for every node waits. So a browser that is slow, or
+    stops reading, needs no more memory than the scene.
+    """
+
+    def initialize(self, latest: Commands, watching: set[_Browser]) -> None:
+        self._latest, self._watching = latest, watching
+        self._waiting: Commands = {}
+        self.sending: asyncio.Task[None] | None = None
+
+    def open(self) -> None:
+        self._watching.add(self)
+        self._stream = self.ws_connection.stream if self.ws_connection is not None else None
+        self.offer(list(self._latest.items()))
+
+    def offer(self, commands: list[tuple[Key, bytes]]) -> None:
+        for key, data in commands:
+            put_latest(self._waiting, key, data)
+        if self.sending is None:
+            self.sending = asyncio.get_running_loop().create_task(self._send())
+
+    async def _send(self) -> None:
+        try:
+            while self._waiting:
+                batch, self._waiting = self._waiting, {}
+                await self.write_message(bundle(in_order(batch)), binary=True)
+        except (tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError):
+            self._watching.discard(self)  # the browser has disconnected; the batch is lost
+        finally:
+            self.sending = None
+
+    def disconnect(self) -> None:
+        """Close the connection, even if the browser does not respond."""
+        self.close()
+        if self._stream is not None:
+            self._stream.close()
+
+    def on_message(self, message: str | bytes) -> None:
+        pass
+
+    def on_close(self) -> None:
+        self._watching.discard(self)
+
+
+class _StaticFile(_FilteredHandler):
+    """Static file of the page."""
+
+    def initialize(self, kind: str, text: bytes) -> None:
+        self._kind, self._text = kind, text
+
+    def get(self) -> None:
+        self.set_header("Content-Type", f"{self._kind}; charset=utf-8")
+        self.set_header("Cache-Control", "no-store")
+        self.write(self._text)
+
+
+class _NotFound(_FilteredHandler):
+    """Answer 404 for any other path."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        raise tornado.web.HTTPError(404)

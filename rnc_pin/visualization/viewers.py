@@ -1,0 +1,103 @@
+"""Viewers of live runs: Meshcat, or the visualizer that ``PINOCCHIO_VIEWER`` names."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.view import View
+
+_NAMES = ("meshcat", "viser")
+_VALUES_RATE = 10.0  # updates of the overlay per second
+
+
+class Viewer(Protocol):
+    """Viewer that draws states: the page of Meshcat or of another visualizer."""
+
+    url: str
+
+    @property
+    def browsers(self) -> int: ...
+    def open(self) -> None: ...
+    def draw(self, state: DrawnState) -> None: ...
+    def close(self) -> None: ...
+
+
+class MeshcatViewer:
+    """Meshcat page served by this process.
+
+    Args:
+        drawn_model: robot to show, and its reduced model; only the drawing thread may use it.
+        view: view options.
+        info: information on the run.
+        host: address to serve on.
+        title: title of the page.
+    """
+
+    def __init__(self, drawn_model: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> None:
+        self._model, self._view, self._info = drawn_model, view, info
+        self._window = SceneWindow(title)
+        self._scene = MeshcatScene(self._window)
+        self._run_scene: RunScene | None = None
+        self._next_values = 0.0
+        self.url = self._window.serve(host=host)
+
+    @property
+    def browsers(self) -> int:
+        """Number of connected browsers."""
+        return self._window.browsers
+
+    def open(self) -> None:
+        """Show the page in the user's browser."""
+        self._window.open()
+
+    def draw(self, state: DrawnState) -> None:
+        """Draw a state; the first state creates the scene."""
+        if self._run_scene is None:
+            # The first command shows which outputs have goals.
+            goals = self._info.goals or [
+                name
+                for kind, desired in (("x1", state.x1_desired), ("x2", state.x2_desired))
+                for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
+                if np.isfinite(value)
+            ]
+            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self._scene, state)
+            title = self._window.title if self._window.title != "rnc_pin" else ""
+            self._scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
+        now = time.monotonic()
+        with self._window.batched():
+            self._run_scene.update(state)
+            if now >= self._next_values:
+                self._next_values = now + 1.0 / _VALUES_RATE
+                self._scene.overlay_values(*self._run_scene.overlay.values(state))
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._window.close()
+
+
+def selected_viewer() -> Callable[..., Viewer]:
+    """Visualizer that the environment variable ``PINOCCHIO_VIEWER`` names; Meshcat by default.
+
+    Raises:
+        ConfigurationError: the name is not a supported visualizer.
+    """
+    name = os.environ.get("PINOCCHIO_VIEWER", "meshcat").strip().lower() or "meshcat"
+    if name not in _NAMES:
+        raise ConfigurationError(f"PINOCCHIO_VIEWER={name}: unknown visualizer{nearest(name, _NAMES)}")
+    if name == "meshcat":
+        return MeshcatViewer
+    from rnc_pin.visualization.viser_viewer import ViserViewer
+
+    return ViserViewer
