@@ -91,6 +91,27 @@ def present_keywords(given: Mapping[str, Any], names: Mapping[str, str], what: s
     return present
 
 
+def adopt_former_fields(kind: Any, names: Mapping[str, str]) -> None:
+    """Let a named tuple read and take its fields by their former names too.
+
+    Args:
+        kind: class of the named tuple.
+        names: present names by former names.
+    """
+
+    def renamed(method: Callable[_P, _T]) -> Callable[_P, _T]:
+        @functools.wraps(method)
+        def call(*args: _P.args, **fields: _P.kwargs) -> _T:
+            if not names.keys() & fields.keys():
+                return method(*args, **fields)
+            return method(*args, **present_keywords(fields, names, kind.__name__))
+
+        return call
+
+    keep_former_attributes(kind, names)
+    kind.__new__, kind._replace = renamed(kind.__new__), renamed(kind._replace)
+
+
 def warn_of_rename(former: str, new: str, stacklevel: int = 3) -> None:
     """Warn of a former name.
 

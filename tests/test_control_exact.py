@@ -71,7 +71,7 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
     v2, v2d, v2d_dot, excess = generator.uniform(-1, 1, (4, 6, 2))
     g, C, D = generator.normal(size=(6, 2)), generator.normal(size=(6, 2, 2)), generator.normal(size=(6, 2, 4))
     tracker = VelocityTracker(Said(v2d, v2d_dot), VelocityGains(k, beta, sigma, zone), held)
-    measured = Measurement(v2=v2, excess=excess if clipped else None)
+    measured = Measurement(v2=v2, force_deficit=excess if clipped else None)
     command, after = tracker.step(2.35, measured, TrackerState(2.0, g, C, D, 5))
     assert (after.time, after.target) == (2.35, 6)
     kinds = set()
@@ -139,7 +139,7 @@ def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
     begin = PositionState(None if first else 1.1, *(generator.uniform(-1, 1, each) for each in size))
     t = 1.1 if first else 1.4
     elapsed = 0.0 if first else t - 1.1
-    command, after = tracker.step(t, Measurement(x2=x2, excess=excess if clipped else None), begin)
+    command, after = tracker.step(t, Measurement(x2=x2, force_deficit=excess if clipped else None), begin)
     now, before = reference.at(t), reference.at(1.1)
     e = now.position - x2[:, WHERE]
     e[:, 1] = np.angle(np.exp(1j * e[:, 1]))

@@ -147,7 +147,7 @@ FOREIGN = {
     "a longer configuration": (lambda state: {"q": np.zeros(5)}, r"q has shape \(5,\)"),
     "a block of velocities": (lambda state: {"v2": np.zeros((2, 2))}, r"v2 has shape \(2, 2\), expected \(2,\)"),
     "integrals": (lambda state: {"integrals": np.array([np.inf, 0.0])}, r"integrals\[0\] is inf"),
-    "what was missing": (lambda state: {"missing": np.zeros(1)}, r"missing has shape \(1,\)"),
+    "input deficit": (lambda state: {"input_deficit": np.zeros(1)}, r"input_deficit has shape \(1,\)"),
     "an estimate": (
         lambda state: {"motion": VelocityEstimate(state.q, np.zeros(2), np.zeros(3))},
         r"motion\.v has shape",
@@ -190,9 +190,9 @@ def test_nothing_beyond_the_limits_leaves_a_loop_that_was_loaded(tmp_path):
         loop = rnc.ControlLoop(reduced, tracker, DT, limits=limits, timeout=2 * DT)
         machine = started(reduced)
         drive(loop, machine, DT * np.arange(3))
-        loop.load(saved(loop, tmp_path / "loop.npz", T=np.array([500.0, -1e9]), missing=None))
+        loop.load(saved(loop, tmp_path / "loop.npz", T=np.array([500.0, -1e9]), input_deficit=None))
         assert np.array_equal(loop.state.T, largest * [1, -1])
-        assert np.array_equal(loop.state.missing, [500.0 - largest[0], -1e9 + largest[1]])
+        assert np.array_equal(loop.state.input_deficit, [500.0 - largest[0], -1e9 + largest[1]])
         for sample in range(3, 9):  # held, then safe
             assert np.array_equal(loop.step(sample * DT, np.full(4, np.nan), np.zeros(3)), largest * [1, -1])
         loop.step(9 * DT, *machine.read())
@@ -484,18 +484,18 @@ def test_inputs_that_the_loop_and_the_machine_take_away_are_missing_together():
     controller = Asks([10.0, -3.0])
     loop, q, v = rnc.ControlLoop(reduced, controller, DT, limits=np.array([6.0, 5.0])), np.zeros(4), np.zeros(3)
     q[2] = 1.0
-    for given, missing in (([4.0, -3.0], [6.0, 0.0]), ([6.0, -3.0], [4.0, 0.0]), ([6.0, -1.0], [4.0, -2.0])):
+    for given, deficit in (([4.0, -3.0], [6.0, 0.0]), ([6.0, -3.0], [4.0, 0.0]), ([6.0, -1.0], [4.0, -2.0])):
         np.testing.assert_array_equal(loop.step(loop.state.time + DT if loop.state.time else 0.5, q, v), [6.0, -3.0])
-        np.testing.assert_array_equal(loop.state.missing, [4.0, 0.0])
+        np.testing.assert_array_equal(loop.state.input_deficit, [4.0, 0.0])
         loop.report_applied_input(np.array(given))
-        np.testing.assert_array_equal(loop.state.missing, missing)
+        np.testing.assert_array_equal(loop.state.input_deficit, deficit)
         np.testing.assert_array_equal(loop.state.T, given)
         np.testing.assert_array_equal(loop.last.T, given)
         loop.step(loop.state.time + DT, q, v)
-        np.testing.assert_array_equal(controller.seen[-1].missing, missing)
-        np.testing.assert_allclose(controller.seen[-1].excess, reduced.input_matrix(q) @ missing, atol=1e-15)
+        np.testing.assert_array_equal(controller.seen[-1].input_deficit, deficit)
+        np.testing.assert_allclose(controller.seen[-1].force_deficit, reduced.input_matrix(q) @ deficit, atol=1e-15)
     loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
-    assert loop.state.missing is None
+    assert loop.state.input_deficit is None
     rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
 
 
@@ -524,7 +524,7 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators(monkeypatch):
     run = swing(limits)
     assert (np.abs(run.T) >= limits - 1e-9).mean(axis=0).min() > 0.05  # clipped, each of them, and not for an instant
     assert late_error(run) < 2e-3
-    monkeypatch.setattr("rnc_pin.control.velocity_tracker.saturation_mask", lambda excess, added: np.zeros(3, bool))
+    monkeypatch.setattr("rnc_pin.control.velocity_tracker.saturation_mask", lambda deficit, added: np.zeros(3, bool))
     assert late_error(swing(limits)) > 0.05
 
 
@@ -549,7 +549,7 @@ def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt
     assert (np.abs(clipped.T) >= limits - 1e-9).mean(axis=0).max() > 0.2
     assert max(rnc.summarize(clipped)["final_error"].values()) < well
     monkeypatch.setattr(
-        "rnc_pin.control.velocity_tracker.saturation_mask", lambda excess, added: np.zeros(np.shape(added), bool)
+        "rnc_pin.control.velocity_tracker.saturation_mask", lambda deficit, added: np.zeros(np.shape(added), bool)
     )
     assert max(rnc.summarize(run(limits))["final_error"].values()) > badly
 
@@ -570,7 +570,7 @@ def test_the_position_tracker_recovers_from_a_clipped_actuator(monkeypatch):
     assert np.abs(free.x2[-1] - 1.0) < 0.02
     limit = 0.3 * np.abs(free.T).max(axis=0)
     run = pushed(limit)
-    monkeypatch.setattr("rnc_pin.control.position_tracker.saturation_mask", lambda excess, added: np.zeros(1, bool))
+    monkeypatch.setattr("rnc_pin.control.position_tracker.saturation_mask", lambda deficit, added: np.zeros(1, bool))
     other = pushed(limit)
     assert np.abs(run.x2[-1] - 1.0) < 0.002
     assert run.x2.max() - 1.0 < 0.5 * (other.x2.max() - 1.0)  # overshoots

@@ -5,6 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 import rnc_pin as rnc
+from rnc_pin.loop import LoopState
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.rows import Rows
 from rnc_pin.scenario.schema.plant import LoopSettings
 from systems import random_states, space_robot
@@ -56,6 +58,22 @@ def test_former_scenario_keys():
     assert (settings.fallback, settings.timeout) == ("brake", 0.1)
     with pytest.raises(ValidationError, match="'margin' is the former name of 'min_singular_value'"):
         LoopSettings.model_validate({"margin": 0.1, "min_singular_value": 0.1})
+
+
+def test_named_tuples_take_former_names_of_their_fields():
+    force, inputs = np.array([1.0]), np.array([2.0, 0.0])
+    with pytest.warns(DeprecationWarning, match="Measurement: excess: renamed, use 'force_deficit'"):
+        measurement = Measurement(excess=force)
+    with pytest.warns(DeprecationWarning, match="use 'input_deficit'"):
+        measurement = measurement._replace(missing=inputs)
+    assert measurement.force_deficit is force
+    assert measurement.input_deficit is inputs
+    with pytest.warns(DeprecationWarning, match="use 'force_deficit'"):
+        assert measurement.excess is force
+    with pytest.warns(DeprecationWarning, match="LoopState: missing: renamed"):
+        state = LoopState(missing=inputs)
+    with pytest.warns(DeprecationWarning, match="use 'input_deficit'"):
+        assert state.missing is state.input_deficit is inputs
 
 
 def test_rows_with_former_names_are_rows():

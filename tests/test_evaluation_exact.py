@@ -290,7 +290,7 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
             y1, y2 = state.outputs(integral)
             np.testing.assert_allclose(y1[at], x1, atol=1e-12)
             np.testing.assert_allclose(y2[at], [x2[0], quasi, x2[1]], atol=1e-12)
-        assert (measured.excess, measured.missing) == (None, None)
+        assert (measured.force_deficit, measured.input_deficit) == (None, None)
 
 
 def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(system):

@@ -193,12 +193,12 @@ def test_estimates_may_begin_at_their_bounds_and_not_beyond():
 
 def test_what_is_believed_takes_the_place_of_what_is_true():
     guess = SimpleNamespace(A_star=np.eye(2), A_star_dot=2 * np.eye(2), input_matrix=np.array([[1.0, 2.0], [3.0, 4.0]]))
-    seen = believed(Measurement(x1=np.ones(2), residual=np.ones(1), excess=np.ones(2)), guess)
+    seen = believed(Measurement(x1=np.ones(2), residual=np.ones(1), force_deficit=np.ones(2)), guess)
     assert seen.residual is None
     assert seen.A_star is guess.A_star
     assert seen.A_star_dot is guess.A_star_dot
-    assert seen.excess.tolist() == seen.x1.tolist() == [1.0, 1.0]
-    assert believed(Measurement(missing=np.array([1.0, -1.0])), guess).excess.tolist() == [-1.0, -1.0]
+    assert seen.force_deficit.tolist() == seen.x1.tolist() == [1.0, 1.0]
+    assert believed(Measurement(input_deficit=np.array([1.0, -1.0])), guess).force_deficit.tolist() == [-1.0, -1.0]
 
 
 # ---------------------------------------------------------------------- gains

@@ -226,7 +226,7 @@ class Part:
         return measurement.v2.shape
 
     def step(self, t, measurement, state):
-        excess = 0.0 if measurement.excess is None else measurement.excess
+        excess = 0.0 if measurement.force_deficit is None else measurement.force_deficit
         F = self.factor * measurement.x2 + t * measurement.v2 + excess
         return Command(F=F, **self.more), (*state, self.factor)
 
@@ -242,7 +242,7 @@ def test_parts_see_and_command_outputs_of_their_own(batch):
     x2, v2, excess = generator.normal(size=(3, *batch, 5))
     factors = np.array([2.0, -3.0, 0.7, 2.0, 0.5])
     for given in (None, excess):
-        m = Measurement(x2=x2, v2=v2, excess=given)
+        m = Measurement(x2=x2, v2=v2, force_deficit=given)
         states = split.initial_state(m)
         assert states == ((*batch, 2), (*batch, 1), (*batch, 1), (*batch, 1))
         command, after = split.step(0.3, m, states)

@@ -250,7 +250,7 @@ def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_
     inner = Watcher(F=force, v2_desired=force) if by_force else Watcher(T=force)
     law = UncertainController(Believer(), inner)
     m = Measurement(
-        q=np.array([7.0]), v2=np.array([8.0, 9.0]), A_star=np.zeros((1, 2)), residual=np.ones(1), missing=force
+        q=np.array([7.0]), v2=np.array([8.0, 9.0]), A_star=np.zeros((1, 2)), residual=np.ones(1), input_deficit=force
     )
     command, state = law.step(0.5, m, law.initial_state(m))
     assert command.F is None
@@ -261,9 +261,9 @@ def test_a_controller_under_estimates_sees_their_kinematics_and_is_allocated_by_
     assert len(inner.shown) == 2
     for seen in inner.shown:
         assert (seen.A_star.tolist(), seen.A_star_dot.tolist()) == ([[8.0, 2.0]], [[7.0, 4.0]])
-        assert seen.excess.tolist() == [5.0, -12.0]
+        assert seen.force_deficit.tolist() == [5.0, -12.0]
         assert seen.residual is None
-        assert seen.missing is force
+        assert seen.input_deficit is force
     assert law.describe() == {"type": "UncertainController", "alpha": 0.5, "controller": {"type": "Watcher"}}
 
 

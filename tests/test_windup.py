@@ -9,11 +9,11 @@ from rnc_pin.control.windup import saturation_mask
 from rnc_pin.planning import Hold
 
 
-@pytest.mark.parametrize("excess", [-2.5, -0.5, 0.0, 0.5, 2.5])
+@pytest.mark.parametrize("deficit", [-2.5, -0.5, 0.0, 0.5, 2.5])
 @pytest.mark.parametrize("added", [-2.5, -0.5, 0.0, 0.5, 2.5])
-def test_more_is_asked_for_in_the_direction_of_what_is_missing(excess, added):
-    expected = (excess > 0 and added > 0) or (excess < 0 and added < 0)
-    assert saturation_mask(np.array([excess]), np.array([added])).tolist() == [expected]
+def test_the_mask_has_outputs_whose_force_would_grow_towards_the_deficit(deficit, added):
+    expected = (deficit > 0 and added > 0) or (deficit < 0 and added < 0)
+    assert saturation_mask(np.array([deficit]), np.array([added])).tolist() == [expected]
 
 
 class Ahead:
@@ -32,7 +32,7 @@ def test_a_velocity_tracker_stops_learning_where_a_force_is_missing_and_only_the
     _, state = tracker.step(0.0, seen, tracker.initial_state(seen))
     _, state = tracker.step(0.1, seen, state)
     _, free = tracker.step(0.2, seen, state)
-    _, held = tracker.step(0.2, seen._replace(excess=np.array([3.0, -3.0, 0.0])), state)
+    _, held = tracker.step(0.2, seen._replace(force_deficit=np.array([3.0, -3.0, 0.0])), state)
     for before, unbounded, found in zip(state[1:4], free[1:4], held[1:4], strict=True):
         np.testing.assert_array_equal(found[0], before[0])  # its leak included
         np.testing.assert_array_equal(found[1:], unbounded[1:])
@@ -46,7 +46,7 @@ def test_a_position_tracker_stops_learning_where_a_force_is_missing_and_only_the
     _, state = tracker.step(0.0, seen, tracker.initial_state(seen))
     _, state = tracker.step(0.1, seen, state)
     _, free = tracker.step(0.2, seen, state)
-    _, held = tracker.step(0.2, seen._replace(excess=np.array([3.0, -3.0, 0.0])), state)
+    _, held = tracker.step(0.2, seen._replace(force_deficit=np.array([3.0, -3.0, 0.0])), state)
     assert free.f[0] > state.f[0]  # the error has not changed, so that f alone is learnt
     assert held.f[0] == pytest.approx(state.f[0], abs=1e-14)
     np.testing.assert_array_equal(held.f[1:], free.f[1:])

@@ -119,7 +119,9 @@ class Estimator(ReprMixin):
 def believed(measurement: Measurement, guess: StateEvaluation) -> Measurement:
     """Return a measurement with the kinematics of an estimated model instead of the true kinematics."""
     seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
-    return seen if seen.missing is None else seen._replace(excess=apply(guess.input_matrix, seen.missing))
+    if seen.input_deficit is None:
+        return seen
+    return seen._replace(force_deficit=apply(guess.input_matrix, seen.input_deficit))
 
 
 def _one_each(bound: Bound, size: int) -> np.ndarray:

@@ -52,7 +52,7 @@ class PositionTracker(ReprMixin):
     For an output with saturated actuators, the learnt force does not grow in the saturated direction
     (``control.windup``). For an output with an error within the dead zone, it does not change at all.
 
-    Reads from the measurement: ``x2``, and ``excess`` if available.
+    Reads from the measurement: ``x2``, and ``force_deficit`` if available.
 
     Args:
         reference: reference of the tracked outputs.
@@ -142,9 +142,10 @@ class PositionTracker(ReprMixin):
 
         f = decay * state.f + held * (drive - g.sigma * step)
         A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
-        if measurement.excess is not None or self._zoned:
-            excess = np.zeros(e.shape) if measurement.excess is None else measurement.excess[..., self.outputs]
-            f, A, B = self._held_back(excess, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
+        if measurement.force_deficit is not None or self._zoned:
+            deficit = measurement.force_deficit
+            deficit = np.zeros(e.shape) if deficit is None else deficit[..., self.outputs]
+            f, A, B = self._held_back(deficit, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
         F = (
             apply(A + step[..., :, None] * xdd, np.broadcast_to(xdd, e.shape))
             + apply(B + step[..., :, None] * xd, np.broadcast_to(xd, e.shape))
@@ -163,7 +164,7 @@ class PositionTracker(ReprMixin):
 
     def _held_back(
         self,
-        excess: np.ndarray,
+        deficit: np.ndarray,
         quiet: np.ndarray,
         state: PositionState,
         desired: ReferencePoint,
@@ -179,7 +180,7 @@ class PositionTracker(ReprMixin):
         same = _stacked(state.f, state.A, state.B)
         same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
-        stays = quiet | saturation_mask(excess, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
+        stays = quiet | saturation_mask(deficit, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
         kept = np.where(stays[..., None], same, new)
         k = step.shape[-1]
         return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]

@@ -65,9 +65,9 @@ class SplitController(ReprMixin):
 
 
 def _part(measurement: Measurement, outputs: np.ndarray) -> Measurement:
-    excess = measurement.excess
+    deficit = measurement.force_deficit
     return measurement._replace(
         x2=measurement.x2[..., outputs],
         v2=measurement.v2[..., outputs],
-        excess=None if excess is None else excess[..., outputs],
+        force_deficit=None if deficit is None else deficit[..., outputs],
     )

@@ -49,7 +49,8 @@ class VelocityTracker(ReprMixin):
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
     (``control.windup``).
 
-    Reads from the measurement: ``v2``, ``excess`` if available, and the quantities that its kinematic controller reads.
+    Reads from the measurement: ``v2``, ``force_deficit`` if available, and the quantities that its kinematic
+    controller reads.
 
     Args:
         target: kinematic controller that computes ``v2d`` and its rate.
@@ -107,8 +108,8 @@ class VelocityTracker(ReprMixin):
         if self._zoned:
             learnt_from = apply_dead_zone(error, self.gains.dead_zone)
             step, decay = gain * learnt_from, np.where(learnt_from == 0.0, 1.0, decay)
-        if measurement.excess is not None:
-            stays = saturation_mask(measurement.excess, error)
+        if measurement.force_deficit is not None:
+            stays = saturation_mask(measurement.force_deficit, error)
             step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)
         g = decay * state.g + step
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]

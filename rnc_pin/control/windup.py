@@ -19,11 +19,11 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 
 
-def saturation_mask(excess: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:
+def saturation_mask(deficit: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:
     """Return a mask of the outputs whose learnt force must not change.
 
     Args:
-        excess: commanded minus applied force at the last sample.
+        deficit: commanded minus applied force at the last sample.
         added: next change of the learnt force, or any quantity with the same sign.
     """
-    return np.asarray(excess * added > 0.0)
+    return np.asarray(deficit * added > 0.0)

@@ -197,9 +197,9 @@ class ControlLoop:
         if integrals is None:
             integrals = self._integrate(t, state)
         measurement = state.measure(integrals)
-        if before.missing is not None:
-            excess = apply(state.input_matrix, before.missing)
-            measurement = measurement._replace(missing=before.missing, excess=excess)
+        if before.input_deficit is not None:
+            force = apply(state.input_matrix, before.input_deficit)
+            measurement = measurement._replace(input_deficit=before.input_deficit, force_deficit=force)
         if self._min_singular_value > 0 and state.smallest_singular_value < self._min_singular_value:
             smallest = float(state.smallest_singular_value)
             raise SingularityError(
@@ -220,8 +220,8 @@ class ControlLoop:
         command, own = unpack_step(answer)
         requested = input_of(self.reduced, state, command)
         T = requested if self._limits is None else np.clip(requested, -self._limits, self._limits)
-        missing = None if T is requested else _missing(requested, T)
-        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, missing, own)
+        deficit = None if T is requested else _input_deficit(requested, T)
+        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own)
         self.last = Decision(t - begin, state, measurement, command, requested, T)
         return T
 
@@ -239,7 +239,7 @@ class ControlLoop:
         T = vector(T, self.reduced.p, "T")
         if T.ndim > 1:
             raise InputError(f"T has shape {T.shape}, expected ({self.reduced.p},)")
-        self.state = self.state._replace(T=T, missing=_missing(self.last.requested, T))
+        self.state = self.state._replace(T=T, input_deficit=_input_deficit(self.last.requested, T))
         self.last = self.last._replace(T=T)
 
     def _integrate(self, t: float, state: StateEvaluation) -> np.ndarray:
@@ -277,7 +277,7 @@ class ControlLoop:
             T = self._clipped(self.state.T)
         elif self._fallback == "brake":
             T = self._braking_input(v)
-        self.state = self.state._replace(T=T, missing=None)
+        self.state = self.state._replace(T=T, input_deficit=None)
         return T
 
     def _braking_input(self, v: Any) -> Array:
@@ -315,8 +315,10 @@ class ControlLoop:
         if self.state.T is not None:
             T = self._clipped(self.state.T)
             if not np.array_equal(T, self.state.T):
-                requested = self.state.T if self.state.missing is None else self.state.T + self.state.missing
-                self.state = self.state._replace(T=T, missing=_missing(requested, T))
+                requested = (
+                    self.state.T if self.state.input_deficit is None else self.state.T + self.state.input_deficit
+                )
+                self.state = self.state._replace(T=T, input_deficit=_input_deficit(requested, T))
 
     def save(self, path: str | Path) -> None:
         """Write the state to an ``.npz`` file.
@@ -354,6 +356,6 @@ class ControlLoop:
         return made
 
 
-def _missing(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:
-    missing = requested - T
-    return missing if missing.any() else None
+def _input_deficit(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:
+    deficit = requested - T
+    return deficit if deficit.any() else None

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.protocol import State
-from rnc_pin.deprecation import keep_former_attributes
+from rnc_pin.deprecation import adopt_former_fields
 from rnc_pin.loop.velocity import VelocityEstimate
 
 
@@ -34,8 +34,8 @@ class LoopState(NamedTuple):
     """State of the velocity estimate; None if velocity is measured."""
     T: Float[Array, " p"] | None = None
     """Last inputs."""
-    missing: Float[Array, " p"] | None = None
-    """Input deficit: requested minus applied inputs. None if it is zero."""
+    input_deficit: Float[Array, " p"] | None = None
+    """Requested minus applied inputs. None if it is zero."""
     controller: State = None
     """State of the controller."""
     invalid_since: float | None = None
@@ -46,4 +46,4 @@ class LoopState(NamedTuple):
     """True after an error of the controller: the safe command is permanent."""
 
 
-keep_former_attributes(LoopState, {"trouble": "fault", "bad_since": "invalid_since"})
+adopt_former_fields(LoopState, {"trouble": "fault", "bad_since": "invalid_since", "missing": "input_deficit"})

@@ -35,7 +35,7 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
             raise InputError(f"{name} is not a finite number: {_shown(value)}")
     nq, nv = reduced.robot.nq, reduced.n
     fields = [("v2", state.v2, reduced.r), ("integrals", state.integrals, reduced.r)]
-    fields += [("T", state.T, reduced.p), ("missing", state.missing, reduced.p), ("q", state.q, nq)]
+    fields += [("T", state.T, reduced.p), ("input_deficit", state.input_deficit, reduced.p), ("q", state.q, nq)]
     if state.motion is not None:
         if not isinstance(state.motion, VelocityEstimate):
             raise InputError(f"motion is not a VelocityEstimate: {_shown(state.motion)}")

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.deprecation import adopt_former_fields
+
 _ABSENT: Any = None  # a field may be absent if the controller does not read it
 
 
@@ -47,8 +49,11 @@ class Measurement(NamedTuple):
     """Rate of ``v1_offset``."""
     residual: Float[Array, "*batch m"] | None = None
     """Slip: ``A v - mu`` of the measured velocity; None if it is not computed."""
-    excess: Float[Array, "*batch r"] | None = None
+    force_deficit: Float[Array, "*batch r"] | None = None
     """Reduced force that saturation cut off at the last sample: requested minus applied force. None without saturation,
     or if it is not computed."""
-    missing: Float[Array, "*batch p"] | None = None
+    input_deficit: Float[Array, "*batch p"] | None = None
     """Actuator inputs that saturation cut off at the last sample: requested minus applied inputs."""
+
+
+adopt_former_fields(Measurement, {"excess": "force_deficit", "missing": "input_deficit"})
