@@ -5,11 +5,11 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.offset_frame import OffsetFrame, triple
-from test_kinematics_exact import ROBOTS, Plain, near, states
 
 
 @pytest.mark.parametrize("moved", [True, False])

@@ -20,38 +20,8 @@ from systems import (
     space_robot_in_joints,
     tiago,
 )
+from textbook_systems import planar_model, prismatic, turreted, unicycle, unicycle_with_trailers
 from tolerances import ROUNDING
-
-
-def planar_model(name="vehicle"):
-    model = pin.Model()
-    model.name = name
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("body", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    return model, joint
-
-
-def unicycle():
-    model, _ = planar_model()
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(3)[:, [0, 2]])
-    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")], [rnc.FramePosition("body", "xy")])
-
-
-def trailers(count):
-    """A unicycle with trailers hitched at each other's axles; growth (2, 3, 4, ...): Laumond 1993."""
-    model, parent = planar_model()
-    frames = ["body"]
-    for k in range(1, count + 1):
-        hitch = pin.SE3(np.eye(3), np.array([0.0 if k == 1 else -1.0, 0.0, 0.0]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), hitch, f"hitch_{k}")
-        axle = pin.SE3(np.eye(3), np.array([-1.0, 0.0, 0.0]))
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), axle)
-        model.addFrame(pin.Frame(f"axle_{k}", parent, 0, axle, pin.FrameType.OP_FRAME))
-        frames.append(f"axle_{k}")
-    edges = [rnc.NoSideSlip(frame) for frame in frames]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), edges, np.eye(model.nv)[:, [0, 2]])
-    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
 
 @pytest.mark.parametrize(
@@ -60,9 +30,9 @@ def trailers(count):
         (unicycle, (2, 3)),
         (fire_truck, (3, 5, 6)),
         (space_robot, (3, 4)),
-        (lambda: trailers(1), (2, 3, 4)),
-        (lambda: trailers(2), (2, 3, 4, 5)),
-        (lambda: trailers(3), (2, 3, 4, 5, 6)),
+        (lambda: unicycle_with_trailers(1), (2, 3, 4)),
+        (lambda: unicycle_with_trailers(2), (2, 3, 4, 5)),
+        (lambda: unicycle_with_trailers(3), (2, 3, 4, 5, 6)),
         (leaning_wheel, (3, 4, 5)),  # the height above the plane is holonomic
         (free_flying_panda, (7, 10)),  # linear momentum is holonomic: the centre of mass stays
         (tiago, (12, 13, 14)),  # the difference of the wheels' angles is the heading
@@ -257,19 +227,6 @@ def test_the_fire_truck_is_class_2s_not_2():
     assert report.redundancy.driven == ("tractor_x", "tractor_y", "tractor_yaw")
 
 
-def turreted():
-    """A unicycle with a turret, whose heading is tracked by its own joint."""
-    model, joint = planar_model("turreted")
-    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
-    model.appendBodyToJoint(turret, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
-    return system.reduce(
-        [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
-        [rnc.FramePosition("body", "xy"), rnc.FrameYaw("gun")],
-    )
-
-
 def test_a_unicycle_with_a_turret_is_class_2():
     """The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22."""
     reduced = turreted()
@@ -397,20 +354,6 @@ def test_too_few_actuators_name_what_they_cannot_move():
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_3"])
     report = rnc.analyze(system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)]), samples=8)
     assert (report.actuation_rank, report.unactuated) == (2, ("joint_2",))
-
-
-def prismatic(A5, A5_gradient):
-    """Four bodies on four rails, ``x11dot = 0.3 x21dot + x22dot, x12dot = A5(q) x21dot``, q = (x11, x12, x21, x22)."""
-    model = pin.Model()
-    for name in ("x11", "x12", "x21", "x22"):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    rows = rnc.Pfaffian(
-        lambda q: np.array([[1.0, 0.0, -0.3, -1.0], [0.0, 1.0, -A5(q), 0.0]]),
-        lambda q, v: np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -A5_gradient(q) @ v, 0.0]]),
-    )
-    x11, x12, x21, x22 = map(rnc.JointPosition, model.names[1:])
-    return rnc.NonholonomicSystem(rnc.Robot(model), [rows]).reduce([x21, x22], [x11, x12])
 
 
 @pytest.mark.parametrize(

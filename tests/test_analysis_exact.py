@@ -8,8 +8,7 @@ from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.model.rows import Rows
 from systems import sleigh
-from test_analysis_pinned import WHEEL, cart_robot
-from test_singular_pinned import sliders
+from textbook_systems import WHEEL, cart_robot, rail_sliders
 
 # ---------------------------------------------------------------------- derivatives
 
@@ -28,7 +27,7 @@ def carried_along(mu, mu_dot, B):
             ]
         )
 
-    system = rnc.NonholonomicSystem(sliders(4), [rnc.Pfaffian(rows, rows_dot, None, mu, mu_dot)], B)
+    system = rnc.NonholonomicSystem(rail_sliders(4), [rnc.Pfaffian(rows, rows_dot, None, mu, mu_dot)], B)
     return rows, rows_dot, system.reduce([rnc.JointPosition("s1"), rnc.JointPosition("s3")])
 
 
@@ -101,7 +100,7 @@ def test_the_error_of_differences_is_that_of_two_steps(affine, moving):
     row, both = np.array([[0.0, 1.0]]), np.array([[1.0, 1.0]])
     moved = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, None, *((rate, rate_dot) if affine else ()))
     output = rnc.Output(lambda q: both @ q, lambda q: both, lambda q, v: 0 * both, ["both"])
-    reduced = rnc.NonholonomicSystem(sliders(2), [moved], push).reduce([output])
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), [moved], push).reduce([output])
     q, T = np.array([0.13, -0.21]), np.array([0.03, 0.5, -0.08])
     found = state_derivatives(reduced, q, np.array([0.4 * moving]), T)
     along_0, along_1 = found.v2_dot_q[0]
@@ -193,7 +192,7 @@ def slides(A, A_dot, mu=None, mu_dot=None):
     row = rnc.Pfaffian(
         lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-A_dot(q, v)), 0.0]]), ["row"], *moves
     )
-    return rnc.NonholonomicSystem(sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
 
 
 def slopes(q):
@@ -257,7 +256,7 @@ def test_lemma_1_holds_of_slides():
     """And of a body without constraints, whose H does not change."""
     found = lemma_1_residuals(slides(slopes, right_rate), np.random.default_rng(5).normal(size=(4, 3)))
     assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
-    free = rnc.NonholonomicSystem(sliders(1), []).reduce([rnc.JointPosition("s0")])
+    free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])
     assert lemma_1_residuals(free, np.zeros((1, 1))) == {
         "A R": 0.0,
         "H - H^T": 0.0,

@@ -10,27 +10,9 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.analysis.equilibrium import _Search
 from systems import random_states, rolling_base
-from test_linearization import wheeled_pendulum
-
-G = 9.81
+from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot, hanging_chain, wheeled_pendulum
 
 # ---------------------------------------------------------------------- grip
-
-WHEEL, BLADE = 0.08, np.array([-0.2, 0.5, 0.0])
-PLACES = {"a": (0.4, 0.3), "b": (-0.2, -0.35), "nose": (0.55, -0.25), "tail": (-0.6, 0.15)}
-
-
-def cart_robot(base="planar", gravity=-G):
-    """Two wheels at odd places, two gliding points, and a heavy mast that turns."""
-    model = rolling_base({name: PLACES[name] for name in "ab"}, WHEEL, base)
-    model.gravity.linear = np.array([0.0, 0.0, gravity])
-    carrier = model.getJointId("root_joint")
-    for name in ("nose", "tail"):
-        place = pin.SE3(np.eye(3), np.array([*PLACES[name], 0.0]))
-        model.addFrame(pin.Frame(name, carrier, 0, place, pin.FrameType.OP_FRAME))
-    mast = model.addJoint(carrier, pin.JointModelRZ(), pin.SE3.Identity(), "mast")
-    model.appendBodyToJoint(mast, pin.Inertia(9.0, np.array([0.4, 0.0, 0.2]), np.eye(3)), pin.SE3.Identity())
-    return rnc.Robot(model)
 
 
 def cart(base="planar", gravity=-G):
@@ -226,22 +208,10 @@ def test_a_fast_turn_is_steady_too():
     assert found.residual < 1e-7
 
 
-def chain(actuators, count=3):
-    """Links of 1 m and 1 kg that hang from the ceiling at zero."""
-    model = pin.Model()
-    model.name = "chain"
-    parent, place = 0, pin.SE3.Identity()
-    for k in range(count):
-        parent = model.addJoint(parent, pin.JointModelRY(), place, f"hinge_{k}")
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
-        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
-    return rnc.NonholonomicSystem(rnc.Robot(model), [], actuators).reduce()
-
-
 @pytest.mark.parametrize(("guess", "hold"), [((0.5, 0.9, -0.4), ()), ((-0.6, 0.3, 1.4), ()), ((0.5, 0.9, -0.4), (1,))])
 def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
     """A chain with a free first hinge rests with its centre of mass below that: the rest is a constrained minimum."""
-    reduced = chain(["hinge_1", "hinge_2"])
+    reduced = hanging_chain(["hinge_1", "hinge_2"])
     found = rnc.equilibrium(reduced, guess, hold=[f"hinge_{k}" for k in hold])
 
     def across(q):
@@ -265,7 +235,7 @@ def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
 def test_of_inputs_that_hold_the_smallest_are_taken():
     """Three drives on two hinges, of unlike inertias."""
     B = np.array([[1.0, 0.5, -2.0], [0.0, 1.0, 3.0]])
-    reduced = chain(B, 2)
+    reduced = hanging_chain(B, 2)
     found = rnc.equilibrium(reduced, [0.4, -1.1])
     np.testing.assert_array_equal(found.q, [0.4, -1.1])
     needed = G * np.array([1.5 * np.sin(0.4) + 0.5 * np.sin(-0.7), 0.5 * np.sin(-0.7)])
@@ -275,7 +245,7 @@ def test_of_inputs_that_hold_the_smallest_are_taken():
 
 def test_what_does_not_rest_says_by_how_much():
     """All joints held but one that cannot help: the rate of the last hinge, to three digits."""
-    reduced = chain([], 2)
+    reduced = hanging_chain([], 2)
     q = np.array([0.2, 1.9])
     rates = reduced.forward_dynamics(q, np.zeros(2), np.zeros(0))
     worst = int(np.argmax(np.abs(rates)))
@@ -314,7 +284,7 @@ def driven_bicycle():
 
 @pytest.mark.parametrize(
     "make",
-    [wheeled_pendulum, lambda: chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle],
+    [wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle],
     ids=["pendulum on wheels", "chain", "four-bar", "bicycle"],
 )
 def test_a_step_towards_an_equilibrium_is_that_of_newton(make):

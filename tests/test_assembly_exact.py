@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
-from test_model_pinned import Flat, coupling, sliders
+from textbook_systems import Flat, coupling, sliders
 
 ROBOT = sliders(masses=(1.0, 1.0, 1.0), chain=False)
 

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis import boundedness
 from rnc_pin.analysis.boundedness import _order
 from rnc_pin.analysis.singularities import Singularity
-from test_singular_pinned import sliders
+from textbook_systems import rail_sliders
 
 SHARES = np.geomspace(0.1, 0.001, 7)
 
@@ -17,7 +17,7 @@ SHARES = np.geomspace(0.1, 0.001, 7)
 def lever():
     """The last slide moves at ``1 / q1`` times the first."""
     row = rnc.Pfaffian(lambda q: np.array([[1.0, 0.0, -q[1]]]), lambda q, v: np.array([[0.0, 0.0, -v[1]]]), ["lever"])
-    return rnc.NonholonomicSystem(sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
 
 
 def goal(matrix="E", located=True):

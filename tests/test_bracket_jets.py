@@ -10,8 +10,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis.bracket_jets import PIECES, BracketJets
 from systems import ALL, random_states
-from test_analysis import trailers
-from test_growth_exact import contact
+from textbook_systems import sliders_with_rows, unicycle_with_trailers
 
 MOEBIUS = {1: 1, 2: -1, 3: -1, 4: 0, 5: -1, 6: 1, 7: -1, 8: 0}
 
@@ -41,7 +40,7 @@ def test_the_fields_of_a_flow_show_every_bracket(generators, degree):
 
 def test_coefficients_are_those_of_a_closed_form():
     """``x2' = sin(x0) x1'``: a bracket pulled back from ``x0 + s t`` is ``c cos(x0 + s t)`` along x2."""
-    reduced = contact(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])
+    reduced = sliders_with_rows(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])
     x, time, order = 0.4, 0.5, 7
     jets = BracketJets(reduced, np.array([x, 0.3, -0.2]))
     drawn = jets.draw(order, time, np.random.default_rng(4))
@@ -56,7 +55,7 @@ def test_coefficients_are_those_of_a_closed_form():
 
 def in_plain_coordinates(count):
     """The same trailers with x, y and yaw as joints of their own."""
-    moving = trailers(count).robot.model
+    moving = unicycle_with_trailers(count).robot.model
     model = pin.Model()
     for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("yaw", pin.JointModelRZ())):
         model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), name)
@@ -76,7 +75,7 @@ def test_axes_that_turn_along_make_no_difference():
     """At zero yaw a planar joint's axes are those of x, y and yaw, and so are brackets of any depth."""
     hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
     found = []
-    for reduced in (trailers(2), in_plain_coordinates(2)):
+    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
         jets = BracketJets(reduced, reduced.robot.configuration(hitches))
         found.append(jets.draw(5, 0.5, np.random.default_rng(7)).coefficients)
         assert np.abs(found[-1][5]).max() > 1e-5

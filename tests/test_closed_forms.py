@@ -9,23 +9,19 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import estimating, truck_task
 from rnc_pin.control import (
-    MomentumRegressor,
     PositionGains,
     PositionTracker,
-    RedundancyController,
-    UncertainRedundancyController,
-    UnknownMass,
 )
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import RowStack
-from rnc_pin.planning import Harmonic, Hold, TaskReference
+from rnc_pin.planning import Hold, TaskReference
 from rnc_pin.planning.leg import Leg, best_legs
 from rnc_pin.simulation.summary import summarize
+from simple_controllers import Inputs
 from systems import bicycle, fire_truck, four_bar, random_states, space_robot, space_robot_in_joints
-from test_analysis import planar_model
-from test_simulation import Inputs
-from test_steering import truck_task
+from textbook_systems import planar_model
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 # ---------------------------------------------------------------------- model
@@ -226,14 +222,6 @@ def masses_as_believed(p):
     return system.reduce(
         [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
     )
-
-
-def estimating(alpha, believed):
-    reduced = space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    law = RedundancyController(task, Harmonic([1.0, 0.5], 0.2, 0.2), Harmonic([0.0], [0.15], 0.1), 2.0, 2.0)
-    regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)])
-    return reduced, law, regressor, UncertainRedundancyController(reduced, law, regressor, believed, alpha=alpha)
 
 
 def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import wide
 from rnc_pin.control import (
     PositionGains,
-    Posture,
     ReducingOutputController,
     RedundancyController,
     TrackerState,
@@ -109,21 +109,6 @@ def test_redundancy_controller_takes_any_square_partition():
     assert set(errors) == {"tip_x", "tip_y", "base_yaw", "distance_base_tip"}
     assert max(errors.values()) < 0.01
     assert run.x2[-1, 2] > 0.5  # the platform drove along
-
-
-def wide(**changes):
-    """Speed of the platform and shoulder are both redundant for one heading: A4 is 1 x 2."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(outputs, [rnc.FrameYaw("base")])
-    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    x1, x2 = reduced.outputs(q0)
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
-    tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
-    vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
-    secondary = Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
-    return reduced, RedundancyController(task, tip, vertical, 2.0, 2.0, secondary=secondary, **changes), q0
 
 
 @pytest.mark.parametrize("posture", [False, True])

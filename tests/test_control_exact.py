@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import Cubic
 from rnc_pin.control import (
     ChainedStabilizer,
     ComputedTorque,
@@ -26,21 +27,8 @@ from rnc_pin.control import (
 from rnc_pin.control.position_tracker import PositionState
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from rnc_pin.planning.references import ReferencePoint
 
 # ---------------------------------------------------------------------- trackers
-
-
-class Cubic:
-    """A reference that nowhere rests: its value and three rates at time 0."""
-
-    def __init__(self, *orders):
-        self.orders = [np.array(each) for each in orders]
-        self.size = len(orders[0])
-
-    def at(self, t):
-        p, v, a, j = self.orders
-        return ReferencePoint(p + v * t + a * t**2 / 2 + j * t**3 / 6, v + a * t + j * t**2 / 2, a + j * t, j)
 
 
 class Said:

@@ -6,20 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from systems import ALL, four_bar, random_states
-from test_linearization import wheeled_pendulum
-
-
-def acrobot(actuators=("elbow",)):
-    """Two links under gravity, hanging at zero."""
-    model = pin.Model()
-    model.name = "acrobot"
-    parent, place = 0, pin.SE3.Identity()
-    for name in ("shoulder", "elbow"):
-        parent = model.addJoint(parent, pin.JointModelRY(), place, name)
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
-        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [], list(actuators))
-    return system.reduce([rnc.JointPosition("shoulder"), rnc.JointPosition("elbow")])
+from textbook_systems import acrobot, wheeled_pendulum
 
 
 def check(reduced, found):

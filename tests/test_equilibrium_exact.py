@@ -9,24 +9,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis.equilibrium import _Search
 from systems import four_bar
-from test_analysis_pinned import G, chain
-from test_linearization import wheeled_pendulum
-
-WEAK, SPEED = 0.1, 0.7  # gravity [m/s^2], rate [rad/s]
-RESTING = 1.0 + WEAK  # accelerations are compared with this
-SIZE = RESTING + SPEED**2  # and of what moves with this
-
-
-def sideways_pendulum():
-    """Gravity of 0.1, of which 0.08 pull it down and 0.06 go along its axis."""
-    reduced = chain([], 1)
-    reduced.robot.model.gravity.linear = np.array([0.0, 0.06, -0.08])
-    return reduced
-
-
-def angle_of(acceleration):
-    """Small angles accelerate at ``0.5 * 0.08 / (0.1 + 0.5**2)`` of themselves."""
-    return acceleration * 0.35 / (0.5 * 0.08)
+from textbook_systems import RESTING, SPEED, G, angle_of, hanging_chain, sideways_pendulum, wheeled_pendulum
 
 
 def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
@@ -83,7 +66,7 @@ def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
 
 def test_two_motors_on_one_hinge_share_its_load():
     """In proportion to their gears; a hinge without one hangs."""
-    reduced = chain(np.array([[0.0, 0.0], [1.0, 2.0]]), 2)
+    reduced = hanging_chain(np.array([[0.0, 0.0], [1.0, 2.0]]), 2)
     found = rnc.equilibrium(reduced, [0.2, 1.0])
     needed = G * 0.5 * np.sin(found.q.sum())
     assert 1.5 * np.sin(found.q[0]) + 0.5 * np.sin(found.q.sum()) == pytest.approx(0, abs=1e-9)
@@ -92,7 +75,7 @@ def test_two_motors_on_one_hinge_share_its_load():
 
 @pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])
 def test_a_motor_without_strength_is_none(gear, holds):
-    reduced = chain(np.diag([1.0, gear]), 2)
+    reduced = hanging_chain(np.diag([1.0, gear]), 2)
     guess = np.array([0.9, -0.4])
     found = rnc.equilibrium(reduced, guess)
     if holds:
@@ -137,7 +120,7 @@ def test_rows_that_say_nothing_take_no_direction_away():
     [([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0])],
 )
 def test_no_step_is_longer_than_three_tenths(step, limited):
-    search = search_from(chain([], 2), [0.1, 0.2])
+    search = search_from(hanging_chain([], 2), [0.1, 0.2])
     np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
 
 
@@ -179,7 +162,7 @@ def test_every_step_leads_nearer_and_is_as_long_as_it_may(way, guess):
 
 def test_the_search_ends_where_it_need_not_go_on(way):
     """What is held up as it stands takes one look, and one step that is none."""
-    reduced, guess = chain(["hinge_0", "hinge_1"], 2), [0.4, -1.1]
+    reduced, guess = hanging_chain(["hinge_0", "hinge_1"], 2), [0.4, -1.1]
     np.testing.assert_array_equal(rnc.equilibrium(reduced, guess).q, guess)
     assert (way["looks"], len(way["points"])) == (1, 1)
 
@@ -187,12 +170,12 @@ def test_the_search_ends_where_it_need_not_go_on(way):
 def test_the_search_ends_where_it_cannot_go_on(way):
     """A link that is held cannot come nearer: that is said after one step and its halves."""
     with pytest.raises(rnc.ConstraintError):
-        rnc.equilibrium(chain([], 1), [0.4], hold=["hinge_0"])
+        rnc.equilibrium(hanging_chain([], 1), [0.4], hold=["hinge_0"])
     assert len(way["points"]) == 1
     assert way["looks"] < 20
 
 
 def test_a_way_back_that_gets_lost_is_not_taken():
     """From here the way towards the guess wanders off what rests."""
-    found = rnc.equilibrium(chain(["hinge_1", "hinge_2"]), (1.4, -2.56, -0.65))
+    found = rnc.equilibrium(hanging_chain(["hinge_1", "hinge_2"]), (1.4, -2.56, -0.65))
     assert found.residual < 1e-7

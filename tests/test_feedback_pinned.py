@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import LIMITS, TASK, chain_rate, manipulator, wide
 from rnc_pin.control import (
     ChainedStabilizer,
     Combined,
@@ -36,10 +37,6 @@ from systems import (
     space_robot,
     spinning_space_robot,
 )
-from test_control import wide
-from test_secondary import LIMITS, manipulator
-from test_slithering import TASK
-from test_two_phase import chain_rate
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 # ---------------------------------------------------------------------- regressors

@@ -10,8 +10,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.growth import MARGIN, _rest, generic_growth, grow
-from test_singular_pinned import sliders
-from test_vehicles import trailers
+from textbook_systems import sliders_with_rows, tractor_trailers
 
 # ---------------------------------------------------------------------- the bracket of a joint's own axes
 
@@ -90,23 +89,9 @@ def test_what_leads_out_is_square_to_the_basis():
 # ---------------------------------------------------------------------- what counts
 
 
-def contact(A, A_dot):
-    """Slides whose last ``k`` move at ``A(q)`` (k, r) times the rates of the first ``r``."""
-    k, r = np.shape(A(np.zeros(20)))
-
-    def rows(q):
-        return np.hstack([-np.array(A(q), float), np.eye(k)])
-
-    def rows_dot(q, v):
-        return np.hstack([-np.array(A_dot(q, v), float), np.zeros((k, k))])
-
-    system = rnc.NonholonomicSystem(sliders(r + k), [rnc.Pfaffian(rows, rows_dot)])
-    return system.reduce([rnc.JointPosition(f"s{i}") for i in range(r)])
-
-
 @pytest.mark.parametrize(("weak", "expected"), [(0.97e-5, (2,)), (1.03e-5, (2, 3))])
 def test_a_first_bracket_has_to_be_a_part_in_a_hundred_thousand(weak, expected):
-    reduced = contact(lambda q: [[0.0, weak * q[0]]], lambda q, v: [[0.0, weak * v[0]]])
+    reduced = sliders_with_rows(lambda q: [[0.0, weak * q[0]]], lambda q, v: [[0.0, weak * v[0]]])
     found = grow(reduced, np.zeros(3))
     assert found.vector == growth_vector(reduced, np.zeros(3)) == expected
     assert found.closure.shape == (3, expected[-1])
@@ -121,7 +106,7 @@ def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):
     def A(q):
         return [[0.0, q[0], weak * q[0]], [0.0, 0.0, weak * apart * q[0]]]
 
-    reduced = contact(A, lambda q, v: A(v))
+    reduced = sliders_with_rows(A, lambda q, v: A(v))
     found = grow(reduced, np.zeros(5))
     assert found.vector == expected
     np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(expected[-1]), atol=1e-12)
@@ -129,7 +114,7 @@ def test_first_brackets_are_judged_by_their_directions(weak, apart, expected):
 
 def test_what_hardly_leads_out_is_square_to_the_rest():
     """Under ``x2' = 50000 x0' + 9 x0 x1'`` the bracket, along x2, is next to a generator."""
-    reduced = contact(lambda q: [[5e4, 9.0 * q[0]]], lambda q, v: [[0.0, 9.0 * v[0]]])
+    reduced = sliders_with_rows(lambda q: [[5e4, 9.0 * q[0]]], lambda q, v: [[0.0, 9.0 * v[0]]])
     found = grow(reduced, np.array([0.2, -0.3, 0.1]))
     assert found.vector == (2, 3)
     np.testing.assert_allclose(found.closure.T @ found.closure, np.eye(3), atol=1e-14)
@@ -144,7 +129,7 @@ def test_what_varies_fast_still_grows():
     def A_dot(q, v):
         return [[0.0, 20 * np.cos(20 * q[0]) * v[0]], [0.0, -21 * np.sin(21 * q[0]) * v[0]]]
 
-    reduced = contact(A, A_dot)
+    reduced = sliders_with_rows(A, A_dot)
     for x in (0.1, 0.33, -0.52):
         found = grow(reduced, np.array([x, 0.4, -0.2, 0.3]))
         assert found.vector == (2, 3, 4)
@@ -166,14 +151,14 @@ def monomials(exponents):
             for a, b in exponents
         ]
 
-    return contact(A, A_dot)
+    return sliders_with_rows(A, A_dot)
 
 
 @pytest.mark.parametrize("depth", [1, 4, 8])
 def test_a_chain_grows_by_one_a_level(depth):
     """``x_k' = x0^k / k! x1'``, the chained form, whose k-th brackets are constant."""
     scales = [1 / factorial(k) for k in range(1, depth + 1)]
-    reduced = contact(
+    reduced = sliders_with_rows(
         lambda q: [[0.0, scale * q[0] ** k] for k, scale in enumerate(scales, start=1)],
         lambda q, v: [[0.0, scale * k * q[0] ** (k - 1) * v[0]] for k, scale in enumerate(scales, start=1)],
     )
@@ -245,7 +230,7 @@ def test_samples_are_taken_until_three_agree(monkeypatch):
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
 def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
-    reduced = trailers(n, tmp_path)
+    reduced = tractor_trailers(n, tmp_path)
     report = rnc.analyze(reduced, samples=32)
     assert report.growth_vector == tuple(range(2, 5 + n))
     assert report.completely_nonholonomic
@@ -261,20 +246,20 @@ def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
 )
 def test_a_hitch_at_a_right_angle_is_singular(apart, last, doubtful, tmp_path):
     """Any hitch but that of the last trailer: there one level brings nothing (Jean 1996)."""
-    reduced = trailers(2, tmp_path)
+    reduced = tractor_trailers(2, tmp_path)
     found = grow(reduced, reduced.robot.configuration({"hitch_1": np.pi / 2 - apart, "front_steering": 0.3}))
     assert (found.vector, found.doubtful) == (tuple(range(2, last + 1)), doubtful)
 
 
 @pytest.mark.parametrize("hitch", [0.2, np.pi / 2])
 def test_the_hitch_of_the_last_trailer_may_be_at_a_right_angle(hitch, tmp_path):
-    reduced = trailers(2, tmp_path)
+    reduced = tractor_trailers(2, tmp_path)
     assert grow(reduced, reduced.robot.configuration({"hitch_2": hitch})).vector == (2, 3, 4, 5, 6)
 
 
 def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
     """``x2' = 1e-6 x0 x1'`` and a deeper ``x3' = 1e-6 x0^2 x1'`` beside ``x4' = x0 x1'``."""
-    reduced = contact(
+    reduced = sliders_with_rows(
         lambda q: [[0.0, 1e-6 * q[0]], [0.0, 1e-6 * q[0] ** 2], [0.0, q[0]]],
         lambda q, v: [[0.0, 1e-6 * v[0]], [0.0, 2e-6 * q[0] * v[0]], [0.0, v[0]]],
     )
@@ -282,7 +267,7 @@ def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
 
 
 def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
-    reduced = trailers(3, tmp_path)
+    reduced = tractor_trailers(3, tmp_path)
     generator = np.random.default_rng(3)
     near = [
         reduced.robot.configuration({f"hitch_{k}": np.pi / 2 - gap for k in (1, 2, 3)}) for gap in (1e-3, 1e-5, 1e-8, 0)

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis import integrability
 from rnc_pin.analysis.growth import Growth
 from rnc_pin.analysis.integrability import Combination, _pivots
-from test_singular_pinned import sliders
+from textbook_systems import rail_sliders
 
 
 def contact_rows(*parts):
@@ -32,7 +32,7 @@ def contact_rows(*parts):
         return np.stack([(b + slope * q[0]) * beta_dot(v) + slope * v[0] * beta(q) for b, slope, _ in parts])
 
     names = [f"a{k}" for k in range(1, len(parts) + 1)]
-    system = rnc.NonholonomicSystem(sliders(3 + count), [rnc.Pfaffian(rows, rows_dot, names)])
+    system = rnc.NonholonomicSystem(rail_sliders(3 + count), [rnc.Pfaffian(rows, rows_dot, names)])
     return system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
 
 
@@ -110,7 +110,7 @@ def test_places_where_brackets_are_fewer_than_elsewhere_do_not_count(count):
     row = rnc.Pfaffian(
         lambda q: np.array([[0.0, -(q[0] ** 2), 1.0]]), lambda q, v: np.array([[0.0, -2 * q[0] * v[0], 0.0]]), ["row"]
     )
-    reduced = rnc.NonholonomicSystem(sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
     for where in range(count):
         x = np.full(count, 0.7)
         x[where] = 0.0
@@ -126,7 +126,7 @@ def test_the_largest_dimension_of_each_level_is_generic(monkeypatch):
     whole, less = Growth((3, 4, 6), np.eye(6), 1e9, False), Growth((3, 5), np.eye(6)[:, :5], 1e9, False)
     monkeypatch.setattr(sys.modules["rnc_pin.analysis.growth"], "grow", lambda reduced, q: less if q[0] > 0 else whole)
     row = np.eye(6)[:3]
-    system = rnc.NonholonomicSystem(sliders(6), [rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row)])
+    system = rnc.NonholonomicSystem(rail_sliders(6), [rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row)])
     reduced = system.reduce([rnc.JointPosition(f"s{k}") for k in (3, 4, 5)])
     for x in ((1.0, -1.0), (-1.0, 1.0)):
         found = integrability(reduced, places(*x, size=6))

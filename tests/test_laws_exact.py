@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import Cubic
 from rnc_pin.control import (
     ChainedStabilizer,
     ComputedTorque,
@@ -24,7 +25,6 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
 from systems import random_states, space_robot
-from test_control_exact import Cubic
 
 # ---------------------------------------------------------------------- the chain
 

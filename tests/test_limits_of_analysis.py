@@ -6,9 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
 from rnc_pin.analysis.redundancy import _full_row_rank
-from test_equilibrium_exact import SIZE, SPEED, angle_of, sideways_pendulum
-from test_report_pinned import written
-from test_singular_pinned import sliders
+from textbook_systems import SIZE, SPEED, angle_of, rail_sliders, sideways_pendulum, sliders_with_rows
 
 
 def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
@@ -27,7 +25,7 @@ def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
 
 
 def test_a_state_of_nothing_is_refused():
-    reduced = rnc.NonholonomicSystem(sliders(2), []).reduce()
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
     with pytest.raises(rnc.InputError) as told:
         rnc.linearize(reduced, np.zeros(2), coordinates=[], rates=[])
     assert str(told.value) == "coordinates and rates are both empty: the state needs at least one entry"
@@ -36,7 +34,7 @@ def test_a_state_of_nothing_is_refused():
 
 def test_coordinates_next_to_each_other_are_not_independent():
     """``s0`` and ``s0 + small s1``: singular values are next to sqrt(2) and small / sqrt(2)."""
-    reduced = rnc.NonholonomicSystem(sliders(2), []).reduce()
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
     for small, said in ((0.97 * 2e-10, True), (1.03 * 2e-10, False)):
         J = np.array([[1.0, 0.0], [1.0, small]])
         pair = rnc.Output(lambda q, J=J: J @ q, lambda q, J=J: J, lambda q, v: np.zeros((2, 2)), ["one", "two"])
@@ -53,7 +51,7 @@ def test_coordinates_next_to_each_other_are_not_independent():
 def test_a_part_in_ten_to_the_nine_of_the_largest_entry_moves_nothing(size, share):
     """Or of one, where all are smaller."""
     weak = share * 1e-9 * max(1.0, size)
-    reduced = written(lambda q: [[size, weak], [0.3, 0.4]])
+    reduced = sliders_with_rows(lambda q: [[size, weak], [0.3, 0.4]])
     task = rnc.Task.of(reduced, ["s0"], ["s1"])
     found = classify(reduced, task, np.random.default_rng(0).normal(size=(3, 4)))
     assert found.tracked == (("s3",) if share < 1 else ("s2", "s3"))
@@ -79,7 +77,7 @@ def test_rows_are_of_full_rank_to_a_part_in_a_million(unit):
 @pytest.mark.parametrize(("share", "rank", "missing"), [(0.97, 1, ("s1",)), (1.03, 2, ())])
 def test_a_drive_is_one_to_a_part_in_ten_to_the_ten(share, rank, missing):
     B = 30.0 * np.diag([1.0, share * 1e-10])
-    report = rnc.analyze(rnc.NonholonomicSystem(sliders(2), [], B).reduce(), samples=3)
+    report = rnc.analyze(rnc.NonholonomicSystem(rail_sliders(2), [], B).reduce(), samples=3)
     assert (report.actuation_rank, report.unactuated) == (rank, missing)
 
 
@@ -87,5 +85,5 @@ def test_a_drive_is_one_to_a_part_in_ten_to_the_ten(share, rank, missing):
 def test_a_millionth_of_a_force_is_missing(share, missing):
     """One drive for two bodies: the force across it has a part along both."""
     B = np.array([[1.0], [share * 1e-6]])
-    report = rnc.analyze(rnc.NonholonomicSystem(sliders(2), [], B).reduce(), samples=3)
+    report = rnc.analyze(rnc.NonholonomicSystem(rail_sliders(2), [], B).reduce(), samples=3)
     assert (report.actuation_rank, report.unactuated) == (1, missing)

@@ -6,20 +6,10 @@ import scipy.linalg
 
 import rnc_pin as rnc
 from rnc_pin.analysis import integrability
-from rnc_pin.analysis.linearization import Linearization
 from systems import four_bar
-from test_analysis import planar_model, unicycle
-from test_singular_pinned import sliders
+from textbook_systems import linear, planar_model, rail_sliders, unicycle
 
 # ---------------------------------------------------------------------- the regulator
-
-
-def linear(A, B):
-    """A system that is written down, with states x0, x1, ... and inputs u0, u1, ..."""
-    A, B = np.array(A, float), np.array(B, float)
-    states, inputs = (tuple(f"{letter}{k}" for k in range(count)) for letter, count in zip("xu", B.shape, strict=True))
-    zero = np.zeros(1)
-    return Linearization(A, B, states, inputs, zero, zero, zero, 0.0, (), None, None)
 
 
 @pytest.mark.parametrize("a", [-0.7, 0.0, 1.3])
@@ -302,7 +292,7 @@ def test_a_combination_of_rows_as_they_are_is_put_in_words(share, words):
         rate = np.array([-v[1], v[0], 0.0, 0.0])
         return np.stack([5 * rate, share * rate])
 
-    system = rnc.NonholonomicSystem(sliders(4), [rnc.Pfaffian(rows, rows_dot, ["first", "second"])])
+    system = rnc.NonholonomicSystem(rail_sliders(4), [rnc.Pfaffian(rows, rows_dot, ["first", "second"])])
     reduced = system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
     found = integrability(reduced, np.random.default_rng(0).normal(size=(3, 4)))
     assert found.growth_vector == (2, 3)

@@ -9,6 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.differences import gradient
 from systems import ALL, random_states
+from textbook_systems import vertical_disk, wheeled_pendulum
 
 DIFFERENCES = 1e-8  # eighth-order differences of the dynamics themselves, relative
 STEP = 1e-3
@@ -52,19 +53,6 @@ def test_derivatives_are_those_of_the_dynamics(name, moving):
                 axis=-1,
             ),
         )
-
-
-def wheeled_pendulum(actuators=("left_axle", "right_axle")):
-    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
-    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
-    system = rnc.NonholonomicSystem(robot, wheels, list(actuators))
-    return system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
-
-
-def vertical_disk():
-    robot = rnc.Robot.from_urdf("vertical_disk.urdf", base="planar")
-    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.25)], ["axle"])
-    return system.reduce([rnc.JointPosition("axle"), rnc.FrameYaw("carrier")])
 
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])

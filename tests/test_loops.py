@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import Command
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from simple_controllers import Idle
 from systems import (
     COUPLER,
     CRANK,
@@ -21,20 +21,6 @@ from systems import (
     tiago,
 )
 from tolerances import FINITE_DIFFERENCE, KKT, ROUNDING
-
-
-class Idle:
-    """No inputs."""
-
-    def __init__(self, p):
-        self.T = np.zeros(p)
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return Command(T=self.T), state
-
 
 # ---------------------------------------------------------------------- four-bar linkage, closed form
 

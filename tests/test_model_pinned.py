@@ -3,44 +3,15 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.independence import ROUNDING, TOLERANCE, row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import ConstantRows
+from textbook_systems import Flat, coupling, sliders
 
 # ---------------------------------------------------------------------- assembly
-
-
-def sliders(kinds="XXX", masses=(2.0, 3.0, 5.0), chain=True):
-    """Bodies that slide along x, each on the one before: their inertia matrix is constant and full."""
-    model = pin.Model()
-    model.name = "sliders"
-    for name, kind, mass in zip("abcdef", kinds, masses, strict=False):
-        joint = getattr(pin, "JointModel" + {"X": "PX", "R": "RX", "U": "RUBX"}[kind])()
-        index = model.addJoint(model.njoints - 1 if chain else 0, joint, pin.SE3.Identity(), name)
-        model.appendBodyToJoint(index, pin.Inertia(mass, np.zeros(3), mass * np.eye(3)), pin.SE3.Identity())
-    return rnc.Robot(model)
-
-
-class Flat(ConstantRows):
-    """Rows of numbers, with a residual that is linear in q, or whatever is given."""
-
-    def __init__(self, matrix, names, gap=None, holonomic=None, units=None, on_ground=False):
-        self.matrix, self.names = np.array(matrix, dtype=float), tuple(names)
-        self.units = units or ("m/s",) * len(names)
-        self.holonomic, self.on_ground = holonomic or (True,) * len(names), on_ground
-        self._gap = (lambda q: np.matvec(self.matrix, q) - 1.0) if gap is None else gap
-
-    def residual(self, at):
-        return self._gap(at.q)
-
-
-def coupling(joint, driver, ratio=1.0, offset=0.0):
-    return rnc.JointCoupling(joint, driver, ratio, offset)
 
 
 def test_assembling_takes_the_shortest_way_as_inertia_measures_it():

@@ -4,26 +4,14 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import Cubic, task_at
 from rnc_pin.control import RedundancyController
 from rnc_pin.control.redundancy import check_freedom
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from test_control_exact import Cubic
 
 K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
 PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
-
-
-def task(primary, redundant, vertical):
-    """Places of outputs; first names of all three are those of a list, and there are four outputs of either kind."""
-    names = [
-        tuple(f"{kind}_{place}" for place in places)
-        for kind, places in zip("abc", (primary, redundant, vertical), strict=True)
-    ]
-    on_lines = (Coordinates(np.zeros(len(places), dtype=bool)) for places in (primary, redundant, vertical))
-    places = (np.array(each, dtype=int) for each in (primary, redundant, vertical))
-    return rnc.Task(*places, *names, *on_lines, r=len(primary) + len(redundant))
 
 
 def seen(fields, t):
@@ -64,7 +52,7 @@ def objective(t, m):
     ("redundant", "secondary"), [([2, 1], None), ([4, 1, 2], None), ([4, 1, 2], objective)], ids=["square", "wide", "z"]
 )
 def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, secondary, affine):
-    chosen, r = task(PRIMARY, redundant, VERTICAL), 2 + len(redundant)
+    chosen, r = task_at(PRIMARY, redundant, VERTICAL), 2 + len(redundant)
     weights = WEIGHTS if len(redundant) == 3 else None
     law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21, weights, secondary)
     fields, t, h = drawn((2, 3), r, affine, 4), 0.4, 1e-4
@@ -92,7 +80,7 @@ def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, se
 
 def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hundred_million_times():
     """Rates of up to ``1e8 (1 + what was asked for)``; the condition is that of the worst A4, its rows scaled."""
-    law = RedundancyController(task([], [0], [0]), Cubic(*np.zeros((4, 0))), Hold([3.0]), 1.0)
+    law = RedundancyController(task_at([], [0], [0]), Cubic(*np.zeros((4, 0))), Hold([3.0]), 1.0)
     x1, q = np.array([[1.0], [3.0]]), np.array([0.4, 5.0])
 
     def asked(small):
@@ -107,7 +95,7 @@ def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hun
     assert caught.value.rows == ("c_0", "b_0")
     np.testing.assert_array_equal(caught.value.q, q)
     assert caught.value.q is not q
-    flat = RedundancyController(task([], [0, 1], [0, 1]), Cubic(*np.zeros((4, 0))), Hold([3.0, 1.0]))
+    flat = RedundancyController(task_at([], [0, 1], [0, 1]), Cubic(*np.zeros((4, 0))), Hold([3.0, 1.0]))
     even, still = np.array([[1.0, 2.0], [2.0, 4.0 + 1e-14]]), np.zeros((3, 2))
     A = np.stack([np.eye(2), even, np.array([[3.0, 4.0], [0.0, 1.0]])])
     with pytest.raises(rnc.SingularityError) as caught:
@@ -128,7 +116,7 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
         (([0], [], []), "0 (none) and 0 (none)"),
     ):
         with pytest.raises(rnc.ConfigurationError) as caught:
-            RedundancyController(task(*places), two, two)
+            RedundancyController(task_at(*places), two, two)
         assert str(caught.value) == words + counts
     words = "a secondary objective has no freedom left: needs more redundant than vertical outputs, found "
     for places, counts in (
@@ -137,18 +125,18 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
         (([0], [], []), "0 (none) and 0 (none)"),
     ):
         with pytest.raises(rnc.ConfigurationError) as caught:
-            check_freedom(task(*places))
+            check_freedom(task_at(*places))
         assert str(caught.value) == words + counts
     for redundant in ([1], [2, 1]):
-        check_freedom(task([0], redundant, []))
-    wide = task([], [2, 0, 1], [0])
+        check_freedom(task_at([0], redundant, []))
+    wide = task_at([], [2, 0, 1], [0])
     for weights in ([1.0, 2.0], np.ones((1, 3)), 1.0, [1, 0, 1], [1, -2, 1], [1, 1, np.inf], [1, np.nan, 1]):
         with pytest.raises(rnc.ConfigurationError, match="weights have to be 3 positive numbers"):
             RedundancyController(wide, nothing, one, weights=weights)
     plain = {"type": "RedundancyController", "k3": 2.0, "k21": 0.0}
     assert RedundancyController(wide, nothing, one).describe() == {**plain, "weights": [1.0, 1.0, 1.0]}
     assert RedundancyController(wide, nothing, one, weights=[3, 49, 0.1]).describe()["weights"] == [3.0, 49.0, 0.1]
-    assert RedundancyController(task([1], [0], [0]), one, one).describe() == plain
+    assert RedundancyController(task_at([1], [0], [0]), one, one).describe() == plain
     for first, second, words in ((two, one, "primary reference has 2 values for 1"), (one, two, "vertical .* 2 .* 1 ")):
         with pytest.raises(rnc.ConfigurationError, match=words):
-            RedundancyController(task([1], [0], [0]), first, second)
+            RedundancyController(task_at([1], [0], [0]), first, second)

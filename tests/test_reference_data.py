@@ -1,19 +1,15 @@
 """The reduction against data derived symbolically from the Lagrangian, without Pinocchio (tests/data)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
-import rnc_pin as rnc
 from systems import space_robot, space_robot_in_joints
+from textbook_systems import DATA, SLEIGH, chaplygin_sleigh
 from tolerances import REFERENCE
 
-DATA = Path(__file__).parent / "data"
 SPACE_ROBOT = json.loads((DATA / "space_robot.json").read_text())
-SLEIGH = json.loads((DATA / "chaplygin_sleigh.json").read_text())
 
 # Bases of the data by name: S1a takes the joint angles as reducing outputs, S1b the tip and the first joint.
 BASES = {"S1a": space_robot_in_joints, "S1b": space_robot}
@@ -54,20 +50,6 @@ def test_space_robot(basis, state):
     measured = reduced.measure(q, v2)
     assert_matches(measured.x1, expected["x1"])
     assert_matches(measured.x2, expected["x2"])
-
-
-def chaplygin_sleigh() -> rnc.ReducedModel:
-    p = SLEIGH["parameters"]
-    model = pin.Model()
-    model.name = "sleigh"
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    inertia = pin.Inertia(p["m"], np.array([p["a"], 0.0, 0.0]), np.diag([0.3, 0.3, p["I_com"]]))
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame("edge", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    system = rnc.NonholonomicSystem(
-        rnc.Robot(model), [rnc.NoSideSlip("edge")], [rnc.FrameForce("edge", "x"), rnc.FrameTorque("edge", "z")]
-    )
-    return system.reduce([rnc.FrameSpeed("edge"), rnc.FrameYaw("edge")], [rnc.FramePosition("edge", "xy")])
 
 
 @pytest.mark.parametrize("state", SLEIGH["states"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from test_linear_pinned import linear
+from textbook_systems import linear
 
 NOT_REACHED = "the actuators u0 do not control a mode that is not stable: it moves "
 COSTS_NOTHING = "state_cost: a mode that is not stable has zero cost: it moves "

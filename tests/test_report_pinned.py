@@ -5,27 +5,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness, classify, lemma_1_residuals
-from test_analysis import planar_model, prismatic
-from test_singular_pinned import sliders
+from textbook_systems import planar_model, prismatic, rail_sliders, sliders_with_rows
 
 # ---------------------------------------------------------------------- classes of redundancy
-
-
-def written(A, A_dot=None):
-    """Slides whose last ``k`` move at ``A(q)`` (k, r) times the rates of the first ``r``."""
-    k, r = np.shape(A(np.zeros(99)))
-
-    def rows(q):
-        return np.hstack([-np.array(A(q), float), np.eye(k)])
-
-    def rows_dot(q, v):
-        return np.zeros((k, r + k)) if A_dot is None else np.hstack([-np.array(A_dot(q, v), float), np.zeros((k, k))])
-
-    names = [f"row_{i}" for i in range(k)]
-    reduced = rnc.NonholonomicSystem(sliders(r + k), [rnc.Pfaffian(rows, rows_dot, names)])
-    return reduced.reduce(
-        [rnc.JointPosition(f"s{i}") for i in range(r)], [rnc.JointPosition(f"s{i}") for i in range(r, r + k)]
-    )
 
 
 @pytest.mark.parametrize(
@@ -63,7 +45,7 @@ def test_a_class_of_constant_blocks(A, redundant, expected, tracked, reason):
     """Names, words and figures."""
     A, free = np.array(A, float), [int(k) for k in redundant]
     k, r = A.shape
-    reduced = written(lambda q: A)
+    reduced = sliders_with_rows(lambda q: A)
     task = rnc.Task.of(reduced, [f"s{i}" for i in range(r) if i not in free], [f"s{i}" for i in free])
     configurations = np.random.default_rng(0).normal(size=(5, r + k))
     found = classify(reduced, task, configurations)
@@ -100,7 +82,7 @@ def test_figures_are_those_of_the_columns_and_rows_of_the_task():
     def A_dot(q, v):
         return [[np.cos(q[1]) * v[1], 0.0, 0.0], [0.0, 0.3 * v[2], 0.0]]
 
-    reduced = written(A, A_dot)
+    reduced = sliders_with_rows(A, A_dot)
     task = rnc.Task.of(reduced, ["s2", "s1"], ["s0"], ["s4", "s3"])
     configurations = np.random.default_rng(1).normal(size=(5, 5))
     found = classify(reduced, task, configurations)
@@ -118,7 +100,9 @@ def test_figures_are_those_of_the_columns_and_rows_of_the_task():
 
 def test_what_only_the_value_of_an_output_steers():
     """``x11dot = sin(x22) s0dot``: its derivative is the cosine, times a speed of about one."""
-    reduced = written(lambda q: [[np.sin(q[1]), 0.0], [3.0, 0.0]], lambda q, v: [[np.cos(q[1]) * v[1], 0], [0, 0]])
+    reduced = sliders_with_rows(
+        lambda q: [[np.sin(q[1]), 0.0], [3.0, 0.0]], lambda q, v: [[np.cos(q[1]) * v[1], 0], [0, 0]]
+    )
     task = rnc.Task.of(reduced, ["s0"], ["s1"])
     configurations = np.random.default_rng(1).uniform(-1, 1, size=(5, 4))
     found = classify(reduced, task, configurations)
@@ -164,7 +148,7 @@ def test_forces_that_are_missing(B, rank, missing, unit):
     def drives(q):
         return np.hstack([B, unit * more * (q[1] > 0)])
 
-    reduced = rnc.NonholonomicSystem(sliders(3), [], drives).reduce([rnc.JointPosition(f"s{k}") for k in range(3)])
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), [], drives).reduce([rnc.JointPosition(f"s{k}") for k in range(3)])
     report = rnc.analyze(reduced, samples=12)
     assert (report.actuation_rank, report.unactuated) == (rank, missing)
 

@@ -6,8 +6,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import Kinematics
+from simple_controllers import Idle
 from systems import bicycle, random_states
-from test_loops import Idle
 from tolerances import KKT, ROUNDING
 
 RADIUS, MASS = 0.2, 3.0

@@ -8,11 +8,11 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import Command
 from rnc_pin.model.independence import select_independent
 from rnc_pin.scenario.builder import build_system
 from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
+from simple_controllers import Idle
 from systems import ALL
 
 DIRT = Path(__file__).parent / "data" / "dirt"
@@ -113,14 +113,6 @@ def five_bar(angle):
     return rnc.Robot(model)
 
 
-class Idle:
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return Command(T=np.zeros(2)), state
-
-
 def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
     hips = ["left_hip", "right_hip"]
     loop = [rnc.LoopClosure("left_tip", "right_tip", "point")]
@@ -135,8 +127,8 @@ def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
     q = system.assembled(system.robot.configuration(start), hold=hips)
     np.testing.assert_allclose(q, exact.assembled(exact.robot.configuration(start), hold=hips), atol=1e-4)
     assert np.abs(system.assembly.residual(q)).max() < 1e-5
-    run = rnc.simulate(system.reduce(map(rnc.JointPosition, hips)), Idle(), q, 0.3, 0.01)
-    same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(), exact.assembled(q), 0.3, 0.01)
+    run = rnc.simulate(system.reduce(map(rnc.JointPosition, hips)), Idle(2), q, 0.3, 0.01)
+    same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(2), exact.assembled(q), 0.3, 0.01)
     np.testing.assert_allclose(run.q, same.q, atol=1e-3)
     assert np.abs(run.q[-1] - run.q[0]).max() > 0.1  # it fell
 

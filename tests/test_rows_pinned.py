@@ -13,18 +13,7 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.sources.description import Mimic
 from systems import rolling_base, sleigh
-from test_model_pinned import Flat, coupling, sliders
-
-
-class Bound:
-    """A kind that is bound already."""
-
-    def __init__(self, rows):
-        self.rows = rows
-
-    def bind(self, robot):
-        return self.rows
-
+from textbook_systems import Bound, Flat, coupling, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import Command
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames, trajectory
 from rnc_pin.simulation.info_json import info_from_plain, info_to_plain, provenance_of, provenance_to_plain
+from simple_controllers import Idle
 from systems import space_robot
 
 SHORT = {"simulation.duration": 0.02, "comparisons": {}, "plots": {}}
@@ -37,20 +37,10 @@ FULL = Provenance(
 )
 
 
-class Idle:
-    """A controller that does nothing."""
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return Command(T=np.zeros(3)), state
-
-
 def idle_run(**arguments):
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0})
-    return rnc.simulate(reduced, Idle(), q0, 0.02, 0.01, **arguments)
+    return rnc.simulate(reduced, Idle(3), q0, 0.02, 0.01, **arguments)
 
 
 @pytest.fixture(scope="module")

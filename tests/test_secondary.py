@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from controlled_tasks import LIMITS, manipulator
 from rnc_pin.control import (
     Combined,
     ComputedTorque,
@@ -21,24 +22,6 @@ from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.run import plan
 from systems import random_states, space_robot
 from tolerances import FINITE_DIFFERENCE, ROUNDING
-
-LIMITS = {"joint_1": (-1.5, 1.5), "joint_2": (-1.5, -0.35)}
-
-
-@cache
-def manipulator():
-    """Speed of the platform and shoulder are redundant for one heading; the elbow is no output, and has limits."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    low, high = robot.model.lowerPositionLimit.copy(), robot.model.upperPositionLimit.copy()
-    for joint, (first, last) in LIMITS.items():
-        index = robot.model.joints[robot.joint_id(joint)].idx_q
-        low[index], high[index] = first, last
-    robot.model.lowerPositionLimit, robot.model.upperPositionLimit = low, high
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
-    reduced = system.reduce(outputs, [rnc.FrameYaw("base")])
-    return reduced, rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
 
 
 @cache

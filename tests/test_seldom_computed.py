@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import estimating
 from rnc_pin.analysis.boundedness import _approach, _order
 from rnc_pin.analysis.differences import directional_derivative
 from rnc_pin.analysis.frame_bracket import frame_bracket
@@ -31,7 +32,6 @@ from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.planning import CarPath, Hold
 from systems import fire_truck, four_bar, four_bar_robot, random_states, sleigh, space_robot
-from test_closed_forms import estimating
 
 DRIVE = ("left_wheel", "right_wheel")
 

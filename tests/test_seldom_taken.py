@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import TASK
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.differences import gradient
 from rnc_pin.analysis.redundancy import _decide
@@ -30,7 +31,6 @@ from rnc_pin.planning.car_planner import _BEARINGS, _DISTANCES, _moves
 from rnc_pin.planning.leg import best_legs
 from rnc_pin.scenario.run import plan
 from systems import fire_truck, free_flying_panda, mobile_manipulator, random_states, rolling_base, sleigh, space_robot
-from test_slithering import TASK
 
 
 def test_an_effort_of_zero_in_a_file_says_nothing():

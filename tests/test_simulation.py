@@ -10,28 +10,15 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import Command
 from rnc_pin.simulation import record as record_module
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
+from simple_controllers import Inputs
 from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 DATA = Path(__file__).parent / "data"
-
-
-class Inputs:
-    """Actuator inputs as a function of time: a controller that looks at nothing."""
-
-    def __init__(self, function):
-        self.function = function
-
-    def initial_state(self, measurement):
-        return 0
-
-    def step(self, t, measurement, state):
-        return Command(T=self.function(t)), state + 1
 
 
 def integrate(reduced, q, v2, T, duration, steps):
@@ -97,7 +84,7 @@ def test_reference_simulation_of_the_space_robot():
 
 
 def test_closed_form_motion_of_the_chaplygin_sleigh():
-    from test_reference_data import SLEIGH, chaplygin_sleigh
+    from textbook_systems import SLEIGH, chaplygin_sleigh
 
     data, reduced = SLEIGH["trajectory"], chaplygin_sleigh()
     q0 = reduced.robot.configuration({"root_joint": data["q0"]})

@@ -8,17 +8,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis import boundedness
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from systems import four_bar, leaning_wheel, random_states, spinning_space_robot
-from test_analysis import planar_model
-
-
-def sliders(count):
-    """Bodies on rails of their own, ``s0`` to ``s<count - 1>``: q and v are their places and speeds."""
-    model = pin.Model()
-    model.name = "sliders"
-    for k in range(count):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    return rnc.Robot(model)
+from textbook_systems import planar_model, rail_sliders
 
 
 def rates_of(rows, names):
@@ -31,7 +21,7 @@ def rates_of(rows, names):
 
 def two_ways_to_be_singular():
     """a and b agree where q1 is a multiple of pi, c and d where q3 is zero."""
-    return rnc.NonholonomicSystem(sliders(4), []).reduce(
+    return rnc.NonholonomicSystem(rail_sliders(4), []).reduce(
         [
             rates_of(lambda q: [[0, 0, 2.0, 0], [3, 0, 0, 0]], ["c", "a"]),
             rates_of(lambda q: [[np.cos(q[1]), np.sin(q[1]), 0, 0], [0, 0, 1, q[3]]], ["b", "d"]),
@@ -64,7 +54,7 @@ def test_a_singular_set_is_looked_for_between_neighbours():
 @pytest.mark.parametrize(("part", "rows"), [(0.02, ("a", "b")), (0.5, ("a", "b", "c"))])
 def test_rows_that_hardly_take_part_are_not_named(part, rows):
     """``b = a + part * c`` in the middle."""
-    reduced = rnc.NonholonomicSystem(sliders(3), []).reduce(
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
         [rates_of(lambda q: [[1, 0, 0], [1, q[1], part], [0, 0, 1]], ["a", "b", "c"])]
     )
     (found,) = stack_singularities(reduced, np.array([[0.1, 0.7, 0.3], [0.2, -0.4, 0.1]]))
@@ -74,7 +64,7 @@ def test_rows_that_hardly_take_part_are_not_named(part, rows):
 
 def test_of_two_sets_that_share_a_row_the_one_with_most_is_told():
     """a and b agree where q1 is zero, and c lies in their plane where q2 is."""
-    reduced = rnc.NonholonomicSystem(sliders(3), []).reduce(
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
         [rates_of(lambda q: [[1, 0, 0], [1, q[1], 0], [1, 1, q[2]]], ["a", "b", "c"])]
     )
     samples = [[0.1, y, z] for y, z in ((0.7, 0.3), (-0.4, 0.3), (0.7, -0.2), (0.1, 0.5))]
@@ -89,7 +79,7 @@ def test_rows_of_a_long_chain_all_take_part():
     ring = np.eye(count) - np.roll(np.eye(count), 1, axis=1)
     last = np.outer(np.eye(count)[-1], np.eye(count)[3])
     names = [f"d{k}" for k in range(count)]
-    reduced = rnc.NonholonomicSystem(sliders(count), []).reduce([rates_of(lambda q: ring + q[0] * last, names)])
+    reduced = rnc.NonholonomicSystem(rail_sliders(count), []).reduce([rates_of(lambda q: ring + q[0] * last, names)])
     samples = np.zeros((2, count))
     samples[:, 0] = 0.3, -0.4
     (found,) = stack_singularities(reduced, samples)
@@ -104,7 +94,7 @@ def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
     def side(q):
         return -1.0 if jump and q[0] < 0 else 1.0
 
-    reduced = rnc.NonholonomicSystem(sliders(2), []).reduce(
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce(
         [rates_of(lambda q: [[1, 0], [2 * np.cos(q[1]), side(q) * 2 * np.sin(q[1])]], ["a", "b"])]
     )
     configurations = np.array([[-0.3, 1.2], [0.2, 0.4], [-0.1, 1.5], [0.3, 0.25], [0.1, 0.7], [0.2, 0.3]])
@@ -134,7 +124,7 @@ def test_the_way_to_a_singular_configuration_keeps_a_loop_closed():
 def steered(a, g):
     """``x11dot = a(w) u``, and the redundant output has the rate ``g(w) u``: A4 is a / g, and E is singular with g."""
     row = rnc.Pfaffian(lambda q: np.array([[1.0, -a(q[2]), 0.0]]), lambda q, v: np.zeros((1, 3)), ["steered"])
-    return rnc.NonholonomicSystem(sliders(3), [row]).reduce(
+    return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce(
         [rates_of(lambda q: [[0, 0, 1]], ["w"]), rates_of(lambda q: [[0, g(q[2]), 0]], ["x22"])],
         [rnc.JointPosition("s1"), rnc.JointPosition("s0")],
     )
@@ -228,7 +218,7 @@ def test_growth_towards_a_singular_heading_is_that_of_the_closed_form():
 def test_what_grows_without_inertia_leaves_h_bounded(mass, H_order, V_order):
     """The last slide moves at ``1 / q1`` times the first; of a grain of dust V grows where H hardly does."""
     row = rnc.Pfaffian(lambda q: np.array([[1.0, 0.0, -q[1]]]), lambda q, v: np.array([[0.0, 0.0, -v[1]]]), ["lever"])
-    robot = sliders(3)
+    robot = rail_sliders(3)
     robot.model.inertias[3] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
     reduced = rnc.NonholonomicSystem(robot, [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
     goal = Singularity("E", ("lever", "s0"), 0.0, True, {"s0": 0.0, "s1": 0.0, "s2": 0.0})

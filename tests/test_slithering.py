@@ -7,14 +7,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rnc_pin as rnc
+from controlled_tasks import TASK
 from rnc_pin.control import SlitheringReference, SteeringController
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.urdf_files import find_urdf
 from rnc_pin.scenario.run import execute, plan
 from systems import fire_truck
-
-TASK = (["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
 
 
 def truck_with_kingpin_ahead(folder):

@@ -14,8 +14,7 @@ from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan, write
-from test_equilibrium import acrobot
-from test_linearization import wheeled_pendulum
+from textbook_systems import acrobot, wheeled_pendulum
 
 COST = {"pitch": 20.0, "base_yaw": 5.0, "base_speed_x": 5.0, "pitch_dot": 1.0, "base_yaw_dot": 1.0}
 

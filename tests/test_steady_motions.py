@@ -9,8 +9,7 @@ from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, upright
 from rnc_pin.analysis.differences import gradient
 from rnc_pin.analysis.symmetry import find_symmetries
 from systems import ALL
-from test_linearization import vertical_disk, wheeled_pendulum
-from test_vehicles import trailers
+from textbook_systems import tractor_trailers, vertical_disk, wheeled_pendulum
 
 G, L = 9.81, 0.8
 
@@ -48,7 +47,7 @@ def circle(steering, hitches):
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("speed", [1.0, -0.4])
 def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed, tmp_path):
-    reduced = trailers(count, tmp_path)
+    reduced = tractor_trailers(count, tmp_path)
     guess = reduced.robot.configuration({"front_steering": 0.3, "root_joint": (1.0, -2.0, 0.7)})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], [speed, 0.0])
     joints = reduced.robot.joint_values(found.q)
@@ -64,7 +63,7 @@ def test_trailers_in_a_circle_stand_at_the_angles_of_geometry(count, speed, tmp_
 
 def test_rates_that_are_not_given_are_found(tmp_path):
     """Steering held, its rate has to be zero."""
-    reduced = trailers(1, tmp_path)
+    reduced = tractor_trailers(1, tmp_path)
     guess = reduced.robot.configuration({"front_steering": 0.3, "hitch_1": -0.2})
     found = rnc.equilibrium(reduced, guess, ["front_steering"], {"tractor_speed_x": 2.0})
     np.testing.assert_allclose(found.v2, [2.0, 0.0], atol=1e-9)
@@ -80,7 +79,7 @@ def test_rates_that_are_not_given_are_found(tmp_path):
     ],
 )
 def test_where_there_is_none_the_shape_variable_that_moves_is_named(joints, hold, v2, words, tmp_path):
-    reduced = trailers(1, tmp_path)
+    reduced = tractor_trailers(1, tmp_path)
     with pytest.raises(rnc.ConstraintError, match=f"no steady motion found .* shape variable {words}") as told:
         rnc.equilibrium(reduced, reduced.robot.configuration(joints), hold, v2)
     assert "\n" not in str(told.value)
@@ -245,7 +244,7 @@ def test_a_bicycle_leans_in_a_circle():
 
 def test_a_trailer_follows_forwards_and_folds_backwards(tmp_path):
     """Straight ahead the hitch fades at the speed over 1 m, and so does the rate of a free steering."""
-    reduced = trailers(1, tmp_path)
+    reduced = tractor_trailers(1, tmp_path)
     branch = rnc.continuation(
         reduced, reduced.robot.configuration(), [2.0, 1.0, -1.0], parameter="tractor_speed_x", hold=["front_steering"]
     )

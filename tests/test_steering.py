@@ -5,28 +5,17 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import truck_task
 from rnc_pin.control import (
     RedundancyController,
     SteeringController,
     VelocityGains,
     VelocityTracker,
 )
-from rnc_pin.planning import CarPath, Hold, MinimumJerk
+from rnc_pin.planning import Hold, MinimumJerk
 from systems import fire_truck, random_states, space_robot
-from test_analysis import turreted
+from textbook_systems import turreted
 from tolerances import FINITE_DIFFERENCE
-
-START, GOAL = np.array([-8.0, 3.0, 0.0]), np.zeros(3)
-
-
-def truck_task(**changes):
-    reduced = fire_truck()
-    path = CarPath(START, GOAL, duration=6.0, wheelbase=1.0)
-    task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
-    q0 = reduced.robot.configuration({"root_joint": START})
-    vertical = MinimumJerk([0.0], [-0.6], 6.0)
-    return reduced, path, task, SteeringController(reduced, task, path.reference, vertical, **changes), q0
-
 
 # ---------------------------------------------------------------------- controller
 

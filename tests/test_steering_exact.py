@@ -8,12 +8,11 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 import rnc_pin as rnc
+from controlled_tasks import Cubic, task_at
 from rnc_pin.control import SteeringController
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from test_control_exact import Cubic
-from test_redundancy_exact import task
 
 # ---------------------------------------------------------------------- the driven path
 
@@ -203,7 +202,7 @@ ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
 def steering(gradient, **changes):
     """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
     reduced = SimpleNamespace(affine=False, kinematic_gradient=lambda q, of: gradient[..., of])
-    chosen = task(*PLACES)
+    chosen = task_at(*PLACES)
     first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
     return SteeringController(reduced, chosen, first, base, **changes), first, base
 
@@ -268,12 +267,12 @@ def test_steering_takes_over_where_redundant_rates_move_nothing():
         (([0], [], []), "0 and 0"),
     ):
         with pytest.raises(rnc.ConfigurationError) as caught:
-            SteeringController(reduced, task(*places), first, base)
+            SteeringController(reduced, task_at(*places), first, base)
         words = f"steering needs as many redundant as vertical outputs, found {counts}"
         assert str(caught.value) == words
     with pytest.raises(rnc.ConfigurationError) as caught:
-        SteeringController(SimpleNamespace(affine=True), task(*PLACES), first, base)
+        SteeringController(SimpleNamespace(affine=True), task_at(*PLACES), first, base)
     assert str(caught.value) == "steering assumes A v = 0, and these constraints are affine (A v = mu)"
     for one, other, words in ((base, base, "the primary .* 2 values for 3"), (first, first, "the vertical .* 3 .* 2 ")):
         with pytest.raises(rnc.ConfigurationError, match=words):
-            SteeringController(reduced, task(*PLACES), one, other)
+            SteeringController(reduced, task_at(*PLACES), one, other)

@@ -9,9 +9,11 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
+from planar_cars import ACKERMANN
 from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.schema.constraints import ConstraintItem
+from simple_controllers import Idle
 from systems import (
     CORNERS,
     ROLLERS,
@@ -27,8 +29,6 @@ from systems import (
     random_states,
     rolling_base,
 )
-from test_loops import Idle
-from test_regular_everywhere import ACKERMANN
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 DIRT = Path(__file__).parent / "data" / "dirt"

@@ -17,8 +17,7 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
-from test_model_pinned import Flat, sliders
-from test_rows_pinned import Bound
+from textbook_systems import Bound, Flat, sliders
 
 
 class Turning(Rows):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import chain_rate
 from rnc_pin.control import (
     ChainedStabilizer,
     PositionTracker,
@@ -21,10 +22,6 @@ from tolerances import FINITE_DIFFERENCE, ROUNDING
 PAPER = {"controller.preset": "paper", "comparisons": {}, "plots": {}, "simulation.dt": 0.02}
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "two_phases.py"
-
-
-def chain_rate(x, u):
-    return np.concatenate([[u[0], u[1]], x[1:-1] * u[0]])
 
 
 @pytest.mark.parametrize("n", [3, 4, 5])

@@ -7,22 +7,12 @@ import rnc_pin as rnc
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
 from rnc_pin.scenario.run import execute, plan
-
-
-def trailers(n, folder):
-    path = folder / "vehicle.urdf"
-    path.write_text(tractor_trailers_urdf(n))
-    robot = rnc.Robot.from_urdf(path, base="planar")
-    axles = ["front_axle", "tractor_axle", *(f"axle_{number}" for number in range(1, n + 1))]
-    system = rnc.NonholonomicSystem(
-        robot, [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]
-    )
-    return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
+from textbook_systems import tractor_trailers
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 5])
 def test_a_tractor_with_n_trailers(n, tmp_path):
-    reduced = trailers(n, tmp_path)
+    reduced = tractor_trailers(n, tmp_path)
     assert (reduced.n, reduced.m, reduced.r) == (4 + n, 2 + n, 2)
     assert not reduced.dropped_rows
     # A chained system: one direction more with every bracket (Sordalen 1993).
@@ -31,7 +21,7 @@ def test_a_tractor_with_n_trailers(n, tmp_path):
 
 def test_trailers_turn_as_their_kinematics_say(tmp_path):
     """``thetadot_i = v_(i-1) sin(theta_(i-1) - theta_i) / L`` with ``v_i = v_(i-1) cos(theta_(i-1) - theta_i)``."""
-    reduced = trailers(3, tmp_path)
+    reduced = tractor_trailers(3, tmp_path)
     generator = np.random.default_rng(0)
     for _ in range(5):
         steering, *hitches = generator.uniform(-0.8, 0.8, 4)

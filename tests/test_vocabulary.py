@@ -56,3 +56,16 @@ def test_sentences_are_short(page):
 def test_long_sentences_are_found():
     text = f"| a cell |\n\n* {'word ' * 31}end.\n\n    {'code ' * 40}\n"
     assert [len(each.split()) for each in sentences(text) if len(each.split()) > LONGEST_SENTENCE] == [33]
+
+
+def test_no_test_file_imports_another():
+    """What several need is in ``tests/support``."""
+    imported = [
+        f"{path.name}:{node.lineno}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in (getattr(node, "module", None) or "", *(each.name for each in node.names))
+        if name.rpartition(".")[2].startswith("test_")
+    ]
+    assert not imported, ", ".join(imported)

@@ -1,0 +1,102 @@
+"""Tasks, references and controllers that several tests share."""
+
+from functools import cache
+
+import numpy as np
+
+import rnc_pin as rnc
+from rnc_pin.control import (
+    MomentumRegressor,
+    Posture,
+    RedundancyController,
+    SteeringController,
+    UncertainRedundancyController,
+    UnknownMass,
+)
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.planning import CarPath, Harmonic, Hold, MinimumJerk
+from rnc_pin.planning.references import ReferencePoint
+from systems import fire_truck, space_robot
+
+
+class Cubic:
+    """A reference that nowhere rests: its value and three rates at time 0."""
+
+    def __init__(self, *orders):
+        self.orders = [np.array(each) for each in orders]
+        self.size = len(orders[0])
+
+    def at(self, t):
+        p, v, a, j = self.orders
+        return ReferencePoint(p + v * t + a * t**2 / 2 + j * t**3 / 6, v + a * t + j * t**2 / 2, a + j * t, j)
+
+
+def estimating(alpha, believed):
+    reduced = space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    law = RedundancyController(task, Harmonic([1.0, 0.5], 0.2, 0.2), Harmonic([0.0], [0.15], 0.1), 2.0, 2.0)
+    regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)])
+    return reduced, law, regressor, UncertainRedundancyController(reduced, law, regressor, believed, alpha=alpha)
+
+
+def wide(**changes):
+    """Speed of the platform and shoulder are both redundant for one heading: A4 is 1 x 2."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(outputs, [rnc.FrameYaw("base")])
+    q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.outputs(q0)
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
+    tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
+    vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
+    secondary = Posture(task, Hold(x2[2:]), np.array([0.0, 2.0])) if changes.pop("posture", False) else None
+    return reduced, RedundancyController(task, tip, vertical, 2.0, 2.0, secondary=secondary, **changes), q0
+
+
+def task_at(primary, redundant, vertical):
+    """Places of outputs; first names of all three are those of a list, and there are four outputs of either kind."""
+    names = [
+        tuple(f"{kind}_{place}" for place in places)
+        for kind, places in zip("abc", (primary, redundant, vertical), strict=True)
+    ]
+    on_lines = (Coordinates(np.zeros(len(places), dtype=bool)) for places in (primary, redundant, vertical))
+    places = (np.array(each, dtype=int) for each in (primary, redundant, vertical))
+    return rnc.Task(*places, *names, *on_lines, r=len(primary) + len(redundant))
+
+
+LIMITS = {"joint_1": (-1.5, 1.5), "joint_2": (-1.5, -0.35)}
+
+
+@cache
+def manipulator():
+    """Speed of the platform and shoulder are redundant for one heading; the elbow is no output, and has limits."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    low, high = robot.model.lowerPositionLimit.copy(), robot.model.upperPositionLimit.copy()
+    for joint, (first, last) in LIMITS.items():
+        index = robot.model.joints[robot.joint_id(joint)].idx_q
+        low[index], high[index] = first, last
+    robot.model.lowerPositionLimit, robot.model.upperPositionLimit = low, high
+    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive)
+    reduced = system.reduce(outputs, [rnc.FrameYaw("base")])
+    return reduced, rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
+
+
+TASK = (["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+
+START, GOAL = np.array([-8.0, 3.0, 0.0]), np.zeros(3)
+
+
+def truck_task(**changes):
+    reduced = fire_truck()
+    path = CarPath(START, GOAL, duration=6.0, wheelbase=1.0)
+    task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+    q0 = reduced.robot.configuration({"root_joint": START})
+    vertical = MinimumJerk([0.0], [-0.6], 6.0)
+    return reduced, path, task, SteeringController(reduced, task, path.reference, vertical, **changes), q0
+
+
+def chain_rate(x, u):
+    return np.concatenate([[u[0], u[1]], x[1:-1] * u[0]])

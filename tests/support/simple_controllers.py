@@ -1,0 +1,31 @@
+"""Controllers that look at nothing."""
+
+import numpy as np
+
+from rnc_pin.control import Command
+
+
+class Inputs:
+    """Actuator inputs as a function of time: a controller that looks at nothing."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def initial_state(self, measurement):
+        return 0
+
+    def step(self, t, measurement, state):
+        return Command(T=self.function(t)), state + 1
+
+
+class Idle:
+    """No inputs."""
+
+    def __init__(self, p):
+        self.T = np.zeros(p)
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return Command(T=self.T), state

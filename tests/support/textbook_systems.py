@@ -1,0 +1,249 @@
+"""Small systems whose mechanics fit on a page."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.analysis.linearization import Linearization
+from rnc_pin.model.rows import ConstantRows
+from rnc_pin.robots.vehicles import tractor_trailers_urdf
+from systems import (
+    rolling_base,
+)
+
+
+def planar_model(name="vehicle"):
+    model = pin.Model()
+    model.name = name
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("body", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return model, joint
+
+
+def unicycle():
+    model, _ = planar_model()
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(3)[:, [0, 2]])
+    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")], [rnc.FramePosition("body", "xy")])
+
+
+def unicycle_with_trailers(count):
+    """A unicycle with trailers hitched at each other's axles; growth (2, 3, 4, ...): Laumond 1993."""
+    model, parent = planar_model()
+    frames = ["body"]
+    for k in range(1, count + 1):
+        hitch = pin.SE3(np.eye(3), np.array([0.0 if k == 1 else -1.0, 0.0, 0.0]))
+        parent = model.addJoint(parent, pin.JointModelRZ(), hitch, f"hitch_{k}")
+        axle = pin.SE3(np.eye(3), np.array([-1.0, 0.0, 0.0]))
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), axle)
+        model.addFrame(pin.Frame(f"axle_{k}", parent, 0, axle, pin.FrameType.OP_FRAME))
+        frames.append(f"axle_{k}")
+    edges = [rnc.NoSideSlip(frame) for frame in frames]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), edges, np.eye(model.nv)[:, [0, 2]])
+    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
+
+
+def turreted():
+    """A unicycle with a turret, whose heading is tracked by its own joint."""
+    model, joint = planar_model("turreted")
+    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
+    model.appendBodyToJoint(turret, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
+    return system.reduce(
+        [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
+        [rnc.FramePosition("body", "xy"), rnc.FrameYaw("gun")],
+    )
+
+
+def prismatic(A5, A5_gradient):
+    """Four bodies on four rails, ``x11dot = 0.3 x21dot + x22dot, x12dot = A5(q) x21dot``, q = (x11, x12, x21, x22)."""
+    model = pin.Model()
+    for name in ("x11", "x12", "x21", "x22"):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    rows = rnc.Pfaffian(
+        lambda q: np.array([[1.0, 0.0, -0.3, -1.0], [0.0, 1.0, -A5(q), 0.0]]),
+        lambda q, v: np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -A5_gradient(q) @ v, 0.0]]),
+    )
+    x11, x12, x21, x22 = map(rnc.JointPosition, model.names[1:])
+    return rnc.NonholonomicSystem(rnc.Robot(model), [rows]).reduce([x21, x22], [x11, x12])
+
+
+def rail_sliders(count):
+    """Bodies on rails of their own, ``s0`` to ``s<count - 1>``: q and v are their places and speeds."""
+    model = pin.Model()
+    model.name = "sliders"
+    for k in range(count):
+        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return rnc.Robot(model)
+
+
+G = 9.81
+
+WHEEL, BLADE = 0.08, np.array([-0.2, 0.5, 0.0])
+PLACES = {"a": (0.4, 0.3), "b": (-0.2, -0.35), "nose": (0.55, -0.25), "tail": (-0.6, 0.15)}
+
+
+def cart_robot(base="planar", gravity=-G):
+    """Two wheels at odd places, two gliding points, and a heavy mast that turns."""
+    model = rolling_base({name: PLACES[name] for name in "ab"}, WHEEL, base)
+    model.gravity.linear = np.array([0.0, 0.0, gravity])
+    carrier = model.getJointId("root_joint")
+    for name in ("nose", "tail"):
+        place = pin.SE3(np.eye(3), np.array([*PLACES[name], 0.0]))
+        model.addFrame(pin.Frame(name, carrier, 0, place, pin.FrameType.OP_FRAME))
+    mast = model.addJoint(carrier, pin.JointModelRZ(), pin.SE3.Identity(), "mast")
+    model.appendBodyToJoint(mast, pin.Inertia(9.0, np.array([0.4, 0.0, 0.2]), np.eye(3)), pin.SE3.Identity())
+    return rnc.Robot(model)
+
+
+def hanging_chain(actuators, count=3):
+    """Links of 1 m and 1 kg that hang from the ceiling at zero."""
+    model = pin.Model()
+    model.name = "chain"
+    parent, place = 0, pin.SE3.Identity()
+    for k in range(count):
+        parent = model.addJoint(parent, pin.JointModelRY(), place, f"hinge_{k}")
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], actuators).reduce()
+
+
+WEAK, SPEED = 0.1, 0.7  # gravity [m/s^2], rate [rad/s]
+RESTING = 1.0 + WEAK  # accelerations are compared with this
+SIZE = RESTING + SPEED**2  # and of what moves with this
+
+
+def sideways_pendulum():
+    """Gravity of 0.1, of which 0.08 pull it down and 0.06 go along its axis."""
+    reduced = hanging_chain([], 1)
+    reduced.robot.model.gravity.linear = np.array([0.0, 0.06, -0.08])
+    return reduced
+
+
+def angle_of(acceleration):
+    """Small angles accelerate at ``0.5 * 0.08 / (0.1 + 0.5**2)`` of themselves."""
+    return acceleration * 0.35 / (0.5 * 0.08)
+
+
+def acrobot(actuators=("elbow",)):
+    """Two links under gravity, hanging at zero."""
+    model = pin.Model()
+    model.name = "acrobot"
+    parent, place = 0, pin.SE3.Identity()
+    for name in ("shoulder", "elbow"):
+        parent = model.addJoint(parent, pin.JointModelRY(), place, name)
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+        place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [], list(actuators))
+    return system.reduce([rnc.JointPosition("shoulder"), rnc.JointPosition("elbow")])
+
+
+def sliders_with_rows(A, A_dot=None):
+    """Slides whose last ``k`` move at ``A(q)`` (k, r) times the rates of the first ``r``."""
+    k, r = np.shape(A(np.zeros(99)))
+
+    def rows(q):
+        return np.hstack([-np.array(A(q), float), np.eye(k)])
+
+    def rows_dot(q, v):
+        return np.zeros((k, r + k)) if A_dot is None else np.hstack([-np.array(A_dot(q, v), float), np.zeros((k, k))])
+
+    names = [f"row_{i}" for i in range(k)]
+    reduced = rnc.NonholonomicSystem(rail_sliders(r + k), [rnc.Pfaffian(rows, rows_dot, names)])
+    return reduced.reduce(
+        [rnc.JointPosition(f"s{i}") for i in range(r)], [rnc.JointPosition(f"s{i}") for i in range(r, r + k)]
+    )
+
+
+def wheeled_pendulum(actuators=("left_axle", "right_axle")):
+    robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(robot, wheels, list(actuators))
+    return system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+
+
+def vertical_disk():
+    robot = rnc.Robot.from_urdf("vertical_disk.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.25)], ["axle"])
+    return system.reduce([rnc.JointPosition("axle"), rnc.FrameYaw("carrier")])
+
+
+def tractor_trailers(n, folder):
+    path = folder / "vehicle.urdf"
+    path.write_text(tractor_trailers_urdf(n))
+    robot = rnc.Robot.from_urdf(path, base="planar")
+    axles = ["front_axle", "tractor_axle", *(f"axle_{number}" for number in range(1, n + 1))]
+    system = rnc.NonholonomicSystem(
+        robot, [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), "front_steering"]
+    )
+    return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
+
+
+DATA = Path(__file__).parents[1] / "data"
+SLEIGH = json.loads((DATA / "chaplygin_sleigh.json").read_text())
+
+
+def chaplygin_sleigh() -> rnc.ReducedModel:
+    p = SLEIGH["parameters"]
+    model = pin.Model()
+    model.name = "sleigh"
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    inertia = pin.Inertia(p["m"], np.array([p["a"], 0.0, 0.0]), np.diag([0.3, 0.3, p["I_com"]]))
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.addFrame(pin.Frame("edge", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    system = rnc.NonholonomicSystem(
+        rnc.Robot(model), [rnc.NoSideSlip("edge")], [rnc.FrameForce("edge", "x"), rnc.FrameTorque("edge", "z")]
+    )
+    return system.reduce([rnc.FrameSpeed("edge"), rnc.FrameYaw("edge")], [rnc.FramePosition("edge", "xy")])
+
+
+def sliders(kinds="XXX", masses=(2.0, 3.0, 5.0), chain=True):
+    """Bodies that slide along x, each on the one before: their inertia matrix is constant and full."""
+    model = pin.Model()
+    model.name = "sliders"
+    for name, kind, mass in zip("abcdef", kinds, masses, strict=False):
+        joint = getattr(pin, "JointModel" + {"X": "PX", "R": "RX", "U": "RUBX"}[kind])()
+        index = model.addJoint(model.njoints - 1 if chain else 0, joint, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(index, pin.Inertia(mass, np.zeros(3), mass * np.eye(3)), pin.SE3.Identity())
+    return rnc.Robot(model)
+
+
+class Flat(ConstantRows):
+    """Rows of numbers, with a residual that is linear in q, or whatever is given."""
+
+    def __init__(self, matrix, names, gap=None, holonomic=None, units=None, on_ground=False):
+        self.matrix, self.names = np.array(matrix, dtype=float), tuple(names)
+        self.units = units or ("m/s",) * len(names)
+        self.holonomic, self.on_ground = holonomic or (True,) * len(names), on_ground
+        self._gap = (lambda q: np.matvec(self.matrix, q) - 1.0) if gap is None else gap
+
+    def residual(self, at):
+        return self._gap(at.q)
+
+
+def coupling(joint, driver, ratio=1.0, offset=0.0):
+    return rnc.JointCoupling(joint, driver, ratio, offset)
+
+
+class Bound:
+    """A kind that is bound already."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def bind(self, robot):
+        return self.rows
+
+
+def linear(A, B):
+    """A system that is written down, with states x0, x1, ... and inputs u0, u1, ..."""
+    A, B = np.array(A, float), np.array(B, float)
+    states, inputs = (tuple(f"{letter}{k}" for k in range(count)) for letter, count in zip("xu", B.shape, strict=True))
+    zero = np.zeros(1)
+    return Linearization(A, B, states, inputs, zero, zero, zero, 0.0, (), None, None)
