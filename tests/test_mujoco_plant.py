@@ -13,9 +13,9 @@ from rnc_pin.plants import Machine
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings  # noqa: E402
-from rnc_pin.plants.mujoco.parts import Joints  # noqa: E402
-from rnc_pin.plants.mujoco.tree import Tree  # noqa: E402
-from rnc_pin.plants.mujoco.wheels import contacts_of  # noqa: E402
+from rnc_pin.plants.mujoco.body_tree import BodyTree  # noqa: E402
+from rnc_pin.plants.mujoco.contact_bodies import contact_bodies  # noqa: E402
+from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates  # noqa: E402
 
 
 def every_kind_of_joint():
@@ -71,10 +71,10 @@ class Written:
 
     def __init__(self, robot):
         spec = mujoco.MjSpec()
-        tree = Tree(spec, robot, "as it is", False)
+        tree = BodyTree(spec, robot, "as it is", False)
         self.robot, self.model = robot, spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.joints = Joints(tree.finish(self.model, self.data, False), robot.nq, robot.nv)
+        self.joints = RobotCoordinates(tree.finish(self.model, self.data, False), robot.nq, robot.nv)
 
     def velocity(self, q, v):
         """MuJoCo's."""
@@ -97,7 +97,7 @@ def test_masses_and_accelerations_are_those_of_pinocchio(name):
         np.testing.assert_allclose(v_read, v, atol=1e-14)
 
         data.qfrc_applied[:] = 0
-        written.joints.push(data.qpos, force, data.qfrc_applied)
+        written.joints.add_force(data.qpos, force, data.qfrc_applied)
         mujoco.mj_forward(model, data)
         columns = [written.velocity(q, each) for each in np.eye(robot.nv)]
         inertia = np.empty((robot.nv, robot.nv))
@@ -352,7 +352,7 @@ def test_what_it_has_not_is_refused_by_name():
 
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar", gravity=(0, 0, 0))
     afloat = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left_wheel", 0.1)], ["left_wheel_joint"])
-    with pytest.raises(rnc.ConfigurationError, match=r"'left_wheel' grips by its weight, and gravity is \[0"):
+    with pytest.raises(rnc.ConfigurationError, match=r"of wheel 'left_wheel' needs weight, and gravity is \[0"):
         MuJoCoPlant(afloat.reduce())
 
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -421,6 +421,6 @@ def test_drawn_wheels_are_found_without_hubs_and_shafts():
     robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
     edges = [rnc.NoSideSlip(frame) for frame in ("front_axle", "tractor_axle", "rear_axle")]
     system = rnc.NonholonomicSystem(robot, edges)
-    found = contacts_of(robot, [place.block for place in system.rows.places])
+    found = contact_bodies(robot, [place.block for place in system.rows.places])
     assert [each.radius for each in found] == [0.13] * 6
     assert [round(each.center[1], 6) for each in found] == [-0.24, 0.24, -0.26, 0.26, -0.24, 0.24]

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.plants.mujoco.body_tree import BodyTree
+from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.parts import scalar_first
+from rnc_pin.plants.mujoco.joint_coordinates import scalar_first
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.plants.mujoco.tree import Tree
-from rnc_pin.plants.mujoco.wheels import Contact
 
 _GROUND = "ground"
-_NO_GRIP = 1e-5  # smallest friction coefficient in MuJoCo
+_FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo
 _THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
-_SHORT = 1e-6  # half length of capsules with grip in one direction [m]; both ends touch the ground
+_SHORT = 1e-6  # half length of capsules with friction in one direction [m]; both ends touch the ground
 _EDGE = 0.005  # radius of the edge of a blade [m]
 _SPRUNG = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
 _IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one impedance for both directions
@@ -34,12 +34,12 @@ _UP = np.array([0.0, 0.0, 1.0])
 _BEYOND = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
-def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], settings: MuJoCoSettings) -> None:
+def add_ground(spec: mujoco.MjSpec, tree: BodyTree, contacts: Sequence[ContactBody], settings: MuJoCoSettings) -> None:
     """Add the plane z = 0 and the geometry of all contacts."""
     if not contacts:
         return
     spec.option.impratio = _STIFFER
-    plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _gives_way(settings, spec.option.gravity) / 2
+    plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _penetration(settings, spec.option.gravity) / 2
     spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=[0, 0, half], contype=0, conaffinity=0)
     for contact in contacts:
         kind, size, axis = _shape(contact, contact.radius + half, settings)
@@ -57,12 +57,12 @@ def add_ground(spec: mujoco.MjSpec, tree: Tree, contacts: Sequence[Contact], set
         _pair(spec, contact, settings)
 
 
-def _gives_way(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
+def _penetration(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
     """Penetration depth of wheels [m]. Forces act at half of it, so that they act one radius below the center."""
-    return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.firmness**2)
+    return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.contact_time_constant**2)
 
 
-def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
+def _shape(contact: ContactBody, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
     """Return type, size and axis of a geometry. In MuJoCo the first friction direction is along a capsule."""
     shape = mujoco.mjtGeom
     if contact.axle is None:
@@ -79,21 +79,21 @@ def _shape(contact: Contact, radius: float, settings: MuJoCoSettings) -> tuple[A
     return shape.mjGEOM_ELLIPSOID, [radius, radius, half], contact.axle
 
 
-def _pair(spec: mujoco.MjSpec, contact: Contact, settings: MuJoCoSettings) -> None:
+def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -> None:
     sliding, torsional, rolling = settings.friction
     condim, first, second = 6 if rolling else 4 if torsional else 3, sliding, sliding
     if contact.friction == "none":
         condim = 1
     elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
-        first = _NO_GRIP
+        first = _FRICTIONLESS
     impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
         geomname2=contact.name,
         condim=condim,
-        friction=[max(each, _NO_GRIP) for each in (first, second, torsional, rolling, rolling)],
-        solref=[slower * settings.firmness, 1.0],
+        friction=[max(each, _FRICTIONLESS) for each in (first, second, torsional, rolling, rolling)],
+        solref=[slower * settings.contact_time_constant, 1.0],
         solimp=[impedance, impedance, 0.001, 0.5, 2.0],
     )
 
@@ -117,22 +117,22 @@ class Ground:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, contacts: Sequence[Contact], settings: MuJoCoSettings
+        self, model: mujoco.MjModel, data: mujoco.MjData, contacts: Sequence[ContactBody], settings: MuJoCoSettings
     ) -> None:
         self._model, self._data = model, data
-        self._holding = [each for each in contacts if each.friction != "none"]
-        self.names = tuple(each.name for each in self._holding)
+        self._with_friction = [each for each in contacts if each.friction != "none"]
+        self.names = tuple(each.name for each in self._with_friction)
         self._friction = settings.friction[0]
         self._adapts = settings.cone == "elliptic"
         self._geoms = np.array([model.geom(name).id for name in self.names], dtype=int)
         self._pairs = np.array([model.pair(name).id for name in self.names], dtype=int)
         self._softness = np.full((len(self.names), 2), -1.0)
         self._frictions = model.pair_friction[self._pairs].copy()
-        self._edges = np.flatnonzero([each.friction == "lateral" for each in self._holding])
+        self._edges = np.flatnonzero([each.friction == "lateral" for each in self._with_friction])
         self._place = np.full(model.ngeom + 1, -1)
         self._place[self._geoms] = np.arange(len(self.names))
-        self._gripping = np.array([each.friction == "all" for each in self._holding], dtype=float)
-        """1 if the first friction direction has grip, else 0."""
+        self._first_direction = np.array([each.friction == "all" for each in self._with_friction], dtype=float)
+        """1 if the first friction direction has friction, else 0."""
         self._touching = np.empty(0, dtype=int), np.zeros((len(self.names), 0))
         self._along = np.zeros(len(self.names))
         """Drive forces of wheels without a joint, along their headings [N]."""
@@ -140,7 +140,7 @@ class Ground:
         for each in contacts:  # MuJoCo's default makes contacts softer for light or rotating bodies
             model.body_invweight0[model.geom(each.name).bodyid[0], 0] = len(contacts) / mass
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """Restart at the positions and velocities in ``data``."""
         self._along[:] = 0.0
         model, data = self._model, self._data
@@ -156,36 +156,36 @@ class Ground:
             mujoco.mj_solveM(model, data, moved, jacobian)
             self._mobility[place] = np.linalg.eigvalsh((jacobian @ moved.T)[:2, :2])[-1]
 
-    def prepare(self, wanted: np.ndarray) -> None:
+    def prepare(self, drive_forces: np.ndarray) -> None:
         """Before a step: set the slip damping of contacts, and apply drive forces within the friction limit.
 
         Slip is removed in one step, or more slowly if friction cannot give that deceleration.
 
         Args:
-            wanted: drive forces along headings, (w,) [N]; added to the applied forces.
+            drive_forces: drive forces along headings, (w,) [N]; added to the applied forces.
         """
         if not len(self.names):
             return
         model = self._model
-        normal, tangential, slip = self._seen()
+        normal, tangential, slip = self._measured()
         if self._adapts:
             most = _BEYOND * self._friction * normal * self._mobility
             rate = np.clip(most / np.maximum(slip, _STICKS), 1.0, 1.0 / model.opt.timestep)
             self._softness[:, 1] = -_IMPEDANCE["elliptic"] * rate
             model.pair_solreffriction[self._pairs] = self._softness
-        if not wanted.any() and not self._along.any():
+        if not drive_forces.any() and not self._along.any():
             return
-        self._drive(wanted, normal, tangential[:, 1])
+        self._drive(drive_forces, normal, tangential[:, 1])
 
-    def _drive(self, wanted: np.ndarray, normal: np.ndarray, across: np.ndarray) -> None:
+    def _drive(self, drive_forces: np.ndarray, normal: np.ndarray, across: np.ndarray) -> None:
         """Apply drive forces along headings; they reduce the lateral friction limit (friction circle)."""
         model, data, limit = self._model, self._data, self._friction * normal
         most = np.sqrt(limit**2 - np.minimum(across, limit) ** 2)
-        self._along = np.clip(wanted, -most, most)
+        self._along = np.clip(drive_forces, -most, most)
         left = np.sqrt(np.maximum(limit**2 - self._along**2, 0.0))[self._edges]
         load = normal[self._edges]
-        grip = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)
-        model.pair_friction[self._pairs[self._edges], 1] = np.maximum(grip, _NO_GRIP)
+        lateral = np.divide(left, load, out=np.full_like(load, self._friction), where=load > 0)
+        model.pair_friction[self._pairs[self._edges], 1] = np.maximum(lateral, _FRICTIONLESS)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         for place in np.flatnonzero(self._along):
@@ -196,16 +196,16 @@ class Ground:
 
     def used(self) -> np.ndarray:
         """Return tangential force over friction limit, (w,); zero for a wheel off the ground."""
-        normal, tangential, _ = self._seen()
+        normal, tangential, _ = self._measured()
         force = np.hypot(np.linalg.norm(tangential, axis=1), self._along)
         allowed = self._friction * normal
         return np.divide(force, allowed, out=np.zeros_like(normal), where=allowed > 0)
 
     def loads(self) -> np.ndarray:
         """Return the normal force of each wheel, (w,) [N]."""
-        return self._seen()[0]
+        return self._measured()[0]
 
-    def _seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return loads (w,) [N], magnitudes of both friction forces (w, 2) [N], and slip speeds (w,) [m/s]."""
         data, size = self._data, len(self.names)
         total, slip = np.zeros((size, 3)), np.zeros(size)
@@ -221,7 +221,7 @@ class Ground:
             sums, entries = self._sums(places[numbers]), rows[numbers, None] + np.arange(3)
             total = sums @ data.efc_force[entries]
             moving = data.efc_vel[entries[:, 1:]]
-            moving[:, 0] *= self._gripping @ sums  # zero if that direction has no grip
+            moving[:, 0] *= self._first_direction @ sums  # zero if that direction has no friction
             slip = (sums @ np.hypot(moving[:, 0], moving[:, 1])) / np.maximum(sums.sum(axis=1), 1.0)
         return total[:, 0], np.abs(total[:, 1:]), slip
 

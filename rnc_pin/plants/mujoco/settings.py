@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from rnc_pin.deprecation import former_name
 from rnc_pin.errors import ConfigurationError, nearest
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
@@ -85,9 +86,11 @@ class MuJoCoSettings:
     effort_limits: bool = False
 
     @property
-    def firmness(self) -> float:
+    def contact_time_constant(self) -> float:
         """Time constant of contacts [s]."""
         return max(self.contact_time, 4 * self.step)
+
+    firmness = former_name("contact_time_constant")
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():

@@ -18,7 +18,7 @@ import scipy.linalg
 
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.mujoco.wheels import Contact
+from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.robots.robot import Robot
 
 _SAME = 1e-6  # relative error below which wheels reproduce the effect of an actuator
@@ -30,13 +30,13 @@ _SAMPLES = 3
 class Drive:
     """Driven wheel: its contact, and the index of its joint in v (None for a drawn wheel without a joint)."""
 
-    contact: Contact
-    own: int | None
+    contact: ContactBody
+    velocity_index: int | None
 
     def effect(self, robot: Robot, data: pin.Data) -> np.ndarray:
         """Return the generalized force (nv,) of a unit torque; needs the joint Jacobians in ``data``."""
-        if self.own is not None:
-            return np.eye(robot.nv)[self.own]
+        if self.velocity_index is not None:
+            return np.eye(robot.nv)[self.velocity_index]
         joint, radius = self.contact.joint, self.contact.radius
         placement = data.oMi[joint]
         _, lowest = self.contact.at(placement)
@@ -47,7 +47,7 @@ class Drive:
         return (y * moving[0] - x * moving[1]) / (np.hypot(x, y) * radius)
 
 
-class Inputs:
+class ActuatorMapping:
     """Actuator inputs as joint forces and wheel torques.
 
     Args:
@@ -56,22 +56,22 @@ class Inputs:
         q: configuration (nq,) near which wheels must reproduce the inputs of frames.
 
     Attributes:
-        drawn: drawn wheels without joints, in the order of the forces of ``of_wheels``.
-        by_wheels: names of the actuators that wheels replace.
+        drawn: drawn wheels without joints, in the order of the forces of ``wheel_forces``.
+        wheel_driven: names of the actuators that wheels replace.
     """
 
-    def __init__(self, reduced: ReducedModel, contacts: Sequence[Contact], q: np.ndarray) -> None:
+    def __init__(self, reduced: ReducedModel, contacts: Sequence[ContactBody], q: np.ndarray) -> None:
         self._robot, self._actuation, self._rows = reduced.robot, reduced.actuation, reduced.constraints
         self._data = self._robot.model.createData()
         self._kinematics = Kinematics(self._robot, {*self._rows.joints, *self._actuation.joints})
         self._drives = _drives(reduced, contacts)
-        self._drawn = [k for k, drive in enumerate(self._drives) if drive.own is None]
+        self._drawn = [k for k, drive in enumerate(self._drives) if drive.velocity_index is None]
         self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
         """Columns of B with the drives that reproduce them."""
         self._used = sorted({drive for _, drives in self._groups for drive in drives})
         wheeled = [column for columns, _ in self._groups for column in columns]
-        self.by_wheels = tuple(self._actuation.names[column] for column in wheeled)
+        self.wheel_driven = tuple(self._actuation.names[column] for column in wheeled)
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
         fixed = self._actuation.constant
         if fixed is None and set(wheeled) == {column for column, *_ in self._actuation.frames}:
@@ -79,29 +79,29 @@ class Inputs:
             fixed = self._actuation.matrix(at) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()
 
-    def of_wheels(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def wheel_forces(self, q: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the wheel forces of inputs: generalized forces (nv,), and forces of drawn wheels (k,) [N]."""
         force, drawn = np.zeros(self._robot.nv), np.zeros(len(self.drawn))
         if not self._groups:
             return force, drawn
-        seen, effects = self._seen(q, self._used)
+        maps, effects = self._maps(q, self._used)
         for columns, drives in self._groups:
-            wanted = seen[0] @ (seen[1][:, columns] @ T[columns])
-            torques = np.linalg.lstsq(seen[0] @ effects[:, drives], wanted, rcond=_ZERO)[0]
+            effect = maps[0] @ (maps[1][:, columns] @ T[columns])
+            torques = np.linalg.lstsq(maps[0] @ effects[:, drives], effect, rcond=_ZERO)[0]
             for drive, torque in zip(drives, torques, strict=True):
                 wheel = self._drives[drive]
-                if wheel.own is None:
+                if wheel.velocity_index is None:
                     drawn[self._drawn.index(drive)] += torque / wheel.contact.radius
                 else:
-                    force[wheel.own] += torque
+                    force[wheel.velocity_index] += torque
         return force, drawn
 
     @property
-    def follows(self) -> bool:
-        """True if ``direct`` depends on the configuration."""
+    def varies(self) -> bool:
+        """True if ``joint_forces`` depends on the configuration."""
         return self._constant is None
 
-    def direct(self, q: np.ndarray, T: np.ndarray) -> np.ndarray:
+    def joint_forces(self, q: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Return the generalized force (nv,) of the inputs that wheels do not replace."""
         matrix = self._constant
         if matrix is None:
@@ -110,7 +110,7 @@ class Inputs:
 
     # ------------------------------------------------------------------ which wheels
 
-    def _seen(self, q: np.ndarray, used: Sequence[int]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    def _maps(self, q: np.ndarray, used: Sequence[int]) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
         """Return a basis of admissible motion (r, nv), B (nv, p), and effects of drives (nv, k), else zero."""
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
@@ -127,31 +127,31 @@ class Inputs:
         generator, model = np.random.default_rng(0), self._robot.model
         moved = [0.3 * generator.uniform(-1, 1, self._robot.nv) for _ in range(_SAMPLES - 1)]
         everything = range(len(self._drives))
-        samples = [self._seen(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
+        samples = [self._maps(each, everything) for each in (q, *(pin.integrate(model, q, step) for step in moved))]
         groups: dict[tuple[int, ...], list[int]] = {}
         for column, frame, _ in self._actuation.frames:
             body = model.frames[frame].parentJoint
-            same = tuple(k for k, drive in enumerate(self._drives) if self._carrier(drive) == body)
+            same = tuple(k for k, drive in enumerate(self._drives) if self._carrying_joint(drive) == body)
             for drives in (same, tuple(everything)):
-                if drives and all(_does(seen, effects, column, drives) for seen, effects in samples):
+                if drives and all(_reproduces(maps, effects, column, drives) for maps, effects in samples):
                     groups.setdefault(drives, []).append(column)
                     break
         return [(columns, list(drives)) for drives, columns in groups.items()]
 
-    def _carrier(self, drive: Drive) -> int:
+    def _carrying_joint(self, drive: Drive) -> int:
         """Return the joint of the body that carries a wheel."""
         joint = drive.contact.joint
-        return joint if drive.own is None else int(self._robot.model.parents[joint])
+        return joint if drive.velocity_index is None else int(self._robot.model.parents[joint])
 
 
-def _does(seen: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int, drives: Sequence[int]) -> bool:
-    basis, matrix = seen
-    wanted, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
-    missed = wanted - wheels @ np.linalg.lstsq(wheels, wanted, rcond=_ZERO)[0]
-    return bool(np.linalg.norm(missed) <= _SAME * np.linalg.norm(wanted))
+def _reproduces(maps: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int, drives: Sequence[int]) -> bool:
+    basis, matrix = maps
+    effect, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
+    missed = effect - wheels @ np.linalg.lstsq(wheels, effect, rcond=_ZERO)[0]
+    return bool(np.linalg.norm(missed) <= _SAME * np.linalg.norm(effect))
 
 
-def _drives(reduced: ReducedModel, contacts: Sequence[Contact]) -> list[Drive]:
+def _drives(reduced: ReducedModel, contacts: Sequence[ContactBody]) -> list[Drive]:
     model, found = reduced.robot.model, []
     for contact in contacts:
         if contact.drawn:

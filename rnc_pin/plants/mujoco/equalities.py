@@ -11,10 +11,10 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.mechanisms import FrameAnchor, JointCoupler
 from rnc_pin.model.rows import Rows
+from rnc_pin.plants.mujoco.body_tree import BodyTree
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.parts import scalar_first
+from rnc_pin.plants.mujoco.joint_coordinates import scalar_first
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.plants.mujoco.tree import Tree
 
 _RIGID = 0.999
 _SUPPORTED = (
@@ -24,8 +24,8 @@ _SUPPORTED = (
 
 
 @dataclass(frozen=True)
-class Coupling:
-    """Coupling of two joints; the polynomial of MuJoCo is updated at the current positions.
+class JointEquality:
+    """JointEquality of two joints; the polynomial of MuJoCo is updated at the current positions.
 
     Attributes:
         equality: index of the equality constraint.
@@ -55,7 +55,7 @@ class Coupling:
         model.eq_data[self.equality, :5] = position - slope * driver, slope, 0.0, 0.0, 0.0
 
 
-class Couplings:
+class EqualityConstraints:
     """Equality constraints of a MuJoCo model: joint couplings and loop closures.
 
     Args:
@@ -66,7 +66,7 @@ class Couplings:
         ConfigurationError: a constraint has no equivalent in MuJoCo.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, tree: Tree, blocks: Sequence[Rows], settings: MuJoCoSettings) -> None:
+    def __init__(self, spec: mujoco.MjSpec, tree: BodyTree, blocks: Sequence[Rows], settings: MuJoCoSettings) -> None:
         self._spec, self._settings = spec, settings
         self._couplers: list[tuple[str, JointCoupler]] = []
         for block in blocks:
@@ -83,14 +83,14 @@ class Couplings:
                 elif isinstance(mechanism, FrameAnchor):
                     self._close(tree, mechanism, name)
 
-    def compiled(self, model: mujoco.MjModel) -> list[Coupling]:
+    def compiled(self, model: mujoco.MjModel) -> list[JointEquality]:
         """Return the couplings, for a compiled model."""
 
         def place(joint: str) -> int:
             return int(model.joint(joint).qposadr[0])
 
         return [
-            Coupling(
+            JointEquality(
                 model.equality(name).id, place(each.joint), None if each.driver is None else place(each.driver), each
             )
             for name, each in self._couplers
@@ -104,7 +104,7 @@ class Couplings:
             added.name2 = coupler.driver
         self._couplers.append((name, coupler))
 
-    def _close(self, tree: Tree, anchor: FrameAnchor, name: str) -> None:
+    def _close(self, tree: BodyTree, anchor: FrameAnchor, name: str) -> None:
         sites = [f"{name}/{side}" for side in "ab"]
         for site, parent, offset in zip(sites, anchor.frames, anchor.placements, strict=True):
             frame = tree.robot.model.frames[tree.robot.frame_id(parent)]

@@ -10,9 +10,9 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.plants.mujoco.body_tree import Root
+from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.plants.mujoco.tree import Root
-from rnc_pin.plants.mujoco.wheels import Contact
 from rnc_pin.robots.robot import Robot
 
 _MARGIN = 0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
@@ -20,7 +20,7 @@ _LEVEL = 1e-6
 _CASTER = 0.02  # radius of added casters [m]
 
 
-class Standing(NamedTuple):
+class BaseSupport(NamedTuple):
     """Base type and added supports of a robot.
 
     Attributes:
@@ -30,52 +30,52 @@ class Standing(NamedTuple):
     """
 
     root: Root
-    casters: tuple[Contact, ...] = ()
+    casters: tuple[ContactBody, ...] = ()
     lift: float = 0.0
 
 
-def stance_of(
-    robot: Robot, contacts: Sequence[Contact], ground: float, q: np.ndarray, settings: MuJoCoSettings
-) -> Standing:
+def choose_support(
+    robot: Robot, contacts: Sequence[ContactBody], ground: float, q: np.ndarray, settings: MuJoCoSettings
+) -> BaseSupport:
     """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
 
     Raises:
         ConfigurationError: no weight presses its wheels on the ground.
     """
     if not contacts:
-        return Standing("as it is")
+        return BaseSupport("as it is")
     down = robot.model.gravity.linear
     if not (down[2] < 0 and np.hypot(down[0], down[1]) < _LEVEL * abs(down[2])):
         raise ConfigurationError(
-            f"MuJoCo: wheel '{contacts[0].name}' grips by its weight, and gravity is {np.round(down, 6).tolist()}: "
-            "expected one that points down, such as (0, 0, -9.81)"
+            f"MuJoCo: friction of wheel '{contacts[0].name}' needs weight, and gravity is "
+            f"{np.round(down, 6).tolist()}: expected one that points down, such as (0, 0, -9.81)"
         )
     base = robot.model.joints[1].shortname()
     if base == "JointModelFreeFlyer":
-        return Standing("as it is")
+        return BaseSupport("as it is")
     if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):
         raise ConfigurationError(
             f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with base='planar' or "
             "'free'"
         )
     if settings.stance == "level":
-        return Standing("level", lift=-ground)
+        return BaseSupport("level", lift=-ground)
     data = robot.model.createData()
     columns = pin.computeJointJacobians(robot.model, data, q).reshape(6, robot.nv)
     points = np.array([each.at(data.oMi[each.joint])[1][:2] for each in contacts])
     weight = np.asarray(pin.centerOfMass(robot.model, data, q))[:2]
-    upright = all(_rides_upright(robot, data, columns, each) for each in contacts)
+    upright = all(_stays_upright(robot, data, columns, each) for each in contacts)
     if upright and _carries(points, weight) and settings.casters is not True:
-        return Standing("free", lift=-ground)
+        return BaseSupport("free", lift=-ground)
     added = _outriggers(points) if settings.casters is not False else None
     fits = added is not None and _carries(np.vstack([points, added]), weight)
     if settings.stance == "auto" and not (upright and fits):
-        return Standing("level", lift=-ground)
+        return BaseSupport("level", lift=-ground)
     casters = () if added is None else tuple(_support(data.oMi[1], k, at, ground) for k, at in enumerate(added))
-    return Standing("free", casters, -ground)
+    return BaseSupport("free", casters, -ground)
 
 
-def _rides_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: Contact) -> bool:
+def _stays_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: ContactBody) -> bool:
     """Return True if only joints with vertical axes lie between the base and the body that carries a wheel."""
     model, joint = robot.model, contact.joint
     axle = None if contact.axle is None else data.oMi[joint].rotation @ contact.axle
@@ -108,6 +108,6 @@ def _outriggers(points: np.ndarray) -> np.ndarray | None:
     return middle + size * np.array([directions[1], -directions[1]])
 
 
-def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> Contact:
+def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> ContactBody:
     center = base.actInv(np.array([*at, ground + _CASTER]))
-    return Contact(f"caster[{number}]", 1, center, None, _CASTER, "none")
+    return ContactBody(f"caster[{number}]", 1, center, None, _CASTER, "none")

@@ -8,15 +8,15 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.mujoco.couplings import Couplings
+from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
+from rnc_pin.plants.mujoco.base_support import choose_support
+from rnc_pin.plants.mujoco.body_tree import BodyTree
+from rnc_pin.plants.mujoco.contact_bodies import contact_bodies, on_one_plane
 from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.equalities import EqualityConstraints
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
-from rnc_pin.plants.mujoco.inputs import Inputs
-from rnc_pin.plants.mujoco.parts import Joints
+from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.plants.mujoco.stance import stance_of
-from rnc_pin.plants.mujoco.tree import Tree
-from rnc_pin.plants.mujoco.wheels import contacts_of, on_one_plane
 from rnc_pin.robots.sources.mujoco_log import unlogged
 
 _INTEGRATORS = {
@@ -39,7 +39,7 @@ class MuJoCoPlant:
     """Robot of a reduced model in MuJoCo: a ``Machine``.
 
     The MuJoCo model is built from the loaded robot. Joint names match. Conservation of momentum is not imposed; it
-    follows from the dynamics. Wheels grip by friction. For a vehicle whose model is planar only x, y and heading are
+    follows from the dynamics. Wheels drive by friction. For a vehicle whose model is planar only x, y and heading are
     read; see ``MuJoCoSettings.stance``. Constraints become these contacts:
 
     * ``RollingWheel``: a disk on the ground.
@@ -86,30 +86,31 @@ class MuJoCoPlant:
         self._reduced = reduced
         robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
         q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
-        contacts = contacts_of(robot, blocks)
+        contacts = contact_bodies(robot, blocks)
         ground = 0.0
         if contacts:
             contacts, ground = on_one_plane(robot, contacts, q)
-        standing = stance_of(robot, contacts, ground, q, self.settings)
-        self.stance, self._lift = standing.root, standing.lift
+        support = choose_support(robot, contacts, ground, q, self.settings)
+        self.stance, self._lift = support.root, support.lift
         spec = mujoco.MjSpec()
-        tree = Tree(spec, robot, standing.root, self.settings.joint_limits)
-        add_ground(spec, tree, [*contacts, *standing.casters], self.settings)
-        couplings = Couplings(spec, tree, blocks, self.settings)
+        tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
+        add_ground(spec, tree, [*contacts, *support.casters], self.settings)
+        equalities = EqualityConstraints(spec, tree, blocks, self.settings)
         self._set_options(spec.option)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self._joints = Joints(tree.finish(self.model, self.data, self.settings.joint_damping), robot.nq, robot.nv)
-        self._couplings = couplings.compiled(self.model)
-        self._inputs = Inputs(reduced, contacts, q)
-        self._ground = Ground(self.model, self.data, [*contacts, *standing.casters], self.settings)
+        joints = tree.finish(self.model, self.data, self.settings.joint_damping)
+        self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
+        self._equalities = equalities.compiled(self.model)
+        self._inputs = ActuatorMapping(reduced, contacts, q)
+        self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings)
         self.wheel_names = self._ground.names
-        self._drawn = [self.wheel_names.index(name) for name in self._inputs.drawn]
-        self.casters = tuple(each.name for each in standing.casters)
-        self.wheel_driven = self._inputs.by_wheels
+        self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
+        self.casters = tuple(each.name for each in support.casters)
+        self.wheel_driven = self._inputs.wheel_driven
         self._limits = reduced.actuation.limits
-        self._rubbed: list[int] = []
-        self._friction = 0.0
+        self._regularized: list[int] = []
+        self._actuator_friction = 0.0
         self.applied = np.zeros(reduced.p)
 
     def _set_options(self, option: mujoco.MjOption) -> None:
@@ -138,9 +139,9 @@ class MuJoCoPlant:
             self.data.qpos[self.model.joint(f"{self._reduced.robot.joint_names[0]}/z").qposadr[0]] = self._lift
         rest = np.zeros_like(v)
         self._joints.write(q, rest, self.data.qpos, self.data.qvel)
-        for coupling in self._couplings:
-            coupling.set(self.model, self.data.qpos, fresh=True)
-        self._ground.begin()
+        for equality in self._equalities:
+            equality.set(self.model, self.data.qpos, fresh=True)
+        self._ground.reset()
         if self.stance in ("free", "level"):
             self._settle(q)
         self._joints.write(q, v, self.data.qpos, self.data.qvel)
@@ -165,13 +166,13 @@ class MuJoCoPlant:
         it is regularized: it is evaluated at every step and grows with speed below 0.01 m/s or rad/s.
         """
         matrix, frames = self._reduced.actuation.constant, {column for column, *_ in self._reduced.actuation.frames}
-        self._friction, self._rubbed = limit, []
+        self._actuator_friction, self._regularized = limit, []
         B = self._reduced.at(self._reduced.robot.configuration()).B if matrix is None else matrix
         for column, entries in enumerate(B.T):
             alone = np.flatnonzero(entries)
             dof = self._joints.dof(int(alone[0])) if len(alone) == 1 and column not in frames else None
             if dof is None:
-                self._rubbed.append(column)
+                self._regularized.append(column)
             else:
                 self.model.dof_frictionloss[dof] = limit * abs(entries[alone[0]])
 
@@ -184,26 +185,27 @@ class MuJoCoPlant:
         steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
         self.model.opt.timestep = dt / steps
         q, _ = self.read()
-        held, drawn = self._inputs.of_wheels(q, self.applied)
-        wanted = np.zeros(len(self.wheel_names))
-        wanted[self._drawn] = drawn
-        direct = None if self._inputs.follows else held + self._inputs.direct(q, self.applied)
+        wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
+        drive_forces = np.zeros(len(self.wheel_names))
+        drive_forces[self._drawn_wheels] = drawn
+        force = wheel_force if self._inputs.varies else wheel_force + self._inputs.joint_forces(q, self.applied)
         with unlogged(mujoco):
             for _ in range(steps):
-                force = held + self._inputs.direct(self.read()[0], self.applied) if direct is None else direct
-                self._step(force, wanted)
+                if self._inputs.varies:
+                    force = wheel_force + self._inputs.joint_forces(self.read()[0], self.applied)
+                self._step(force, drive_forces)
 
-    def _step(self, force: np.ndarray, wanted: np.ndarray) -> None:
+    def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:
         applied = self.data.qfrc_applied
         applied[:] = 0.0
-        if self._rubbed:
+        if self._regularized:
             q, v = self.read()
-            rubbed = self._reduced.at(q).B[:, self._rubbed]
-            force = force - rubbed @ (self._friction * np.tanh(v @ rubbed / _SLOW))
-        self._joints.push(self.data.qpos, force, applied)
-        self._ground.prepare(wanted)
-        for coupling in self._couplings:
-            coupling.set(self.model, self.data.qpos, fresh=False)
+            directions = self._reduced.at(q).B[:, self._regularized]
+            force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _SLOW))
+        self._joints.add_force(self.data.qpos, force, applied)
+        self._ground.prepare(drive_forces)
+        for equality in self._equalities:
+            equality.set(self.model, self.data.qpos, fresh=False)
         mujoco.mj_step(self.model, self.data)
         if not np.isfinite(self.data.qvel).all():
             raise DivergenceError("velocity in MuJoCo is not finite; reduce the step or the inputs", time=self.time)
@@ -213,12 +215,12 @@ class MuJoCoPlant:
     def _settle(self, q: np.ndarray) -> None:
         """Simulate at fixed pose and joints until the contacts carry the weight."""
         self.model.opt.timestep = self.settings.step
-        rest, held = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
+        rest, joints = np.zeros(self._reduced.robot.nv), slice(6 if self.stance == "free" else 4, None)
         with unlogged(mujoco):
             for _ in range(round(self.settings.settling / self.settings.step)):
                 mujoco.mj_fwdPosition(self.model, self.data)
                 mujoco.mj_fwdVelocity(self.model, self.data)
-                self.data.qfrc_applied[held] = self.data.qfrc_bias[held]
+                self.data.qfrc_applied[joints] = self.data.qfrc_bias[joints]
                 mujoco.mj_step(self.model, self.data)
                 self._joints.write(q, rest, self.data.qpos, self.data.qvel)
         self.data.qfrc_applied[:] = 0.0

@@ -20,7 +20,7 @@ _POINT = 1e-3  # radius of the ball that models a contact point [m]
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactBody:
     """Round body in contact with the ground.
 
     Attributes:
@@ -55,7 +55,7 @@ class Contact:
         return center, center + self.radius / max(down.dot(down) ** 0.5, 1e-9) * down
 
 
-def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
+def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
     """Return the bodies of all ground contacts, in the order of the constraints.
 
     Raises:
@@ -65,7 +65,7 @@ def contacts_of(robot: Robot, blocks: Sequence[Rows]) -> list[Contact]:
     return [body for contact in mechanisms for body in _bodies(robot, contact)]
 
 
-def _bodies(robot: Robot, contact: GroundContact) -> list[Contact]:
+def _bodies(robot: Robot, contact: GroundContact) -> list[ContactBody]:
     """Return the body of a contact; of a runner the wheels that are drawn on its axle, or a blade if there are none."""
     if contact.friction == "oblique":
         raise ConfigurationError(
@@ -76,14 +76,14 @@ def _bodies(robot: Robot, contact: GroundContact) -> list[Contact]:
     joint, center = frame.parentJoint, frame.placement.act(contact.center)
     axle = None if contact.axle is None else frame.placement.rotation @ contact.axle
     if contact.radius is not None:
-        return [Contact(contact.frame, joint, center, axle, contact.radius, contact.friction)]
+        return [ContactBody(contact.frame, joint, center, axle, contact.radius, contact.friction)]
     assert axle is not None
     wheels = _drawn(robot, joint, center, axle)
     if not wheels:
-        return [Contact(contact.frame, joint, center, axle, 0.0, contact.friction, blade=True)]
+        return [ContactBody(contact.frame, joint, center, axle, 0.0, contact.friction, blade=True)]
     names = [contact.frame] if len(wheels) == 1 else [f"{contact.frame}[{number}]" for number in range(len(wheels))]
     return [
-        Contact(name, joint, middle, axle, radius, contact.friction, drawn=True)
+        ContactBody(name, joint, middle, axle, radius, contact.friction, drawn=True)
         for name, (middle, radius) in zip(names, wheels, strict=True)
     ]
 
@@ -115,7 +115,7 @@ def _is_cylinder(geometry: object) -> bool:
 # ------------------------------------------------------------------ level ground
 
 
-def on_one_plane(robot: Robot, contacts: Sequence[Contact], q: np.ndarray) -> tuple[list[Contact], float]:
+def on_one_plane(robot: Robot, contacts: Sequence[ContactBody], q: np.ndarray) -> tuple[list[ContactBody], float]:
     """Return contacts with their lowest points in one plane, and the height of that plane in the robot model [m].
 
     Radii change by small gaps, since rounding in the robot file would otherwise decide which wheels carry the load.

@@ -11,7 +11,16 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.parts import Ball, Continuous, Free, Part, Planar, Standing, Straight, scalar_first
+from rnc_pin.plants.mujoco.joint_coordinates import (
+    BallJoint,
+    ContinuousHinge,
+    EqualCoordinates,
+    FreeBase,
+    FreePlanarBase,
+    JointCoordinates,
+    PlanarBase,
+    scalar_first,
+)
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
@@ -34,7 +43,7 @@ class _Single(NamedTuple):
 class _Planned:
     """Joint conversion whose MuJoCo indices are known after compilation."""
 
-    kind: type[Part]
+    coordinates: type[JointCoordinates]
     first: str
     """Name of its first MuJoCo joint."""
     name: str
@@ -44,7 +53,7 @@ class _Planned:
     more: dict[str, Any]
 
 
-class Tree:
+class BodyTree:
     """Bodies of a robot in a MuJoCo specification.
 
     Args:
@@ -90,15 +99,15 @@ class Tree:
                 self._add_planar(body, index, root)
             elif kind == "JointModelFreeFlyer" and parent == 0:
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-                self._plan(Free, name, index, placement=placement)
+                self._plan(FreeBase, name, index, placement=placement)
             elif kind == "JointModelSpherical":
                 body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-                self._plan(Ball, name, index)
+                self._plan(BallJoint, name, index)
             elif kind in _STACKS:
                 moves, axes = _STACKS[kind]
                 for axis in axes:
                     _move(body, f"{name}/{axis}", moves == "slide", np.eye(3)["xyz".index(axis)])
-                self._plan(Straight, f"{name}/{axes[0]}", index)
+                self._plan(EqualCoordinates, f"{name}/{axes[0]}", index)
             else:
                 raise ConfigurationError(
                     f"MuJoCo has no joint like '{name}' ({kind}): expected a hinge, slide, ball, planar or free base"
@@ -111,7 +120,7 @@ class Tree:
         q, v = joint.idx_q, joint.idx_v + number
         if number:
             q = joint.extract().joints[number].idx_q
-        kind = Continuous if single.continuous else Straight
+        kind = ContinuousHinge if single.continuous else EqualCoordinates
         self._planned.append(_Planned(kind, name, name, q, v, 1, {}))
         if self._limits and not single.continuous:
             model = self.robot.model
@@ -123,51 +132,51 @@ class Tree:
         name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
         if root == "free":
             body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
-            self._plan(Standing, name, index, placement=placement)
+            self._plan(FreePlanarBase, name, index, placement=placement)
             return
         for axis in "xyz" if root == "level" else "xy":
             _move(body, f"{name}/{axis}", True, np.eye(3)["xyz".index(axis)])
         _move(body, f"{name}/yaw", False, np.eye(3)[2])
-        self._plan(Planar, f"{name}/x", index, lifted=root == "level")
+        self._plan(PlanarBase, f"{name}/x", index, lifted=root == "level")
 
-    def _plan(self, kind: type[Part], first: str, index: int, **more: Any) -> None:
+    def _plan(self, coordinates: type[JointCoordinates], first: str, index: int, **more: Any) -> None:
         joint = self.robot.model.joints[index]
         self._planned.append(
-            _Planned(kind, first, str(self.robot.model.names[index]), joint.idx_q, joint.idx_v, joint.nv, more)
+            _Planned(coordinates, first, str(self.robot.model.names[index]), joint.idx_q, joint.idx_v, joint.nv, more)
         )
 
     # ------------------------------------------------------------------ once it is compiled
 
-    def parts(self, model: mujoco.MjModel) -> list[Part]:
+    def coordinates(self, model: mujoco.MjModel) -> list[JointCoordinates]:
         """Return the conversions of all joints between Pinocchio and MuJoCo."""
         found = []
         for each in self._planned:
             joint = model.joint(each.first)
             place = (int(joint.qposadr[0]), int(joint.dofadr[0]))
-            found.append(each.kind(each.name, each.q, each.v, each.nv, *place, **each.more))
+            found.append(each.coordinates(each.name, each.q, each.v, each.nv, *place, **each.more))
         return found
 
-    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[Part]:
+    def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
         """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis."""
         own = self.robot.model
         for index in range(1, own.njoints):
             body = model.body(str(own.names[index])).id
             moments = np.linalg.eigvalsh(own.inertias[index].inertia)
             model.body_mass[body], model.body_inertia[body] = own.inertias[index].mass, np.maximum(moments, 0.0)
-        parts = self.parts(model)
-        for part in parts:
-            here, there = slice(part.v, part.v + part.nv), slice(part.dof, part.dof + part.nv)
-            if isinstance(part, Planar | Standing | Free):
+        joints = self.coordinates(model)
+        for joint in joints:
+            here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
+            if isinstance(joint, PlanarBase | FreePlanarBase | FreeBase):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
                     raise ConfigurationError(
-                        f"MuJoCo: base '{part.name}' has rotor inertia or damping, which MuJoCo bases do not support"
+                        f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
                     )
                 continue
             model.dof_armature[there] = own.armature[here]
             if damping:
                 model.dof_damping[there] = own.damping[here]
         mujoco.mj_setConst(model, data)
-        return parts
+        return joints
 
 
 def _singles(joint: Any) -> Iterator[_Single]:
