@@ -14,7 +14,7 @@ import numpy as np
 from rnc_pin.errors import RncError
 from rnc_pin.scenario.files import with_options
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.machines import build_machine
+from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.run import Plan, execute, plan
 
 SCENARIOS: dict[str, dict[str, Any]] = {
@@ -86,11 +86,11 @@ def prepared(scenario: str) -> Plan:
 
 
 def spoiled(clean: Plan, options: dict[str, Any]) -> Plan:
-    """A plan of which no more is built anew than the machine."""
+    """A plan of which no more is built anew than the plant."""
     scenario = validate(with_options(clean.raw, options), clean.name)
     before = clean.experiment
-    machine = build_machine(scenario, before.reduced, before.q0, clean.folder)
-    return replace(clean, experiment=replace(before, scenario=scenario, machine=machine))
+    plant = build_plant(scenario, before.reduced, before.q0, clean.folder)
+    return replace(clean, experiment=replace(before, scenario=scenario, plant=plant))
 
 
 def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:

@@ -278,7 +278,9 @@ def observer_raises(out: Path) -> str:
             return rnc.control.Command(T=np.zeros(1)), state
 
     try:
-        rnc.simulate(system.reduce(), Idle(), robot.configuration(), 1.0, dt=0.01, observer=look)
+        rnc.simulate(
+            system.reduce(), Idle(), robot.configuration(), 1.0, dt=0.01, options=rnc.SimulationOptions(observer=look)
+        )
     except rnc.SimulationError as error:
         check("the observer raised KeyError" in str(error), error)
         check(error.trajectory is not None and len(error.trajectory.time) > 10, "no run")

@@ -219,10 +219,10 @@ def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
             experiment.q0,
             ticks * settings.dt,
             settings.dt,
-            substeps=settings.substeps,
-            plant=settings.plant,
-            stop=settings.stop,
-            observer=lambda _: stamps.append((time.process_time(), time.thread_time())),
+            plant=experiment.plant,
+            options=rnc.SimulationOptions(
+                stop=settings.stop, observer=lambda _: stamps.append((time.process_time(), time.thread_time()))
+            ),
         )
         each, own = np.diff(stamps, axis=0).T
         return float(np.median(each)), float(each.sum() / own.sum())

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.plants import FaultyMachine
+from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant
 
 DT = 0.01
@@ -27,7 +27,7 @@ def memory() -> float:
     return pages * 4096 / 1e6
 
 
-def setting(dt: float = DT) -> tuple[rnc.ControlLoop, FaultyMachine]:
+def setting(dt: float = DT) -> tuple[rnc.ControlLoop, FaultyPlant]:
     """A sleigh that goes to and fro, and its loop."""
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     actuators = [rnc.FrameForce("sleigh", "x", limit=30.0), rnc.FrameTorque("sleigh", "z", limit=30.0)]
@@ -37,17 +37,17 @@ def setting(dt: float = DT) -> tuple[rnc.ControlLoop, FaultyMachine]:
     target = rnc.control.ReducingOutputController(reduced, swing)
     tracker = rnc.control.VelocityTracker(target, rnc.control.VelocityGains(k=20.0, beta=20.0))
     faults = rnc.Faults(position_noise=1e-4, velocity_noise=1e-3, garbage=0.01)
-    machine = FaultyMachine(ReducedPlant(reduced), faults, reduced, dt)
-    machine.reset(robot.configuration(), np.zeros(3))
-    return rnc.ControlLoop(reduced, tracker, dt), machine
+    plant = FaultyPlant(ReducedPlant(reduced), faults, reduced, dt)
+    plant.reset(robot.configuration(), np.zeros(3))
+    return rnc.ControlLoop(reduced, tracker, dt), plant
 
 
-def turn(loop: rnc.ControlLoop, machine: FaultyMachine, first: int, samples: int, dt: float = DT) -> float:
+def turn(loop: rnc.ControlLoop, plant: FaultyPlant, first: int, samples: int, dt: float = DT) -> float:
     """Go on for some samples; the largest velocity error meanwhile."""
     worst = 0.0
     for sample in range(first, first + samples):
-        machine.apply(loop.step(sample * dt, *machine.read()))
-        machine.advance(dt)
+        plant.apply(loop.step(sample * dt, *plant.read()))
+        plant.advance(dt)
         assert loop.last is not None
         worst = max(worst, float(np.abs(loop.last.command.v2_desired - loop.last.measurement.v2).max()))
     return worst
@@ -58,13 +58,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="An hour of control.")
     parser.add_argument("--hours", type=float, default=1.0)
     given = parser.parse_args()
-    loop, machine = setting()
+    loop, plant = setting()
     total = round(3600 * given.hours / DT)
     block = max(1, total // 12)
-    turn(loop, machine, 0, 1000)
+    turn(loop, plant, 0, 1000)
     begin = memory()
     for first in range(1000, total, block):
-        worst = turn(loop, machine, first, min(block, total - first))
+        worst = turn(loop, plant, first, min(block, total - first))
         print(f"t = {first * DT / 60:6.1f} min: {memory():.1f} MB, velocity error at most {worst:.3f}", flush=True)
     grown = memory() - begin
     print(f"{total} steps, memory grew by {grown:.2f} MB")

@@ -43,7 +43,7 @@ run = rnc.simulate(
     robot.configuration({"pitch": 0.2}),
     duration=8.0,
     dt=0.005,
-    plant=rnc.Plant(actuator_limits=True),
+    plant=rnc.ReducedPlant(reduced, actuator_limits=True),
 )
 print(f"starts {np.degrees(run.x2[0, 1]):.1f} deg off, ends {np.degrees(run.x2[-1, 1]):.1e} deg off")
 print(f"rolled {np.ptp(run.q[:, 0]):.2f} m to catch itself, ends {abs(run.q[-1, 0]):.1e} m from where it began")

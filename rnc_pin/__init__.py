@@ -5,4 +5,9 @@
 
 import lazy_loader as lazy
 
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
+_export, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
+_FORMER = {"Plant": "simulation"}  # former exports, which warn when they are called, and the packages that hold them
+
+
+def __getattr__(name: str) -> object:
+    return getattr(_export(_FORMER[name]), name) if name in _FORMER else _export(name)

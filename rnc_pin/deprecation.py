@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
@@ -34,6 +35,23 @@ def keep_former_attributes(kind: type, names: Mapping[str, str]) -> None:
     """
     for former, new in names.items():
         setattr(kind, former, former_name(new))
+
+
+def former_exports(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a package whose exports have former names too.
+
+    Args:
+        package: name of the package.
+        names: present exports by former ones.
+    """
+
+    def get(name: str) -> Any:
+        if name not in names:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        warn_of_rename(f"{package}.{name}", names[name])
+        return getattr(sys.modules[package], names[name])
+
+    return get
 
 
 def adopt_former_names(kind: type, names: dict[str, str]) -> None:

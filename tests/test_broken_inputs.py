@@ -736,14 +736,14 @@ WRONG_ARGUMENTS = {
     "no q0": ({"q0": None}, r"q has shape \(\), expected"),
     "words for v2_0": ({"v2_0": "fast"}, "v2 is not an array of numbers: 'fast'"),
     "a time in words": ({"duration": "1"}, "duration '1' and dt 0.01 have to be positive numbers"),
-    "substeps in words": ({"substeps": "2"}, "substeps '2'"),
-    "a plant": ({"plant": 3}, "plant: expected a Plant, found a int"),
-    "a stop": ({"stop": "now"}, "stop: expected a Stop, found a str"),
-    "a machine": ({"machine": object()}, "machine: expected methods reset, read, apply, advance, found a object"),
-    "a loop": ({"loop": 3}, "loop: expected a mapping of options of ControlLoop"),
-    "an option": ({"loop": {"limit": True}}, "loop: no option 'limit'; did you mean 'limits'"),
-    "an observer": ({"observer": 3}, "observer: expected a function of a Sample"),
-    "meta": ({"meta": 3}, "meta: expected a Provenance or a mapping, found int"),
+    "a plant": ({"plant": object()}, "plant: expected methods reset, read, apply, advance, found a object"),
+    "meta": ({"options": rnc.SimulationOptions(meta=3)}, "meta: expected a Provenance or a mapping, found int"),
+    "options": ({"options": {"meta": 3}}, "options: expected SimulationOptions, found a dict"),
+}
+WRONG_OPTIONS = {
+    "stop": ("now", "stop: expected a Stop, found a str"),
+    "loop": (3, "loop: expected a mapping of options of ControlLoop, found a int"),
+    "observer": (3, "observer: expected a function of a Sample"),
 }
 
 
@@ -761,6 +761,21 @@ def test_arguments_of_simulate_are_refused_before_anything_runs(what):
     }
     with pytest.raises(rnc.RncError, match=words):
         rnc.simulate(**{**given, **changed})
+
+
+@pytest.mark.parametrize("option", WRONG_OPTIONS)
+def test_options_of_a_simulation_are_refused(option):
+    value, words = WRONG_OPTIONS[option]
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        rnc.SimulationOptions(**{option: value})
+
+
+def test_an_unknown_option_of_the_loop_and_substeps_in_words_are_refused():
+    with pytest.raises(rnc.ConfigurationError, match="loop: no option 'limit'; did you mean 'limits'"):
+        rnc.SimulationOptions(loop={"limit": True})
+    _, reduced, _ = small()
+    with pytest.raises(rnc.InputError, match="substeps of a ReducedPlant have to be a positive integer, found '2'"):
+        rnc.ReducedPlant(reduced, substeps="2")
 
 
 def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
@@ -804,7 +819,7 @@ def test_a_plant_that_tells_no_work_has_no_drift(capsys):
 
     class Silent:
         def __init__(self):
-            self.plant = rnc.simulation.ReducedPlant(reduced)
+            self.plant = rnc.ReducedPlant(reduced)
 
         def __getattr__(self, name):
             if name in ("reset", "read", "apply", "advance"):
@@ -812,7 +827,7 @@ def test_a_plant_that_tells_no_work_has_no_drift(capsys):
             raise AttributeError(name)
 
     tracker = rnc.control.VelocityTracker(target)
-    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, machine=Silent())
+    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=Silent())
     summary = rnc.summarize(run)
     assert summary["energy_drift"] is None
     print_summary(summary)

@@ -15,8 +15,8 @@ from rnc_pin.control import (
     VelocityTracker,
 )
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
+from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from rnc_pin.simulation.moving_plant import MovingPlant
 from systems import mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
@@ -383,7 +383,7 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
     reduced, kinematic, q0 = space_robot_task(duration=1.0)
     tracker = VelocityTracker(kinematic, scaled(reduced, kinematic, q0, 1.0))
     run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
-    integrator, q, plant = LieRungeKutta4(reduced.robot), q0, MovingPlant(reduced)
+    integrator, q, plant = LieRungeKutta4(reduced.robot), q0, ConstrainedDynamics(reduced)
     y = plant.start(q, np.zeros(reduced.n))
     state = tracker.initial_state(reduced.measure(q, np.zeros(3)))
     for sample in range(201):

@@ -12,7 +12,7 @@ import systems
 from rnc_pin.control import Command
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimate, VelocityObserver
-from rnc_pin.plants import FaultyMachine
+from rnc_pin.plants import FaultyPlant
 from rnc_pin.scenario.run import plan
 from rnc_pin.simulation import ReducedPlant
 
@@ -28,21 +28,21 @@ def sleigh():
     return reduced, rnc.control.VelocityTracker(target, rnc.control.VelocityGains(k=20.0, beta=20.0))
 
 
-def drive(loop, machine, times, spoil=lambda sample, q, v: (q, v)):
-    """Inputs of a loop around a machine, (N, p)."""
+def drive(loop, plant, times, spoil=lambda sample, q, v: (q, v)):
+    """Inputs of a loop around a plant, (N, p)."""
     inputs = []
     for sample, t in enumerate(times):
-        T = loop.step(t, *spoil(sample, *machine.read()))
-        machine.apply(T)
-        machine.advance(DT)
+        T = loop.step(t, *spoil(sample, *plant.read()))
+        plant.apply(T)
+        plant.advance(DT)
         inputs.append(T)
     return np.array(inputs)
 
 
 def started(reduced):
-    machine = ReducedPlant(reduced)
-    machine.reset(reduced.robot.configuration(), np.zeros(reduced.n))
-    return machine
+    plant = ReducedPlant(reduced)
+    plant.reset(reduced.robot.configuration(), np.zeros(reduced.n))
+    return plant
 
 
 def test_it_does_what_a_simulation_does():
@@ -81,21 +81,21 @@ def test_references_may_start_at_the_measured_state():
 def test_it_resumes_to_the_bit(tmp_path, through):
     reduced, tracker = sleigh()
     times = DT * np.arange(60)
-    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, velocity="observer")
-    drive(loop, machine, times[:30])
+    plant, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, velocity="observer")
+    drive(loop, plant, times[:30])
     other = rnc.ControlLoop(reduced, tracker, DT, velocity="observer")
     if through == "file":
         loop.save(tmp_path / "loop.npz")
         other.load(tmp_path / "loop.npz")
     else:
         other.resume(loop.state)
-    q, v = machine.read()
+    q, v = plant.read()
     twin = ReducedPlant(reduced)
     twin.reset(q, v)
-    machine.reset(q, v)
-    machine.apply(loop.state.T)
+    plant.reset(q, v)
+    plant.apply(loop.state.T)
     twin.apply(loop.state.T)
-    assert np.array_equal(drive(loop, machine, times[30:]), drive(other, twin, times[30:]))
+    assert np.array_equal(drive(loop, plant, times[30:]), drive(other, twin, times[30:]))
 
 
 def test_a_state_of_another_controller_is_refused(tmp_path):
@@ -170,8 +170,8 @@ FOREIGN = {
 def test_a_state_that_no_loop_has_is_refused_and_changes_nothing(what, tmp_path):
     change, reason = FOREIGN[what]
     reduced, tracker = limited()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
-    drive(loop, machine, DT * np.arange(3))
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, plant, DT * np.arange(3))
     path, before = saved(loop, tmp_path / "loop.npz", **change(loop.state)), loop.state
     with pytest.raises(rnc.ConfigurationError, match=reason) as caught:
         loop.load(path)
@@ -188,22 +188,22 @@ def test_nothing_beyond_the_limits_leaves_a_loop_that_was_loaded(tmp_path):
     for limits in (True, False, np.array([2.0, 1.0])):
         largest = limits if isinstance(limits, np.ndarray) else np.full(2, 3.0)
         loop = rnc.ControlLoop(reduced, tracker, DT, limits=limits, timeout=2 * DT)
-        machine = started(reduced)
-        drive(loop, machine, DT * np.arange(3))
+        plant = started(reduced)
+        drive(loop, plant, DT * np.arange(3))
         loop.load(saved(loop, tmp_path / "loop.npz", T=np.array([500.0, -1e9]), input_deficit=None))
         assert np.array_equal(loop.state.T, largest * [1, -1])
         assert np.array_equal(loop.state.input_deficit, [500.0 - largest[0], -1e9 + largest[1]])
         for sample in range(3, 9):  # held, then safe
             assert np.array_equal(loop.step(sample * DT, np.full(4, np.nan), np.zeros(3)), largest * [1, -1])
-        loop.step(9 * DT, *machine.read())
+        loop.step(9 * DT, *plant.read())
         loop.report_applied_input(np.array([40.0, 40.0]))  # held inputs stay within the limits
         assert np.array_equal(loop.step(10 * DT, np.full(4, np.nan), np.zeros(3)), largest)
 
 
 def test_what_acted_has_a_size_and_is_finite():
     reduced, tracker = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
-    drive(loop, machine, [0.0])
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, plant, [0.0])
     for T in (np.zeros(3), np.array([np.nan, 0.0]), np.zeros((2, 2))):
         with pytest.raises(rnc.InputError, match="T h"):
             loop.report_applied_input(T)
@@ -225,12 +225,12 @@ class Diary:
 
 def test_memories_that_grow_are_loaded_and_those_of_another_kind_are_not(tmp_path):
     reduced, _ = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, Diary(), DT), started(reduced)
-    drive(loop, machine, DT * np.arange(5))
+    loop, plant = rnc.ControlLoop(reduced, Diary(), DT), started(reduced)
+    drive(loop, plant, DT * np.arange(5))
     loop.save(tmp_path / "loop.npz")
     other = rnc.ControlLoop(reduced, Diary(), DT)
     other.load(tmp_path / "loop.npz")
-    assert np.array_equal(other.step(5 * DT, *machine.read()), loop.step(5 * DT, *machine.read()))
+    assert np.array_equal(other.step(5 * DT, *plant.read()), loop.step(5 * DT, *plant.read()))
     memory = loop.state.controller
     for key, value, reason in (
         ("past", np.zeros((4, 3)), "raises ValueError"),
@@ -251,22 +251,22 @@ def test_memories_that_grow_are_loaded_and_those_of_another_kind_are_not(tmp_pat
 @pytest.mark.parametrize("clock", [0.02, np.nan, "noon", None])
 def test_patience_ends_although_the_clock_stands_still(clock, safe):
     reduced, tracker = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT), started(reduced)
-    drive(loop, machine, DT * np.arange(3))
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT), started(reduced)
+    drive(loop, plant, DT * np.arange(3))
     held = loop.state.T
     assert held.any()
-    q = machine.read()[0]
+    q = plant.read()[0]
     inputs = [loop.step(clock, q, np.zeros(3)) for _ in range(6)]
     assert [bool(np.array_equal(T, held)) for T in inputs] == [True] * 4 + [False] * 2
     assert not inputs[-1].any()  # at rest there is nothing to brake
     assert "time" in loop.state.fault
-    T = loop.step(0.08, *machine.read())
+    T = loop.step(0.08, *plant.read())
     assert loop.state.fault is None
     assert T.any()
     strict = rnc.ControlLoop(reduced, tracker, DT, fallback="raise")
-    strict.step(0.02, *machine.read())
+    strict.step(0.02, *plant.read())
     with pytest.raises(rnc.InputError, match=r"time (is|stands still)"):
-        strict.step(clock, *machine.read())
+        strict.step(clock, *plant.read())
 
 
 def test_an_archive_that_would_fill_memory_is_no_state(tmp_path):
@@ -306,32 +306,32 @@ def test_one_bad_sample_does_no_harm(what):
     spoil, reason = BAD[what]
     reduced, tracker = sleigh()
     times = DT * np.arange(150)
-    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT)
+    plant, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT)
     reasons = []
 
     def once(sample, q, v):
         reasons.append(loop.state.fault)
         return spoil(q, v) if sample == 20 else (q, v)
 
-    inputs = drive(loop, machine, times, once)
+    inputs = drive(loop, plant, times, once)
     assert np.array_equal(inputs[20], inputs[19])
     assert re.search(reason, reasons[21])
     assert reasons[22] is None
     clean = drive(rnc.ControlLoop(reduced, tracker, DT), started(reduced), times)
     assert np.abs(inputs[-1] - clean[-1]).max() < 0.05 * np.abs(clean).max()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT, fallback="raise"), started(reduced)
-    loop.step(0.0, *machine.read())
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT, fallback="raise"), started(reduced)
+    loop.step(0.0, *plant.read())
     with pytest.raises(rnc.InputError, match=reason):
-        loop.step(DT, *spoil(*machine.read()))
+        loop.step(DT, *spoil(*plant.read()))
 
 
 @pytest.mark.parametrize("later", [0.0, -0.5, np.nan])
 def test_time_that_does_not_run_is_no_measurement(later):
     reduced, tracker = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
-    first = loop.step(1.0, *machine.read())
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    first = loop.step(1.0, *plant.read())
     state = loop.state.controller
-    assert np.array_equal(loop.step(1.0 + later, *machine.read()), first)
+    assert np.array_equal(loop.step(1.0 + later, *plant.read()), first)
     assert "time" in loop.state.fault
     assert loop.state.controller is state
 
@@ -339,11 +339,11 @@ def test_time_that_does_not_run_is_no_measurement(later):
 @pytest.mark.parametrize(("safe", "expected"), [("hold", 1.0), ("zero", 0.0), ("brake", -1.0)])
 def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
     reduced, tracker = sleigh()
-    machine, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT)
+    plant, loop = started(reduced), rnc.ControlLoop(reduced, tracker, DT, fallback=safe, timeout=3 * DT)
     times = DT * np.arange(40)
-    inputs = drive(loop, machine, times, lambda sample, q, v: (q * np.nan, v) if sample >= 30 else (q, v))
+    inputs = drive(loop, plant, times, lambda sample, q, v: (q * np.nan, v) if sample >= 30 else (q, v))
     assert np.array_equal(inputs[30:34], np.tile(inputs[29], (4, 1)))  # the timeout first
-    v2 = reduced.at(*machine.read()[:1], v=machine.read()[1]).v2
+    v2 = reduced.at(*plant.read()[:1], v=plant.read()[1]).v2
     assert v2[0] > 0.1
     if safe == "brake":
         assert inputs[-1, 0] < 0
@@ -370,9 +370,9 @@ def test_a_singular_configuration_ends_the_controller_not_the_loop():
 def test_integrals_are_kept_where_nobody_gives_them():
     """Speed is a quasi-velocity: its position is what the loop made of it, not zero."""
     reduced, tracker = sleigh()
-    loop, machine = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
-    drive(loop, machine, DT * np.arange(100))
-    assert loop.state.integrals[0] == pytest.approx(machine.integrals[0], abs=0.02)
+    loop, plant = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
+    drive(loop, plant, DT * np.arange(100))
+    assert loop.state.integrals[0] == pytest.approx(plant.integrals[0], abs=0.02)
     assert loop.state.integrals[0] > 0.5
 
 
@@ -381,10 +381,10 @@ def test_integrals_are_kept_where_nobody_gives_them():
 def test_velocities_from_encoders(kind, counts):
     """Differences of 4,096 counts are steps of 0.15 rad/s here; estimates are smooth, and the sleigh arrives."""
     reduced, tracker = sleigh()
-    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(counts=counts), reduced, DT)
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=counts), reduced, DT)
     run = rnc.simulate(
-        reduced, tracker, reduced.robot.configuration(), 3.0, DT, machine=machine,
-        loop={"velocity": kind, "cutoff": 60.0},
+        reduced, tracker, reduced.robot.configuration(), 3.0, DT, plant=plant,
+        options=rnc.SimulationOptions(loop={"velocity": kind, "cutoff": 60.0}),
     )  # fmt: skip
     assert run.outcome == "completed"
     assert np.abs(run.x2[-1] - GOAL).max() < 0.02
@@ -478,8 +478,8 @@ class Asks:
         return Command(T=self.T), state
 
 
-def test_inputs_that_the_loop_and_the_machine_take_away_are_missing_together():
-    """Of 10 the loop lets 6 through and the machine gives 4: 6 are missing, and they are so in the reduced force."""
+def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
+    """Of 10 the loop lets 6 through and the plant gives 4: 6 are missing, and they are so in the reduced force."""
     reduced, _ = sleigh()
     controller = Asks([10.0, -3.0])
     loop, q, v = rnc.ControlLoop(reduced, controller, DT, limits=np.array([6.0, 5.0])), np.zeros(4), np.zeros(3)
@@ -509,7 +509,7 @@ def swing(limits):
     way = rnc.planning.MinimumJerk(reduced.outputs(q0)[1], [1.3, -0.4, 0.9], duration=1.5)
     target = rnc.control.ReducingOutputController(reduced, way)
     tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, adaptation=5.0)
-    return rnc.simulate(reduced, tracker, q0, 5.0, 0.003, loop={"limits": limits})
+    return rnc.simulate(reduced, tracker, q0, 5.0, 0.003, options=rnc.SimulationOptions(loop={"limits": limits}))
 
 
 def late_error(run):
@@ -540,7 +540,9 @@ def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt
     made = plan(name, {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}).experiment
 
     def run(limits):
-        return rnc.simulate(made.reduced, made.controller, made.q0, 10.0, dt, loop={"limits": limits})
+        return rnc.simulate(
+            made.reduced, made.controller, made.q0, 10.0, dt, options=rnc.SimulationOptions(loop={"limits": limits})
+        )
 
     free = run(False)
     weight, peak = np.abs(free.T[-1]), np.abs(free.T).max(axis=0)
@@ -562,7 +564,9 @@ def pushed(limit):
     reduced = system.reduce([rnc.FramePosition("sleigh", "x")])
     way = rnc.planning.MinimumJerk(np.zeros(1), [1.0], duration=1.0)
     tracker = rnc.control.PositionTracker(way, rnc.control.PositionGains(beta=200.0))
-    return rnc.simulate(reduced, tracker, robot.configuration(), 8.0, DT, loop={"limits": limit})
+    return rnc.simulate(
+        reduced, tracker, robot.configuration(), 8.0, DT, options=rnc.SimulationOptions(loop={"limits": limit})
+    )
 
 
 def test_the_position_tracker_recovers_from_a_clipped_actuator(monkeypatch):

@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from rnc_pin.loop import LoopState
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.rows import Rows
-from rnc_pin.scenario.schema.plant import LoopSettings
+from rnc_pin.scenario.schema.plant_settings import LoopSettings
 from systems import random_states, space_robot
 
 
@@ -46,7 +46,7 @@ def test_former_options_of_a_loop():
             reduced.robot.configuration({"joint_1": 0.4, "joint_2": 0.7}),
             0.02,
             0.01,
-            loop={"fastest": 1e9},
+            options=rnc.SimulationOptions(loop={"fastest": 1e9}),
         )
     assert warned[0].filename == __file__
     assert run.outcome is rnc.Outcome.COMPLETED
@@ -98,3 +98,49 @@ def test_rows_with_former_names_are_rows():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     reduced = rnc.NonholonomicSystem(robot, [Kind()], robot.joint_names[1:]).reduce()
     assert reduced.forward_dynamics(robot.configuration(), np.ones(3), np.zeros(3)).shape == (3,)
+
+
+def test_former_arguments_of_simulate():
+    reduced = space_robot()
+    q0 = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 0.7})
+    controller = rnc.tuned_tracker(
+        rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
+    )
+    options = rnc.SimulationOptions(meta={"seed": 3}, stop=rnc.Stop(speed=50.0))
+    plant = rnc.ReducedPlant(reduced, actuator_limits=True, substeps=2)
+    run = rnc.simulate(reduced, controller, q0, 0.02, 0.01, plant=plant, options=options)
+    with pytest.warns(DeprecationWarning) as warned:
+        former = rnc.simulate(
+            reduced, controller, q0, 0.02, 0.01, substeps=2, plant=rnc.Plant(actuator_limits=True),
+            meta={"seed": 3}, stop=rnc.Stop(speed=50.0),
+        )  # fmt: skip
+    assert [str(each.message).split(": renamed")[0] for each in warned] == [
+        "rnc_pin.Plant", "simulate(stop=...)", "simulate(meta=...)", "simulate(substeps=...)",
+    ]  # fmt: skip
+    assert {each.filename for each in warned} == {__file__}
+    np.testing.assert_array_equal(former.q, run.q)
+    assert former.info.provenance == run.info.provenance
+    faulty = rnc.plants.FaultyPlant(plant, rnc.Faults(), reduced, 0.01)
+    with pytest.warns(DeprecationWarning, match=r"simulate\(machine=...\): renamed, use 'plant=...'"):
+        former = rnc.simulate(reduced, controller, q0, 0.02, 0.01, machine=faulty, loop=None)
+    np.testing.assert_array_equal(former.q, run.q)
+    with pytest.warns(DeprecationWarning, match="use 'rnc_pin.ReducedPlant"):
+        damped = rnc.free_motion(reduced, q0, np.ones(reduced.r), 0.1, 0.1, plant=rnc.Plant(joint_damping=True))
+    plant = rnc.ReducedPlant(reduced, joint_damping=True)
+    present = rnc.free_motion(reduced, q0, np.ones(reduced.r), 0.1, 0.1, plant=plant)
+    np.testing.assert_array_equal(damped.q, present.q)
+
+
+def test_former_names_of_plants():
+    with pytest.warns(DeprecationWarning, match="Machine: renamed, use 'Plant'"):
+        assert rnc.plants.Machine is rnc.plants.Plant
+    with pytest.warns(DeprecationWarning, match="FaultyMachine: renamed, use 'FaultyPlant'"):
+        kind = rnc.plants.FaultyMachine
+    reduced = space_robot()
+    faulty = kind(rnc.ReducedPlant(reduced), rnc.Faults(), reduced, 0.01)
+    with pytest.warns(DeprecationWarning, match="use 'plant'"):
+        assert faulty.machine is faulty.plant
+    with pytest.warns(DeprecationWarning, match="use 'rnc_pin.ReducedPlant"):
+        assert rnc.simulation.Plant(joint_damping=True).joint_damping
+    with pytest.raises(AttributeError, match="no attribute 'Machinery'"):
+        _ = rnc.plants.Machinery

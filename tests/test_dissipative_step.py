@@ -6,14 +6,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-from rnc_pin.plants import FaultyMachine
+from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant
 from rnc_pin.simulation.exponential_runge_kutta import phi_functions
 from systems import mobile_manipulator
 
 MASS = 2.0
-DAMPED, RUBBED = rnc.Plant(joint_damping=True), rnc.Plant(joint_friction=True)
-BOTH = rnc.Plant(joint_damping=True, joint_friction=True)
+DAMPED, RUBBED = {"joint_damping": True}, {"joint_friction": True}
+BOTH = {**DAMPED, **RUBBED}
 
 
 class Inputs:
@@ -39,7 +39,8 @@ def slider(damping=0.0, friction=0.0):
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
 
 
-def run_slider(reduced, push, plant, dt, v=0.0, duration=2.0):
+def run_slider(reduced, push, effects, dt, v=0.0, duration=2.0):
+    plant = ReducedPlant(reduced, **effects)
     return rnc.simulate(reduced, Inputs(lambda t: [push(t)]), np.zeros(1), duration, dt, v2_0=[v], plant=plant)
 
 
@@ -69,10 +70,18 @@ V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
 
 def errors_of(reduced, q0, steps, duration=0.5):
     """Distance from an adaptive method of order eight, for each number of steps."""
-    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=DAMPED)
+    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=ReducedPlant(reduced, **DAMPED))
     errors = []
     for count in steps:
-        run = rnc.simulate(reduced, Inputs(lambda t: PUSH), q0, duration, duration / count, v2_0=V2, plant=DAMPED)
+        run = rnc.simulate(
+            reduced,
+            Inputs(lambda t: PUSH),
+            q0,
+            duration,
+            duration / count,
+            v2_0=V2,
+            plant=ReducedPlant(reduced, **DAMPED),
+        )
         gap = pin.difference(reduced.robot.model, exact.q[-1], run.q[-1])
         errors.append(np.linalg.norm(np.r_[gap, run.v2[-1] - exact.v2[-1]]))
     return np.array(errors), run
@@ -155,16 +164,16 @@ def differential_drive(damping=0.0):
 def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
     """They swung by 0.06 rad/s at 20 ms for ever, as friction was evaluated once a period."""
     reduced = differential_drive()
-    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(friction=0.6), reduced, dt)
-    machine.reset(reduced.robot.configuration(), reduced.velocity(reduced.robot.configuration(), [3.0, -1.0]))
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(friction=0.6), reduced, dt)
+    plant.reset(reduced.robot.configuration(), reduced.velocity(reduced.robot.configuration(), [3.0, -1.0]))
     for _ in range(round(3.0 / dt)):
-        machine.apply(np.array([0.2, -0.29]))
-        machine.advance(dt)
-    q, v = machine.read()
+        plant.apply(np.array([0.2, -0.29]))
+        plant.advance(dt)
+    q, v = plant.read()
     assert np.abs(v).max() < 1e-14
     for _ in range(20):
-        machine.advance(dt)
-    np.testing.assert_allclose(machine.read()[0], q, atol=1e-14)
+        plant.advance(dt)
+    np.testing.assert_allclose(plant.read()[0], q, atol=1e-14)
 
 
 def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
@@ -208,12 +217,17 @@ def test_friction_of_a_conserved_momentum_is_refused():
     joints = ["joint_1", "joint_2", "joint_3"]
     reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints).reduce()
     with pytest.raises(rnc.ConstraintError, match="joint friction acts on momentum"):
-        rnc.simulate(reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=RUBBED)
+        rnc.simulate(
+            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **RUBBED)
+        )
 
 
 def test_an_adaptive_method_has_no_dry_friction():
+    reduced = slider(friction=1.0)
     with pytest.raises(rnc.InputError, match="dry friction is not smooth"):
-        rnc.free_motion(slider(friction=1.0), np.zeros(1), [1.0], 1.0, plant=RUBBED)
+        rnc.free_motion(reduced, np.zeros(1), [1.0], 1.0, plant=ReducedPlant(reduced, **RUBBED))
+    with pytest.raises(rnc.InputError, match="requires a ReducedPlant of the same model"):
+        rnc.free_motion(reduced, np.zeros(1), [1.0], 1.0, plant=ReducedPlant(slider()))
 
 
 def test_a_plant_that_cannot_rub_is_named():
@@ -221,7 +235,7 @@ def test_a_plant_that_cannot_rub_is_named():
         pass
 
     with pytest.raises(rnc.ConfigurationError, match="Elsewhere has no method 'set_actuator_friction"):
-        FaultyMachine(Elsewhere(), rnc.Faults(friction=1.0), slider(), 0.01)
+        FaultyPlant(Elsewhere(), rnc.Faults(friction=1.0), slider(), 0.01)
 
 
 # ---------------------------------------------------------------------- the record
@@ -231,18 +245,22 @@ def test_contact_forces_count_damping_and_friction():
     """At constant speed nothing is left for the ground: the drives give what the axles take."""
     reduced = differential_drive(damping=0.48)
     q0, v2 = reduced.robot.configuration(), np.array([2.0, 2.0])
-    run = rnc.simulate(reduced, Inputs(lambda t: 0.48 * v2), q0, 0.2, 0.02, v2_0=v2, plant=DAMPED)
+    run = rnc.simulate(
+        reduced, Inputs(lambda t: 0.48 * v2), q0, 0.2, 0.02, v2_0=v2, plant=ReducedPlant(reduced, **DAMPED)
+    )
     np.testing.assert_allclose(run.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-10)
     np.testing.assert_allclose(run.multipliers, 0.0, atol=1e-10)
-    idle = rnc.simulate(reduced, Inputs(lambda t: np.zeros(2)), q0, 0.2, 0.02, v2_0=v2, plant=DAMPED)
+    idle = rnc.simulate(
+        reduced, Inputs(lambda t: np.zeros(2)), q0, 0.2, 0.02, v2_0=v2, plant=ReducedPlant(reduced, **DAMPED)
+    )
     rolling = [name.startswith("rolling") for name in idle.info.outputs.contact_forces]
     pushing = idle.contact_forces[:, rolling].sum(axis=1)  # of both wheels, with the sign of multipliers
     mass = sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
     slowing = np.gradient(idle.v[:, 0], idle.time)
     np.testing.assert_allclose(pushing[1:-1], -mass * slowing[1:-1], rtol=1e-2)
-    machine = FaultyMachine(ReducedPlant(differential_drive()), rnc.Faults(friction=0.3), reduced, 0.02)
-    rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, machine=machine)
+    plant = FaultyPlant(ReducedPlant(differential_drive()), rnc.Faults(friction=0.3), reduced, 0.02)
+    rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, plant=plant)
     np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(rubbed.contact_forces, 0.0, atol=1e-10)
 
@@ -250,5 +268,7 @@ def test_contact_forces_count_damping_and_friction():
 def test_contact_forces_of_a_damped_free_motion():
     reduced = differential_drive(damping=0.48)
     v2 = np.array([2.0, 2.0])
-    run = rnc.free_motion(reduced, reduced.robot.configuration(), v2, 0.2, 0.02, 0.48 * v2, plant=DAMPED)
+    run = rnc.free_motion(
+        reduced, reduced.robot.configuration(), v2, 0.2, 0.02, 0.48 * v2, plant=ReducedPlant(reduced, **DAMPED)
+    )
     np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-9)

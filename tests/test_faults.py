@@ -1,4 +1,4 @@
-"""Machines that differ from what their controller believes: sensors, actuators, masses, ground."""
+"""Plants that differ from what their controller believes: sensors, actuators, masses, ground."""
 
 import json
 import re
@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.plants import ChangingMachine, FaultyMachine
+from rnc_pin.plants import ChangingPlant, FaultyPlant
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import ReducedPlant
 from systems import mobile_manipulator
@@ -21,16 +21,16 @@ DT = 0.01
 
 def faulty(dt=DT, **faults):
     reduced = mobile_manipulator()
-    machine = FaultyMachine(ReducedPlant(reduced), rnc.Faults(**faults), reduced, dt, seed=3)
-    machine.reset(reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.4, 0.0, 0.3, 0.1, -0.2]))
-    return machine
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(**faults), reduced, dt, seed=3)
+    plant.reset(reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.4, 0.0, 0.3, 0.1, -0.2]))
+    return plant
 
 
-def errors(machine, samples):
+def errors(plant, samples):
     """What sensors add to q (as a velocity's worth) and v over some samples, without time passing."""
     model = mobile_manipulator().robot.model
-    q, v = machine.actual()
-    read = [machine.read() for _ in range(samples)]
+    q, v = plant.actual()
+    read = [plant.read() for _ in range(samples)]
     return (np.array([pin.difference(model, q, each) for each, _ in read]), np.array([each for _, each in read]) - v)
 
 
@@ -45,29 +45,29 @@ def test_noise_and_bias():
 def test_noise_is_the_same_each_time_and_does_not_depend_on_other_faults():
     one, two = errors(faulty(position_noise=1e-3), 20), errors(faulty(position_noise=1e-3, velocity_noise=1.0), 20)
     assert np.array_equal(one[0], two[0])
-    machine = faulty(position_noise=1e-3)
-    first = errors(machine, 20)
-    machine.reset(*machine.actual())
-    assert np.array_equal(errors(machine, 20)[0], first[0])
+    plant = faulty(position_noise=1e-3)
+    first = errors(plant, 20)
+    plant.reset(*plant.actual())
+    assert np.array_equal(errors(plant, 20)[0], first[0])
 
 
 def test_encoders_count():
-    machine = faulty(counts=4096)
-    machine.advance(DT)
+    plant = faulty(counts=4096)
+    plant.advance(DT)
     step = 2 * np.pi / 4096
-    (q, _), (exact, _) = machine.read(), machine.actual()
+    (q, _), (exact, _) = plant.read(), plant.actual()
     assert q[4:] / step == pytest.approx(np.round(q[4:] / step), abs=1e-6)  # joints
     assert 0 < np.abs(q[4:] - exact[4:]).max() <= step / 2
-    assert not errors(machine, 1)[1].any()
+    assert not errors(plant, 1)[1].any()
 
 
 def test_delay_jitter_lost_and_garbled_samples():
-    machine, plain = faulty(delay=3), faulty()
+    plant, plain = faulty(delay=3), faulty()
     late, seen = [], []
     for _ in range(10):
-        late.append(machine.read()[0])
+        late.append(plant.read()[0])
         seen.append(plain.read()[0])
-        machine.advance(DT)
+        plant.advance(DT)
         plain.advance(DT)
     assert np.array_equal(late[3:], seen[:-3])
     jitter = errors(faulty(jitter=1.0), 500)[0]
@@ -83,11 +83,11 @@ def test_delay_jitter_lost_and_garbled_samples():
 
 
 def test_actuators():
-    machine = faulty(effort=2.0, dead_zone=0.5)
-    machine.apply(np.array([5.0, -0.3, -7.0, 1.0]))
-    assert np.array_equal(machine.applied, [2.0, -0.3, -2.0, 1.0])  # the loop knows limits, not dead zones
-    assert np.array_equal(machine.machine.applied, [2.0, 0.0, -2.0, 1.0])
-    assert machine.external[2] == pytest.approx(0.3)  # what does not arrive, of a torque about the vertical
+    plant = faulty(effort=2.0, dead_zone=0.5)
+    plant.apply(np.array([5.0, -0.3, -7.0, 1.0]))
+    assert np.array_equal(plant.applied, [2.0, -0.3, -2.0, 1.0])  # the loop knows limits, not dead zones
+    assert np.array_equal(plant.plant.applied, [2.0, 0.0, -2.0, 1.0])
+    assert plant.external[2] == pytest.approx(0.3)  # what does not arrive, of a torque about the vertical
     rubbing = faulty(friction=1.5)
     rubbing.apply(np.zeros(4))
     assert not rubbing.applied.any()  # nor friction
@@ -97,12 +97,12 @@ def test_actuators():
 def test_slip_shows_in_what_is_measured_and_recorded():
     """The residual of a run is that of the velocity as it is."""
     reduced = mobile_manipulator()
-    machine = FaultyMachine(
+    plant = FaultyPlant(
         ReducedPlant(reduced), rnc.Faults(slip_time=0.095, slip_speed=0.17, slip_duration=0.05), reduced, DT
     )
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
     start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    run = rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, target), start, 0.3, DT, machine=machine)
+    run = rnc.simulate(reduced, rnc.control.ComputedTorque(reduced, target), start, 0.3, DT, plant=plant)
     slipping = (run.time > 0.105) & (run.time < 0.155)
     assert run.slip[slipping, 0] == pytest.approx(np.full(slipping.sum(), 0.17))
     assert run.constraint_residual.max() == pytest.approx(0.17)
@@ -110,11 +110,11 @@ def test_slip_shows_in_what_is_measured_and_recorded():
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) == pytest.approx(0.17 * 0.05, rel=0.15)
 
 
-def balance_of(machine, reduced, target, duration=0.3):
+def balance_of(plant, reduced, target, duration=0.3):
     """Energy less work over a run, and how far energy moves."""
     controller = rnc.control.ComputedTorque(reduced, target)
     start = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    run = rnc.simulate(reduced, controller, start, duration, DT, v2_0=[0.3, 0.1, 0.2, 0.1], machine=machine)
+    run = rnc.simulate(reduced, controller, start, duration, DT, v2_0=[0.3, 0.1, 0.2, 0.1], plant=plant)
     return run, run.energy - run.work, np.ptp(run.energy)
 
 
@@ -141,10 +141,10 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
     }.get(kind, {})
     plant = ReducedPlant(other if "masses" in kind else reduced)
     if kind == "load in mid-run":
-        plant = ChangingMachine(plant, ReducedPlant(other), 0.1)
-    machine = FaultyMachine(plant, rnc.Faults(**faults), reduced, DT)
+        plant = ChangingPlant(plant, ReducedPlant(other), 0.1)
+    plant = FaultyPlant(plant, rnc.Faults(**faults), reduced, DT)
     target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(4)), k2=0.0)
-    run, balance, moved = balance_of(machine, reduced, target)
+    run, balance, moved = balance_of(plant, reduced, target)
     assert moved > 1e-2
     np.testing.assert_allclose(balance, balance[0], atol=1e-7 * moved)
     expected = [other.at(q, v=v).energy for q, v in zip(run.q, run.v, strict=True)]
@@ -170,7 +170,7 @@ def test_forces_at_contacts_are_those_of_the_masses_that_move():
 
     push = np.array([2.0, 1.0, 0.5, -0.5])
     light = rnc.simulate(reduced, Push(push), start, 0.1, DT, v2_0=v2)
-    heavy = rnc.simulate(reduced, Push(1.4 * push), start, 0.1, DT, v2_0=v2, machine=ReducedPlant(other))
+    heavy = rnc.simulate(reduced, Push(1.4 * push), start, 0.1, DT, v2_0=v2, plant=ReducedPlant(other))
     np.testing.assert_allclose(heavy.q, light.q, atol=1e-12)
     np.testing.assert_allclose(heavy.multipliers, 1.4 * light.multipliers, atol=1e-9)
     np.testing.assert_allclose(heavy.contact_forces, 1.4 * light.contact_forces, atol=1e-9)
@@ -182,18 +182,18 @@ def test_faults_that_are_none_are_refused(bad):
         rnc.Faults(**bad)
 
 
-def test_a_machine_that_changes_keeps_its_state():
+def test_a_plant_that_changes_keeps_its_state():
     reduced = mobile_manipulator()
-    machine = ChangingMachine(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)
+    plant = ChangingPlant(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)
     twin = ReducedPlant(reduced)
     q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
     v = reduced.velocity(q, [0.3, 0.1, 0.2, 0.1])
-    for each in (machine, twin):
+    for each in (plant, twin):
         each.reset(q, v)
         each.apply(np.array([1.0, 0.1, 0.2, -0.1]))
         for _ in range(5):
             each.advance(DT)
-    assert np.abs(machine.read()[0] - twin.read()[0]).max() < 1e-10
+    assert np.abs(plant.read()[0] - twin.read()[0]).max() < 1e-10
 
 
 # ---------------------------------------------------------------------- in scenarios
@@ -207,38 +207,38 @@ def experiment(name, **options):
 
 def test_truth_differs_from_belief():
     made = experiment("space-robot", faults={"masses": 0.3, "payload": {"frame": "tip", "mass": 2.0, "time": 0.0}})
-    true = made.machine.machine._after.reduced.robot.model
+    true = made.plant.plant._after.reduced.robot.model
     believed = made.reduced.robot.model
     ratios = [a.mass / b.mass for a, b in zip(true.inertias[1:4], believed.inertias[1:4], strict=False)]
     assert all(0.7 <= ratio <= 1.3 and ratio != 1.0 for ratio in ratios)
-    before = made.machine.machine._before.reduced.robot.model
+    before = made.plant.plant._before.reduced.robot.model
     assert sum(each.mass for each in true.inertias) - sum(each.mass for each in before.inertias) == pytest.approx(2.0)
-    again = experiment("space-robot", faults={"masses": 0.3}).machine.machine.reduced.robot.model
+    again = experiment("space-robot", faults={"masses": 0.3}).plant.plant.reduced.robot.model
     assert again.inertias[2].mass == before.inertias[2].mass  # drawn by the seed
 
 
 class Late:
-    """A machine whose sensors are not there for the first samples."""
+    """A plant whose sensors are not there for the first samples."""
 
-    def __init__(self, machine, samples):
-        self.machine, self.left = machine, samples
+    def __init__(self, plant, samples):
+        self.plant, self.left = plant, samples
 
     def __getattr__(self, name):
-        return getattr(self.machine, name)
+        return getattr(self.plant, name)
 
     def actual(self):
-        return self.machine.read()
+        return self.plant.read()
 
     def read(self):
-        q, v = self.machine.read()
+        q, v = self.plant.read()
         self.left -= 1
         return (q, v) if self.left < 0 else (np.full_like(q, np.nan), np.full_like(v, np.nan))
 
 
 def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
     made = experiment("space-robot", simulation__dt=0.01)
-    machine = Late(ReducedPlant(made.reduced), 3)
-    run = rnc.simulate(made.reduced, made.controller, made.q0, 0.2, 0.01, machine=machine)
+    plant = Late(ReducedPlant(made.reduced), 3)
+    run = rnc.simulate(made.reduced, made.controller, made.q0, 0.2, 0.01, plant=plant)
     figures = rnc.summarize(run)
     assert set(figures["final_error"]) == {"tip_x", "tip_y", "platform"}
     for kind in ("final_error", "max_error", "rms_error"):
@@ -247,7 +247,7 @@ def test_a_run_whose_first_samples_are_lost_still_knows_its_goals():
     assert run.T[2].any()
 
 
-def test_limits_of_the_machine_under_the_faults_are_told():
+def test_limits_of_the_plant_under_the_faults_are_told():
     """Dead zones are not: the loop does not know what they swallow."""
     reduced = mobile_manipulator()
 
@@ -255,14 +255,14 @@ def test_limits_of_the_machine_under_the_faults_are_told():
         def apply(self, T):
             self.applied = np.clip(T, -0.1, 0.1)
 
-    machine = FaultyMachine(Weak(reduced), rnc.Faults(effort=0.5, dead_zone=0.05), reduced, DT)
-    machine.apply(np.array([0.01, -0.07, 0.3, -2.0]))
-    np.testing.assert_allclose(machine.applied, [0.01, -0.07, 0.1, -0.1])
+    plant = FaultyPlant(Weak(reduced), rnc.Faults(effort=0.5, dead_zone=0.05), reduced, DT)
+    plant.apply(np.array([0.01, -0.07, 0.3, -2.0]))
+    np.testing.assert_allclose(plant.applied, [0.01, -0.07, 0.1, -0.1])
 
 
 def test_a_joint_gets_stuck():
     made = experiment("space-robot", faults={"stuck": {"joint": "joint_2", "time": 0.5}}, simulation__dt=0.01)
-    run = rnc.simulate(made.reduced, made.controller, made.q0, 1.0, 0.01, machine=made.machine)
+    run = rnc.simulate(made.reduced, made.controller, made.q0, 1.0, 0.01, plant=made.plant)
     column = made.reduced.robot.velocity_indices("joint_2").start
     assert np.abs(run.v[run.time > 0.505, column]).max() < 1e-9 < np.abs(run.v[run.time < 0.495, column]).max()
 
@@ -283,13 +283,13 @@ def test_wrong_faults_are_one_line(call, faults, line):
     assert said.count("\n") == 1
 
 
-def test_estimators_learn_the_machine_not_the_model():
+def test_estimators_learn_the_plant_not_the_model():
     """Wheels of another size than the model has: what is measured tells, ``R v2`` of the model would not."""
     true = experiment("wheels-uncertain")
     wrong = {f"constraints__{wheel}__rolling_wheel__radius": 0.15 for wheel in (0, 1)}
     believed = experiment("wheels-uncertain", simulation__dt=0.01, **wrong)
-    machine = ReducedPlant(true.reduced)
-    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.01, machine=machine)
+    plant = ReducedPlant(true.reduced)
+    run = rnc.simulate(believed.reduced, believed.controller, true.q0, 10.0, 0.01, plant=plant)
     assert run.outcome == "completed"
     assert np.abs(run.prediction_error).max() > 0.05
     radius, track = run.estimates[-1]

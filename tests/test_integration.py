@@ -107,7 +107,7 @@ def test_feedback_and_damping_act():
     assert braked.energy[-1] < 0.2 * braked.energy[0]
     np.testing.assert_allclose(braked.T, -20 * braked.v2, atol=1e-12)
     np.testing.assert_allclose(braked.energy - braked.work, braked.energy[0], atol=1e-10)
-    damped = rnc.free_motion(reduced, q0, v2, 3.0, plant=rnc.Plant(joint_damping=True))
+    damped = rnc.free_motion(reduced, q0, v2, 3.0, plant=rnc.ReducedPlant(reduced, joint_damping=True))
     assert (np.diff(damped.energy) < 0).all()
 
 

@@ -28,13 +28,13 @@ def test_errors_on_both_plants(name):
 
 
 def test_memory_stays_where_it_is():
-    loop, machine = soak.setting()
-    soak.turn(loop, machine, 0, 200)
+    loop, plant = soak.setting()
+    soak.turn(loop, plant, 0, 200)
     tracemalloc.start()
     try:
         gc.collect()
         before = tracemalloc.get_traced_memory()[0]
-        soak.turn(loop, machine, 200, 500)
+        soak.turn(loop, plant, 200, 500)
         gc.collect()
         grown = tracemalloc.get_traced_memory()[0] - before
     finally:

@@ -10,7 +10,7 @@ import systems
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTracker
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
-from rnc_pin.plants import Faults, FaultyMachine
+from rnc_pin.plants import Faults, FaultyPlant
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import ReducedPlant
 
@@ -117,8 +117,8 @@ def late(sleigh, ticks, dt=0.01, **told):
     target = rnc.control.ReducingOutputController(sleigh, swing, k2=2.0)
     q0 = sleigh.robot.configuration()
     tracker = rnc.tuned_tracker(sleigh, target, q0, 2.0, dt, **told)
-    machine = FaultyMachine(ReducedPlant(sleigh), Faults(delay=ticks), sleigh, dt)
-    return rnc.simulate(sleigh, tracker, q0, 4.0, dt, machine=machine)
+    plant = FaultyPlant(ReducedPlant(sleigh), Faults(delay=ticks), sleigh, dt)
+    return rnc.simulate(sleigh, tracker, q0, 4.0, dt, plant=plant)
 
 
 def test_gains_that_know_the_delay_survive_it(sleigh):

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis import NormalForces, first_lift_off
 from rnc_pin.analysis.normal_forces import balanced, nonnegative
 from rnc_pin.planning import MinimumJerk
-from rnc_pin.plants import FaultyMachine
+from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant, margins_along
 from rnc_pin.visualization.plots import plot_run
 
@@ -104,13 +104,13 @@ def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
 
 
 def test_forces_are_those_of_the_masses_that_move():
-    """A plant that is twice as heavy presses twice as much; another machine is not asked."""
+    """A plant that is twice as heavy presses twice as much; another plant is not asked."""
     reduced, q = cart("planar")
     other, _ = cart("planar")
     for joint, inertia in enumerate(other.robot.model.inertias):
         other.robot.model.inertias[joint] = pin.Inertia(2 * inertia.mass, inertia.lever, 2 * inertia.inertia)
-    machine = FaultyMachine(ReducedPlant(other), rnc.Faults(), reduced, 0.01)
-    heavy = rnc.simulate(reduced, Push([2.0, 2.0]), q, 0.05, 0.01, machine=machine)
+    plant = FaultyPlant(ReducedPlant(other), rnc.Faults(), reduced, 0.01)
+    heavy = rnc.simulate(reduced, Push([2.0, 2.0]), q, 0.05, 0.01, plant=plant)
     light = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01)
     np.testing.assert_allclose(heavy.normal_forces, 2 * light.normal_forces, rtol=1e-9)
 
@@ -118,7 +118,7 @@ def test_forces_are_those_of_the_masses_that_move():
         def __init__(self, plant):
             self.reset, self.read, self.apply, self.advance = plant.reset, plant.read, plant.apply, plant.advance
 
-    unknown = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01, machine=Elsewhere(ReducedPlant(reduced)))
+    unknown = rnc.simulate(reduced, Push([1.0, 1.0]), q, 0.05, 0.01, plant=Elsewhere(ReducedPlant(reduced)))
     assert unknown.normal_forces.shape == (6, 0)
 
 

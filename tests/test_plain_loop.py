@@ -27,7 +27,7 @@ def test_a_plain_loop_gives_the_motion_of_the_simulation(case):
     scenario, options = CASES[case]
     experiment = plan(scenario, {**options, "comparisons": {}, "plots": {}}).experiment
     reduced, controller, q = experiment.reduced, experiment.controller, experiment.q0
-    run = rnc.simulate(reduced, controller, q, SAMPLES * DT, DT, substeps=SUBSTEPS)
+    run = rnc.simulate(reduced, controller, q, SAMPLES * DT, DT, plant=rnc.ReducedPlant(reduced, substeps=SUBSTEPS))
 
     model, data = reduced.robot.model, reduced.robot.model.createData()
     v, integrals = np.zeros(reduced.n), np.zeros(reduced.r)

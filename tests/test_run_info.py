@@ -37,10 +37,10 @@ FULL = Provenance(
 )
 
 
-def idle_run(**arguments):
+def idle_run(v2_0=None, **options):
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0})
-    return rnc.simulate(reduced, Idle(3), q0, 0.02, 0.01, **arguments)
+    return rnc.simulate(reduced, Idle(3), q0, 0.02, 0.01, v2_0=v2_0, options=rnc.SimulationOptions(**options))
 
 
 @pytest.fixture(scope="module")

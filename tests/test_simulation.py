@@ -128,7 +128,7 @@ def test_joint_damping_takes_energy_and_only_when_switched_on():
     q0, v2_0 = reduced.robot.configuration({"joint_2": 1.0}), np.array([0.5, -0.5, 0.5])
     idle = Inputs(lambda t: np.zeros(3))
     free = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0)
-    damped = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0, plant=rnc.Plant(joint_damping=True))
+    damped = rnc.simulate(reduced, idle, q0, 2.0, 0.01, v2_0=v2_0, plant=rnc.ReducedPlant(reduced, joint_damping=True))
     assert np.ptp(free.energy) < 1e-7
     assert (np.diff(damped.energy) < 0).all()
     np.testing.assert_allclose(damped.energy - damped.work, damped.energy[0], atol=1e-7)
@@ -142,7 +142,11 @@ def test_damping_of_a_conserved_momentum_is_refused():
     reduced = system.reduce([rnc.JointPosition(joint) for joint in joints])
     with pytest.raises(rnc.ConstraintError, match="joint damping acts on momentum"):
         rnc.simulate(
-            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=rnc.Plant(joint_damping=True)
+            reduced,
+            Inputs(lambda t: np.zeros(3)),
+            robot.configuration(),
+            0.1,
+            plant=rnc.ReducedPlant(reduced, joint_damping=True),
         )
 
 
@@ -150,7 +154,11 @@ def test_actuator_limits_clip_the_inputs():
     reduced = space_robot_in_joints()
     strong = Inputs(lambda t: np.array([1e3, -1e3, 1.0]))
     run = rnc.simulate(
-        reduced, strong, reduced.robot.configuration({"joint_2": 1.0}), 0.01, plant=rnc.Plant(actuator_limits=True)
+        reduced,
+        strong,
+        reduced.robot.configuration({"joint_2": 1.0}),
+        0.01,
+        plant=rnc.ReducedPlant(reduced, actuator_limits=True),
     )
     np.testing.assert_array_equal(run.T[0], [400.0, -400.0, 1.0])
     assert run.T.shape == (6, 3)
@@ -191,7 +199,9 @@ def test_position_limits_end_the_run():
     reduced = ALL["fire_truck"]()
     turn = Inputs(lambda t: np.array([0.0, 100.0, 0.0]))
     with pytest.raises(rnc.LimitError, match="joint 'front_steering' left its range"):
-        rnc.simulate(reduced, turn, robot.configuration(), 2.0, stop=rnc.Stop(position_limits=True))
+        rnc.simulate(
+            reduced, turn, robot.configuration(), 2.0, options=rnc.SimulationOptions(rnc.Stop(position_limits=True))
+        )
 
 
 def test_interruption_keeps_the_run():
@@ -201,7 +211,13 @@ def test_interruption_keeps_the_run():
 
     reduced = space_robot_in_joints()
     idle = Inputs(lambda t: np.zeros(3))
-    run = rnc.simulate(reduced, idle, reduced.robot.configuration({"joint_2": 1.0}), 1.0, observer=interrupt)
+    run = rnc.simulate(
+        reduced,
+        idle,
+        reduced.robot.configuration({"joint_2": 1.0}),
+        1.0,
+        options=rnc.SimulationOptions(observer=interrupt),
+    )
     assert run.outcome is rnc.Outcome.INTERRUPTED
     assert len(run.time) == 52
 
@@ -261,7 +277,7 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     model.appendBodyToJoint(joint, pin.Inertia.FromSphere(4.0, 0.1), pin.SE3.Identity())
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
     mass = float(reduced.inertia(np.zeros(1))[0, 0])
-    plant, push = rnc.Plant(actuator_limits=True), np.array([3.0])
+    plant, push = rnc.ReducedPlant(reduced, actuator_limits=True), np.array([3.0])
     run = rnc.free_motion(reduced, np.zeros(1), np.zeros(1), 1.0, 0.1, push, plant=plant)
     np.testing.assert_array_equal(run.T, 2.0)
     np.testing.assert_allclose(run.q[:, 0], run.time**2 / mass, atol=1e-9)

@@ -1,7 +1,12 @@
 """Plants: controlled systems with actuator inputs and measured states, and wrappers for faults and mid-run changes."""
 
-from rnc_pin.plants.changing import ChangingMachine
-from rnc_pin.plants.faults import Faults, FaultyMachine
-from rnc_pin.plants.protocol import Machine
+from rnc_pin.deprecation import former_exports
+from rnc_pin.plants.changing import ChangingPlant
+from rnc_pin.plants.faults import Faults, FaultyPlant
+from rnc_pin.plants.protocol import Plant
 
-__all__ = ["ChangingMachine", "Faults", "FaultyMachine", "Machine"]
+__all__ = ["ChangingPlant", "Faults", "FaultyPlant", "Plant"]
+
+__getattr__ = former_exports(
+    __name__, {"Machine": "Plant", "FaultyMachine": "FaultyPlant", "ChangingMachine": "ChangingPlant"}
+)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.deprecation import former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.protocol import Machine, energy_less_work
+from rnc_pin.plants.protocol import Plant, energy_minus_work
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,11 @@ class Faults:
             raise ConfigurationError("fault counts: expected a positive number, found 0")
 
 
-class FaultyMachine:
+class FaultyPlant:
     """Plant with sensor and actuator faults.
 
     Args:
-        machine: the plant without faults.
+        plant: the plant without faults.
         faults: its faults.
         reduced: model that defines the configurations and actuators.
         dt: sampling period, the unit of ``jitter`` [s].
@@ -91,65 +92,67 @@ class FaultyMachine:
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-        >>> plant, faults = rnc.simulation.ReducedPlant(reduced), rnc.Faults(position_bias=0.1)
-        >>> bent = rnc.plants.FaultyMachine(plant, faults, reduced, dt=0.01)
+        >>> plant, faults = rnc.ReducedPlant(reduced), rnc.Faults(position_bias=0.1)
+        >>> bent = rnc.plants.FaultyPlant(plant, faults, reduced, dt=0.01)
         >>> bent.reset(robot.configuration(), np.zeros(3))
         >>> (bent.read()[0] - bent.actual()[0])[:2].round(2)
         array([0.09, 0.1 ])
     """
 
-    def __init__(self, machine: Machine, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
-        self.machine, self.faults, self._reduced, self._dt, self._seed = machine, faults, reduced, dt, seed
+    def __init__(self, plant: Plant, faults: Faults, reduced: ReducedModel, dt: float, seed: int = 0) -> None:
+        self.plant, self.faults, self._reduced, self._dt, self._seed = plant, faults, reduced, dt, seed
         self._model = reduced.robot.model
         if faults.friction:
-            if not hasattr(machine, "set_actuator_friction"):
+            if not hasattr(plant, "set_actuator_friction"):
                 raise ConfigurationError(
-                    f"fault friction: {type(machine).__name__} has no method 'set_actuator_friction(limit)'; "
+                    f"fault friction: {type(plant).__name__} has no method 'set_actuator_friction(limit)'; "
                     "the plant has to integrate friction itself"
                 )
-            machine.set_actuator_friction(faults.friction)
-        self._forget()
+            plant.set_actuator_friction(faults.friction)
+        self._initialize()
 
-    def _forget(self) -> None:
+    def _initialize(self) -> None:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
-        self._under_way: deque[tuple[np.ndarray, np.ndarray]] = deque()
-        self._slip, self._pushed = np.zeros(self._model.nv), 0.0
-        self.applied = self._given = np.zeros(self._reduced.p)
+        self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
+        self._slip, self._slip_work = np.zeros(self._model.nv), 0.0
+        self.applied = self._transmitted = np.zeros(self._reduced.p)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
-        self._forget()
-        self.machine.reset(q, v)
+        self._initialize()
+        self.plant.reset(q, v)
 
     def actual(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the true configuration (nq,) and velocity (nv,)."""
-        q, v = self.machine.read()
+        q, v = self.plant.read()
         return q, v + self._slip
+
+    machine = former_name("plant")
 
     def __getattr__(self, name: str) -> Any:
         """Forward optional attributes to the plant."""
         if name in ("friction_used", "wheel_names", "reduced"):
-            return getattr(self.machine, name)
+            return getattr(self.plant, name)
         raise AttributeError(name)
 
     @property
     def work(self) -> float:
         """Work done on the plant so far, including the work of slip against its constraints [J]."""
-        done = float(self.machine.work) + self._pushed  # type: ignore[attr-defined]
+        done = float(self.plant.work) + self._slip_work  # type: ignore[attr-defined]
         if self._slip.any():
-            q, v = self.machine.read()
-            moving: ReducedModel = self.machine.reduced  # type: ignore[attr-defined]
-            done += float(moving.at(q, v=v + self._slip).energy - moving.at(q, v=v).energy)
+            q, v = self.plant.read()
+            model: ReducedModel = self.plant.reduced  # type: ignore[attr-defined]
+            done += float(model.at(q, v=v + self._slip).energy - model.at(q, v=v).energy)
         return done
 
     @property
     def external(self) -> np.ndarray | None:
         """Generalized forces (nv,) besides ``applied``: damping, friction, and the loss in the dead zone."""
-        inner: np.ndarray | None = self.machine.external  # type: ignore[attr-defined]
-        passed = getattr(self.machine, "applied", self._given) - self.applied
-        if not passed.any():
+        inner: np.ndarray | None = self.plant.external  # type: ignore[attr-defined]
+        difference = getattr(self.plant, "applied", self._transmitted) - self.applied
+        if not difference.any():
             return inner
-        lost: np.ndarray = self._reduced.at(self.machine.read()[0]).B @ passed
+        lost: np.ndarray = self._reduced.at(self.plant.read()[0]).B @ difference
         return lost if inner is None else inner + lost
 
     # ------------------------------------------------------------------ sensors
@@ -164,26 +167,26 @@ class FaultyMachine:
         if error.any():
             q = pin.integrate(self._model, q, error)
         if np.isfinite(faults.counts):
-            q = self._counted(q)
+            q = self._quantized(q)
         v = v + faults.velocity_noise * noise[1] + faults.velocity_bias
         if abs(chance[2]) < faults.garbage:
             q, v = np.full(q.shape, np.nan), np.full(v.shape, np.nan)
-        if abs(chance[1]) < faults.dropped and self._under_way:
-            q, v = self._under_way[-1]
-        self._under_way.append((q, v))
-        while len(self._under_way) > faults.delay + 1:
-            self._under_way.popleft()
-        q, v = self._under_way[0]
+        if abs(chance[1]) < faults.dropped and self._delayed:
+            q, v = self._delayed[-1]
+        self._delayed.append((q, v))
+        while len(self._delayed) > faults.delay + 1:
+            self._delayed.popleft()
+        q, v = self._delayed[0]
         return q.copy(), v.copy()
 
-    def _counted(self, q: np.ndarray) -> np.ndarray:
+    def _quantized(self, q: np.ndarray) -> np.ndarray:
         """Round a configuration to encoder counts from neutral."""
         step = 2.0 * np.pi / self.faults.counts
         neutral = pin.neutral(self._model)
-        counted: np.ndarray = pin.integrate(
+        quantized: np.ndarray = pin.integrate(
             self._model, neutral, step * np.round(pin.difference(self._model, neutral, q) / step)
         )
-        return counted
+        return quantized
 
     # ------------------------------------------------------------------ actuators
 
@@ -191,24 +194,24 @@ class FaultyMachine:
         """Apply inputs (p,) with actuator faults; ``applied`` includes only those that the loop knows."""
         faults = self.faults
         self.applied = np.clip(T, -faults.effort, faults.effort)
-        given = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
-        self.machine.apply(given)
-        self.applied = self.applied + (getattr(self.machine, "applied", given) - given)  # plant limits are known
-        self._given = given
+        passed = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
+        self.plant.apply(passed)
+        self.applied = self.applied + (getattr(self.plant, "applied", passed) - passed)  # plant limits are known
+        self._transmitted = passed
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s]; during slip the plant also moves against its constraints."""
-        self.machine.advance(dt)
+        self.plant.advance(dt)
         begin, self._time = self._time, self._time + dt
         faults = self.faults
         slips = faults.slip_time <= begin < faults.slip_time + faults.slip_duration
         if slips and faults.slip_speed:
-            q, v = self.machine.read()
+            q, v = self.plant.read()
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
-            balance = energy_less_work(self.machine)
-            self.machine.reset(pin.integrate(self._model, q, dt * self._slip), v)
-            self.machine.apply(self._given)
-            self._pushed += energy_less_work(self.machine) - balance
+            balance = energy_minus_work(self.plant)
+            self.plant.reset(pin.integrate(self._model, q, dt * self._slip), v)
+            self.plant.apply(self._transmitted)
+            self._slip_work += energy_minus_work(self.plant) - balance
         else:
             self._slip = np.zeros(self._model.nv)

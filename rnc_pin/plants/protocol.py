@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 
 @runtime_checkable
-class Machine(Protocol):
+class Plant(Protocol):
     """Controlled system: the integrated reduced model, another simulator, or hardware.
 
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
@@ -19,7 +19,7 @@ class Machine(Protocol):
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-        >>> isinstance(rnc.simulation.ReducedPlant(reduced), rnc.plants.Machine)
+        >>> isinstance(rnc.ReducedPlant(reduced), rnc.plants.Plant)
         True
     """
 
@@ -36,10 +36,10 @@ class Machine(Protocol):
         """Advance the time by dt [s]."""
 
 
-def energy_less_work(machine: Machine) -> float:
+def energy_minus_work(plant: Plant) -> float:
     """Return the energy of a plant minus the work done on it [J]; NaN if it is unknown."""
-    reduced, work = getattr(machine, "reduced", None), getattr(machine, "work", np.nan)
+    reduced, work = getattr(plant, "reduced", None), getattr(plant, "work", np.nan)
     if reduced is None:
         return np.nan
-    q, v = machine.read()
+    q, v = plant.read()
     return float(reduced.at(q, v=v).energy) - float(work)

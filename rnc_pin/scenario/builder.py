@@ -22,9 +22,9 @@ from rnc_pin.model.task import Task
 from rnc_pin.planning import CarPath, Hold, Reference, Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.steering_geometry import SteeringGeometry
-from rnc_pin.plants import Machine
+from rnc_pin.plants import Plant
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.machines import build_machine
+from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import Context
 from rnc_pin.scenario.schema.controllers.base import Built, reduced_velocity
@@ -59,17 +59,17 @@ def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Objects of a run. If ``machine`` is None, the reduced model is the plant."""
+    """Objects of a run."""
 
     scenario: Scenario
     reduced: ReducedModel
     controller: Controller
+    plant: Plant
     q0: np.ndarray
     v2_0: np.ndarray
     simulation: SimulationSettings
     warnings: tuple[str, ...]
     provenance: Provenance
-    machine: Machine | None = None
 
     @property
     def loop(self) -> LoopOptions:
@@ -95,7 +95,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     if scenario.controller is None:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
     try:  # raise this error before files are written
-        sample_count(scenario.simulation.duration, scenario.simulation.dt, scenario.simulation.substeps)
+        sample_count(scenario.simulation.duration, scenario.simulation.dt)
     except InputError as error:
         raise ConfigurationError(f"simulation: {error}") from None
     _, reduced = build_reduced(scenario, folder)
@@ -139,6 +139,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         scenario=scenario,
         reduced=reduced,
         controller=built.controller,
+        plant=build_plant(scenario, reduced, q0, folder),
         q0=q0,
         v2_0=v2_0,
         simulation=scenario.simulation,
@@ -149,7 +150,6 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
             path=path.planned,
         ),
-        machine=build_machine(scenario, reduced, q0, folder),
     )
 
 

@@ -17,7 +17,7 @@ from rnc_pin.scenario.files import chosen, find_scenario, is_built_in, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import Observer, Outcome, Sample, Summary, Trajectory, simulate, summarize
+from rnc_pin.simulation import Observer, Outcome, Sample, SimulationOptions, Summary, Trajectory, simulate, summarize
 from rnc_pin.simulation.summary import Compared
 
 
@@ -184,13 +184,8 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             settings.duration,
             settings.dt,
             v2_0=experiment.v2_0,
-            substeps=settings.substeps,
-            plant=settings.plant,
-            stop=settings.stop,
-            machine=experiment.machine,
-            loop=experiment.loop,
-            observer=observer,
-            meta=provenance,
+            plant=experiment.plant,
+            options=SimulationOptions(stop=settings.stop, loop=experiment.loop, observer=observer, meta=provenance),
         ), None
     except RncError as error:
         if not isinstance(error.trajectory, Trajectory):

@@ -1,8 +1,8 @@
 """Simulation of controllers in closed loop with a plant."""
 
+from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.gripping import GripNeeded, grip_along, within_grip
-from rnc_pin.simulation.plant import Plant
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.reduced_plant import ReducedPlant
@@ -16,7 +16,8 @@ from rnc_pin.simulation.run_info import (
     RunInfo,
     TaskNames,
 )
-from rnc_pin.simulation.simulate import Observer, Sample, sample_count, simulate
+from rnc_pin.simulation.simulate import sample_count, simulate
+from rnc_pin.simulation.simulation_options import Observer, Sample, SimulationOptions
 from rnc_pin.simulation.stop import Stop
 from rnc_pin.simulation.summary import Summary, summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Trajectory
@@ -31,12 +32,12 @@ __all__ = [
     "Outcome",
     "OutputNames",
     "PlannedPath",
-    "Plant",
     "Provenance",
     "ReducedPlant",
     "Rollout",
     "RunInfo",
     "Sample",
+    "SimulationOptions",
     "Stop",
     "Summary",
     "TaskNames",

@@ -7,10 +7,10 @@ import scipy.linalg
 
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.simulation.dry_friction import DryFriction, FrictionForces
 from rnc_pin.simulation.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from rnc_pin.simulation.moving_plant import MovingPlant
 
 _SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
 _INSTANT = 1e-6  # horizon for instantaneous friction forces [s]
@@ -24,23 +24,23 @@ class DissipativeStep:
     removes, so that ``energy - work`` stays constant.
 
     Args:
-        moving: plant to integrate.
+        dynamics: equations of motion.
         friction: dry friction.
     """
 
-    def __init__(self, moving: MovingPlant, friction: DryFriction) -> None:
-        self._moving, self.friction = moving, friction
-        self._explicit = LieRungeKutta4(moving.reduced.robot)
-        self._integrator = ExponentialRungeKutta4(moving.reduced.robot)
+    def __init__(self, dynamics: ConstrainedDynamics, friction: DryFriction) -> None:
+        self._dynamics, self.friction = dynamics, friction
+        self._explicit = LieRungeKutta4(dynamics.reduced.robot)
+        self._integrator = ExponentialRungeKutta4(dynamics.reduced.robot)
 
     @property
     def needed(self) -> bool:
         """True if damping or friction is active."""
-        return self._moving.damping is not None or len(self.friction.limits) > 0
+        return self._dynamics.damping is not None or len(self.friction.limits) > 0
 
-    def rubbing(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
+    def friction_force(self, q: np.ndarray, y: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Generalized forces (nv,) of dry friction at a state."""
-        state = self._moving.at(q, y)
+        state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
         chosen = self.friction.choose(state, w_dot, linear, _INSTANT)
         return chosen.forces @ self.friction.rows(state)
@@ -53,12 +53,12 @@ class DissipativeStep:
         """
         limits = self.friction.limits
         if not len(limits):
-            state = self._moving.at(q, y)
+            state = self._dynamics.at(q, y)
             linear, _ = self._linear(state, T)
             return self._smooth(q, y, T, None, None, linear, h)
         events, left = 2 * len(limits), h
         while True:
-            state = self._moving.at(q, y)
+            state = self._dynamics.at(q, y)
             linear, w_dot = self._linear(state, T)
             chosen = self.friction.choose(state, w_dot, linear, left)
             first = float(chosen.stops.min())
@@ -71,7 +71,7 @@ class DissipativeStep:
                 y = self._stopped(state, y, chosen.resting | stopping)
                 continue
             q, y = self._sliding(q, y, T, self._against(chosen), chosen.resting, linear, first)
-            y = self._stopped(self._moving.at(q, y), y, chosen.resting | stopping)
+            y = self._stopped(self._dynamics.at(q, y), y, chosen.resting | stopping)
             left -= first
 
     def _against(self, chosen: FrictionForces) -> np.ndarray:
@@ -101,7 +101,7 @@ class DissipativeStep:
         friction = self.friction
         inputs, external = T + friction.inputs(forces), friction.external(forces)
         q, y = self._smooth(q, y, inputs, external, sticking, linear, h)
-        return q, self._stopped(self._moving.at(q, y), y, sticking)
+        return q, self._stopped(self._dynamics.at(q, y), y, sticking)
 
     def _smooth(
         self,
@@ -118,13 +118,13 @@ class DissipativeStep:
         The integrator uses work minus the kinetic energy ``|a|^2 / 2`` of the frozen inertia. Damping cancels in that
         difference; otherwise the integral of work would contain decays faster than the step.
         """
-        r, moving = len(linear.decay), self._moving
+        r, dynamics = len(linear.decay), self._dynamics
 
-        def held(state: StateEvaluation) -> StateEvaluation:
+        def projection(state: StateEvaluation) -> StateEvaluation:
             return state if sticking is None else self.friction.stopped(state, sticking)
 
-        smooth = moving.rate(T, external, held)
-        if moving.damping is None:
+        smooth = dynamics.derivative(T, external, projection)
+        if dynamics.damping is None:
             return self._explicit.step(smooth, q, y, h)
 
         def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +140,7 @@ class DissipativeStep:
 
     def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
-        R, H, damping = state.R, state.H, self._moving.damping
+        R, H, damping = state.R, state.H, self._dynamics.damping
         if damping is None:
             modes = scipy.linalg.solve_triangular(np.linalg.cholesky(H), np.eye(len(H)), lower=True).T
             decay = np.zeros(len(H))
@@ -154,7 +154,7 @@ class DissipativeStep:
         force = state.B @ T - damping * state.v
         others = np.vstack(
             [
-                self._moving.integral_rows(state) @ R @ modes,
+                self._dynamics.integral_rows(state) @ R @ modes,
                 modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power minus the rate of kinetic energy
             ]
         )

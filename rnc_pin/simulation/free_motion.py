@@ -9,19 +9,19 @@ import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
-from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.adaptive import AdaptiveIntegrator
-from rnc_pin.simulation.ending import outcome_of, raise_with
+from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.simulation.ending import Progress, complete_run
+from rnc_pin.simulation.former_arguments import Plant as FormerPlant
 from rnc_pin.simulation.info_json import provenance_of
-from rnc_pin.simulation.moving_plant import MovingPlant
-from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import Outcome, Provenance
+from rnc_pin.simulation.reduced_plant import ReducedPlant
+from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.simulate import assembled_start
-from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
+from rnc_pin.simulation.stop import DEFAULT_STOP, Stop, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -37,8 +37,8 @@ def free_motion(
     *,
     rtol: float = 1e-12,
     atol: float = 1e-12,
-    plant: Plant = NOTHING_BESIDE,
-    stop: Stop = BEYOND_BOUNDS,
+    plant: ReducedPlant | None = None,
+    stop: Stop = DEFAULT_STOP,
     meta: Provenance | Mapping[str, Json] | None = None,
 ) -> Trajectory:
     """Simulate a reduced system without input, under constant inputs, or under a continuous feedback.
@@ -56,7 +56,8 @@ def free_motion(
         dt: sampling period of the trajectory [s]; the tolerances determine the integration steps.
         inputs: actuator inputs (p,), or ``inputs(t, q, v2) -> (p,)``, continuous; none by default.
         rtol, atol: relative and absolute tolerance of a step.
-        plant: effects that the model does not include: ``Plant(joint_damping=True)``.
+        plant: plant of this model, with effects that the model does not include:
+            ``ReducedPlant(reduced, joint_damping=True)``. Its state does not change.
         stop: conditions that end the motion early, checked once per sample.
         meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
 
@@ -80,50 +81,58 @@ def free_motion(
         raise InputError(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
-    if plant.joint_friction:
-        raise InputError(
-            "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
-        )
-    moving, watch = MovingPlant(reduced, plant), Watch(stop, reduced.robot)
+    dynamics, stop_monitor = _dynamics(reduced, plant), StopMonitor(stop, reduced.robot)
     feedback = inputs if callable(inputs) else None
-    constant = moving.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
+    constant = dynamics.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
 
-    def at(t: float, state: StateEvaluation) -> np.ndarray:
+    def inputs_at(t: float, state: StateEvaluation) -> np.ndarray:
         if feedback is None:
             return constant
-        return moving.saturate(np.asarray(feedback(t, state.q, state.v2), dtype=float))
+        return dynamics.saturate(np.asarray(feedback(t, state.q, state.v2), dtype=float))
 
     def rate(t: float, q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return moving.rate(constant if feedback is None else at(t, moving.seen(q, y)))(q, y)
+            T = constant if feedback is None else inputs_at(t, dynamics.in_reduction(q, y))
+            return dynamics.derivative(T)(q, y)
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
             return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if reduced.assembly.size:
             q = reduced.assembly.project(q)
-        return q, moving.settled(q, y)[1]
+        return q, dynamics.recentre(q, y)[1]
 
     q = assembled_start(reduced, np.array(q0, dtype=float))
     start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0)
-    _ = start.flow(at(0.0, start))  # raise errors of shape or singularity before the integration
-    y = moving.start(start.q, start.v)
+    _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
+    y = dynamics.initial(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(reduced, len(times), moving.carries)
+    record = Record(reduced, len(times), dynamics.integrated)
     integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
-    outcome, t = Outcome.COMPLETED, 0.0
-    with uninterrupted():
-        try:
-            with interruptible():
-                for t, q_t, y_t in integrator.run(times, start.q, y):
-                    state = moving.seen(q_t, y_t)
-                    watch.check(t, state)
-                    T = at(t, state)
-                    record.moves(reduced, moving.damping_force(state))
-                    record.add(t, state, moving.integrals(y_t), Command(T=T), T, y_t[-1])
-        except KeyboardInterrupt:
-            outcome = Outcome.INTERRUPTED
-        except Exception as error:
-            active = "the feedback" if feedback else "the model"
-            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, active, t)
-        return record.finish(dt, provenance, outcome)
+
+    def advance(progress: Progress) -> None:
+        progress.active_component = "the feedback" if feedback else "the model"
+        for t, q_t, y_t in integrator.run(times, start.q, y):
+            progress.time = t
+            state = dynamics.in_reduction(q_t, y_t)
+            stop_monitor.check(t, state)
+            T = inputs_at(t, state)
+            record.moves(reduced, dynamics.damping_force(state))
+            record.add(t, state, dynamics.integrals(y_t), Command(T=T), T, y_t[-1])
+
+    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
+
+
+def _dynamics(reduced: ReducedModel, plant: ReducedPlant | None) -> ConstrainedDynamics:
+    """Equations of motion with the effects of a plant."""
+    if plant is None:
+        return ConstrainedDynamics(reduced)
+    if isinstance(plant, FormerPlant):
+        plant = plant.of(reduced)
+    if not isinstance(plant, ReducedPlant) or plant.reduced is not reduced:
+        raise InputError("free_motion requires a ReducedPlant of the same model; use simulate for another plant")
+    if plant.joint_friction:
+        raise InputError(
+            "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
+        )
+    return ConstrainedDynamics(reduced, plant.joint_damping, plant.actuator_limits)

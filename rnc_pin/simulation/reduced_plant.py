@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.errors import DivergenceError
+from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.simulation.dissipative_step import DissipativeStep
 from rnc_pin.simulation.dry_friction import DryFriction
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
-from rnc_pin.simulation.moving_plant import MovingPlant
-from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 
 
 class ReducedPlant:
@@ -23,35 +22,52 @@ class ReducedPlant:
 
     Args:
         reduced: reduced model.
-        plant: effects that the model does not include.
+        joint_damping: True for the viscous joint damping of the robot's file.
+        actuator_limits: True to clip inputs to the effort limits of the robot's file and of the actuators.
+        joint_friction: True for the dry joint friction of the robot's file, with stiction.
         substeps: integration steps per call of ``advance``.
 
+    Raises:
+        ConstraintError: damping or friction acts on a momentum that the model declares conserved.
+        InputError: substeps is not a positive integer.
+
     Example:
-        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-        >>> push = [rnc.FrameForce("sleigh", "x")]
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], push)
-        >>> plant = rnc.simulation.ReducedPlant(system.reduce())
-        >>> plant.reset(robot.configuration(), np.zeros(3))
-        >>> plant.apply(np.array([2.0]))
-        >>> plant.advance(0.01)
-        >>> bool(plant.read()[1][0] > 0)
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> plant = rnc.ReducedPlant(system.reduce(), actuator_limits=True)
+        >>> plant.reset(robot.configuration({"joint_2": 1.0}), np.zeros(4))
+        >>> plant.apply(np.array([1e4, 0.0, 0.0]))
+        >>> plant.applied  # the file limits the first motor to 400 N m
+        array([400.,   0.,   0.])
+        >>> plant.advance(0.001)
+        >>> bool(plant.read()[1][1] > 0)
         True
     """
 
-    def __init__(self, reduced: ReducedModel, plant: Plant = NOTHING_BESIDE, substeps: int = 1) -> None:
-        self.reduced = reduced
-        self._moving, self._substeps = MovingPlant(reduced, plant), substeps
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        joint_damping: bool = False,
+        actuator_limits: bool = False,
+        joint_friction: bool = False,
+        substeps: int = 1,
+    ) -> None:
+        if not isinstance(substeps, int | np.integer) or isinstance(substeps, bool) or substeps < 1:
+            raise InputError(f"substeps of a ReducedPlant have to be a positive integer, found {substeps!r}")
+        self.reduced, self.substeps = reduced, substeps
+        self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
+        self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._integrator = LieRungeKutta4(reduced.robot)
-        self._dissipative = DissipativeStep(self._moving, DryFriction(reduced, plant.joint_friction))
+        self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
-        self._seen: StateEvaluation | None = None
+        self._state: StateEvaluation | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Set the state; the part of v that violates the constraints is removed."""
-        self._q, self._y = q, self._moving.start(q, v)
-        self.applied, self._seen = np.zeros(self.reduced.p), None
+        self._q, self._y = q, self._dynamics.initial(q, v)
+        self.applied, self._state = np.zeros(self.reduced.p), None
 
     @property
     def state(self) -> StateEvaluation:
@@ -60,16 +76,16 @@ class ReducedPlant:
         Raises:
             DivergenceError: the state is not finite.
         """
-        if self._seen is None:
+        if self._state is None:
             if not np.isfinite(self._y).all():
                 raise DivergenceError("plant velocities are not finite")
-            self._seen, self._y = self._moving.settled(self._q, self._y)
-        return self._seen
+            self._state, self._y = self._dynamics.recentre(self._q, self._y)
+        return self._state
 
     @property
     def integrals(self) -> np.ndarray:
         """Integrals of the reducing velocities since the start, (r,)."""
-        return self._moving.integrals(self._y)
+        return self._dynamics.integrals(self._y)
 
     @property
     def work(self) -> float:
@@ -82,7 +98,7 @@ class ReducedPlant:
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs (p,), clipped to the actuator limits; ``applied`` has the result."""
-        self.applied = self._moving.saturate(T)
+        self.applied = self._dynamics.saturate(T)
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
@@ -93,10 +109,10 @@ class ReducedPlant:
         """Current generalized forces (nv,) of damping and friction; None without them."""
         if not self._dissipative.needed:
             return None
-        damped = self._moving.damping_force(self.state)
+        damped = self._dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
         if len(self._dissipative.friction.limits):
-            force += self._dissipative.rubbing(self._q, self._y, self.applied)
+            force += self._dissipative.friction_force(self._q, self._y, self.applied)
         return force
 
     def advance(self, dt: float) -> None:
@@ -105,14 +121,17 @@ class ReducedPlant:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        state, q, y, h = self.state, self._q, self._y, dt / self._substeps
+        state, q, y, h = self.state, self._q, self._y, dt / self.substeps
         if self._dissipative.needed:
-            for _ in range(self._substeps):
+            for _ in range(self.substeps):
                 q, y = self._dissipative.advance(q, y, self.applied, h)
         else:
-            rate, first = self._moving.rate(self.applied), self._moving.first_slope(state, self.applied)
-            for substep in range(self._substeps):
-                q, y = self._integrator.step(rate, q, y, h, None if substep else first)
+            derivative, first = (
+                self._dynamics.derivative(self.applied),
+                self._dynamics.derivative_at(state, self.applied),
+            )
+            for substep in range(self.substeps):
+                q, y = self._integrator.step(derivative, q, y, h, None if substep else first)
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
             q = self.reduced.assembly.project(q)
-        self._q, self._y, self._seen = q, y, None
+        self._q, self._y, self._state = q, y, None

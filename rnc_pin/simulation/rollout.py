@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.ending import raise_with
+from rnc_pin.simulation.ending import run_error
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
@@ -70,5 +70,7 @@ def kinematic_rollout(
             times.append(t)
             path.append(q)
     except Exception as error:
-        raise_with(lambda _: Rollout(np.array(times), np.stack(path)), error, "the target", t)
+        failure = run_error(error, "the target", t)
+        failure.trajectory = Rollout(np.array(times), np.stack(path))
+        raise failure  # noqa: B904 (run_error sets the cause)
     return Rollout(np.array(times), np.stack(path))

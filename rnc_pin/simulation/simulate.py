@@ -2,63 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller, State
-from rnc_pin.errors import InputError
-from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.io.json import Json
+from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
+from rnc_pin.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.model.admission import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import Machine
-from rnc_pin.simulation.arguments import check_parts
-from rnc_pin.simulation.ending import outcome_of, raise_with
+from rnc_pin.plants import Plant
+from rnc_pin.simulation.constrained_dynamics import integrated_outputs
+from rnc_pin.simulation.ending import MODEL, Progress, complete_run
+from rnc_pin.simulation.former_arguments import accept_former_arguments
 from rnc_pin.simulation.info_json import provenance_of
-from rnc_pin.simulation.moving_plant import integrated
-from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
+from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.reduced_plant import ReducedPlant
-from rnc_pin.simulation.run_info import Outcome, Provenance
-from rnc_pin.simulation.seen_machine import SeenMachine
-from rnc_pin.simulation.stop import BEYOND_BOUNDS, Stop, Watch
+from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
+from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _MOST_SAMPLES = 10_000_000
 _ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
+_METHODS = ("reset", "read", "apply", "advance")
 
 
-class Sample(NamedTuple):
-    """Argument of an observer, once per sample. Its arrays are never overwritten."""
-
-    time: float
-    """[s]"""
-    measurement: Measurement
-    command: Command
-    T: np.ndarray
-    """Applied actuator inputs (p,)."""
-
-
-Observer = Callable[[Sample], None]
-_MODEL, _LOOP = "the model", "the loop"
-
-
-def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
+def sample_count(duration: float, dt: float) -> int:
     """Number of samples of a run, including its start.
 
     Raises:
         InputError: the duration or period is not positive, or there are too few or too many samples.
     """
-    numbers = all(isinstance(each, int | float | np.integer | np.floating) for each in (duration, dt, substeps))
-    if not numbers or not (dt > 0 and duration > 0 and np.isfinite(duration)) or substeps < 1:
-        raise InputError(
-            f"duration {duration!r} and dt {dt!r} have to be positive numbers and substeps {substeps!r} at least 1"
-        )
+    numbers = all(isinstance(each, int | float | np.integer | np.floating) for each in (duration, dt))
+    if not numbers or not (dt > 0 and duration > 0 and np.isfinite(duration)):
+        raise InputError(f"duration {duration!r} and dt {dt!r} have to be positive numbers")
     samples = round(min(duration / dt, _MOST_SAMPLES + 1)) + 1
     if not 2 <= samples <= _MOST_SAMPLES:
         raise InputError(
@@ -67,6 +48,7 @@ def sample_count(duration: float, dt: float, substeps: int = 1) -> int:
     return samples
 
 
+@accept_former_arguments
 def simulate(
     reduced: ReducedModel,
     controller: Controller,
@@ -75,14 +57,8 @@ def simulate(
     dt: float = 0.002,
     *,
     v2_0: np.ndarray | None = None,
-    substeps: int = 1,
-    plant: Plant = NOTHING_BESIDE,
-    stop: Stop = BEYOND_BOUNDS,
-    machine: Machine | None = None,
-    loop: LoopOptions | None = None,
-    controller_state: State = None,
-    observer: Observer | None = None,
-    meta: Provenance | Mapping[str, Json] | None = None,
+    plant: Plant | None = None,
+    options: SimulationOptions = DEFAULT_OPTIONS,
 ) -> Trajectory:
     """Simulate a controller in closed loop with the reduced model, or with another plant.
 
@@ -98,16 +74,9 @@ def simulate(
         duration: duration [s], rounded to a multiple of ``dt``.
         dt: sampling period [s].
         v2_0: initial reduced velocity (r,); zero by default.
-        substeps: integration steps per sampling period.
-        plant: effects that the model does not include: ``Plant(joint_damping=True, actuator_limits=True)``.
-        stop: conditions that end the run early: ``Stop(position_limits=True)``.
-        machine: plant instead of the reduced model: another simulator, a model that differs from the nominal one, or
-            sensors with faults. ``plant`` and ``substeps`` have no effect on it.
-        loop: options of the ``ControlLoop`` of the controller. By default inputs are clipped if ``plant`` has actuator
-            limits. Errors are raised, but with ``machine`` the loop gives a safe command instead.
-        controller_state: initial state of the controller; a new one by default.
-        observer: function that is called with every ``Sample``.
-        meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
+        plant: what moves: a ``ReducedPlant`` with damping, friction or actuator limits, a model that differs from the
+            nominal one, sensors with faults, another simulator, or hardware. ``ReducedPlant(reduced)`` by default.
+        options: stop conditions, control loop, observer and origin of the run.
 
     Returns:
         The run. Ctrl-C ends it early, with outcome "interrupted"; repeated Ctrl-C has the same effect.
@@ -133,54 +102,59 @@ def simulate(
         >>> round(run.x2[-1, 0].item(), 2)
         0.5
     """
-    loop = check_parts(reduced, controller, plant, stop, machine, loop, observer)
-    provenance = provenance_of(meta)
-    samples = sample_count(duration, dt, substeps)
-    seen = SeenMachine(ReducedPlant(reduced, plant, substeps) if machine is None else machine, reduced)
-    usual: LoopOptions = {
-        "fallback": "raise" if machine is None else "hold",
-        "limits": plant.actuator_limits,
-        "max_speed": stop.speed,
-    }
-    usual.update(loop)
-    control, watch = ControlLoop(reduced, controller, dt, **usual), Watch(stop, reduced.robot)
-    nothing = np.zeros(reduced.r)
-    start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), np.zeros(reduced.r) if v2_0 is None else v2_0)
-    seen.machine.reset(start.q, start.v)
+    _check_arguments(reduced, controller, plant, options)
+    provenance, samples = provenance_of(options.meta), sample_count(duration, dt)
+    adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
+    loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
+    loop, stop = ControlLoop(reduced, controller, dt, **loop_options), StopMonitor(options.stop, reduced.robot)
+    zeros = np.zeros(reduced.r)
+    start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
+    adapter.plant.reset(start.q, start.v)
+    controller_state = options.controller_state
     if controller_state is None:
-        controller_state = controller.initial_state(seen.look().measure(nothing))
-    control.resume(LoopState(begin=0.0, controller=controller_state))
-    record = Record(reduced, samples, integrated(reduced), seen.friction_names)
-    outcome, message, t, active = Outcome.COMPLETED, None, 0.0, _MODEL
-    with uninterrupted():
-        try:
-            with interruptible():
-                for sample in range(samples):
-                    t, active = sample * dt, _MODEL
-                    state = seen.look()
-                    watch.check(t, state)
-                    active = _LOOP
-                    T = seen.decide(control, t)
-                    active = _MODEL
-                    T = seen.act(control, T)
-                    measurement, command = _decided(control, state)
-                    integrals = control.state.integrals if control.state.integrals is not None else nothing
-                    record.moves(seen.model, seen.external)
-                    record.add(t, state, integrals, command, T, seen.work, seen.v_measured, seen.friction_used)
-                    if observer is not None:
-                        active = "the observer"
-                        observer(Sample(t, measurement, command, T))
-                        active = _MODEL
-                    if sample + 1 < samples:
-                        seen.machine.advance(dt)
-        except KeyboardInterrupt:
-            outcome = Outcome.INTERRUPTED
-        except Exception as error:
-            active = control.active_component if active is _LOOP else active
-            raise_with(lambda told: record.finish(dt, provenance, outcome_of(told), str(told)), error, active, t)
-        if control.state.failed and outcome is Outcome.COMPLETED:
-            outcome, message = Outcome.FAILED, f"the loop gave the safe command until the end: {control.state.fault}"
-        return record.finish(dt, provenance, outcome, message)
+        controller_state = controller.initial_state(adapter.read_state().measure(zeros))
+    loop.resume(LoopState(begin=0.0, controller=controller_state))
+    record = Record(reduced, samples, integrated_outputs(reduced), adapter.friction_names)
+
+    def advance(progress: Progress) -> str | None:
+        for sample in range(samples):
+            progress.time = t = sample * dt
+            state = adapter.read_state()
+            stop.check(t, state)
+            T = _compute_input(adapter, loop, progress)
+            T = adapter.apply(loop, T)
+            measurement, command = _last_decision(loop, state)
+            integrals = loop.state.integrals if loop.state.integrals is not None else zeros
+            record.moves(adapter.model, adapter.external)
+            record.add(t, state, integrals, command, T, adapter.work, adapter.v_measured, adapter.friction_used)
+            if options.observer is not None:
+                progress.active_component = "the observer"
+                options.observer(Sample(t, measurement, command, T))
+                progress.active_component = MODEL
+            if sample + 1 < samples:
+                adapter.plant.advance(dt)
+        return f"the loop gave the safe command until the end: {loop.state.fault}" if loop.state.failed else None
+
+    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
+
+
+def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:
+    admit_model(reduced)
+    admit_controller(controller)
+    missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]
+    if plant is not None and (missing or isinstance(plant, type)):
+        raise ConfigurationError(f"plant: expected methods {', '.join(_METHODS)}, found {type_name(plant)}")
+    if not isinstance(options, SimulationOptions):
+        raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
+
+
+def _compute_input(adapter: PlantAdapter, loop: ControlLoop, progress: Progress) -> np.ndarray:
+    """Inputs (p,) of the loop. If it fails, ``progress`` names the component that failed."""
+    try:
+        return adapter.compute_input(loop, progress.time)
+    except Exception:
+        progress.active_component = loop.active_component
+        raise
 
 
 def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
@@ -200,7 +174,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     return reduced.assembled(q0)
 
 
-def _decided(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
+def _last_decision(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
     """Measurement and command of the loop's last step. For a safe command, the goals are those of the step before."""
     if loop.last is None:
         return state.measure(loop.state.integrals), Command(T=loop.state.T)

@@ -40,10 +40,10 @@ class Stop:
             raise InputError(f"speed of a Stop has to be positive, found {self.speed}")
 
 
-BEYOND_BOUNDS = Stop()
+DEFAULT_STOP = Stop()
 
 
-class Watch:
+class StopMonitor:
     """Check of stop conditions for a robot.
 
     Args:
@@ -72,9 +72,9 @@ class Watch:
             DivergenceError: a reduced velocity exceeds the limit, or is not finite.
             LimitError: a joint is outside its position limits.
         """
-        fastest = np.abs(state.v2).max()
-        if not fastest < self._speed:
-            raise DivergenceError(f"reduced velocities reached {fastest:.3g}, limit {self._speed:g}", time=t)
+        speed = np.abs(state.v2).max()
+        if not speed < self._speed:
+            raise DivergenceError(f"reduced velocities reached {speed:.3g}, limit {self._speed:g}", time=t)
         for name, index, low, high in self._ranges:
             if not low <= state.q[index] <= high:
                 raise LimitError(

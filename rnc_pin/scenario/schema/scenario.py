@@ -14,10 +14,10 @@ from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.grip import GripSettings
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
-from rnc_pin.scenario.schema.plant import FaultSettings, LoopSettings, PlantSettings
+from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.references import References
 from rnc_pin.scenario.schema.robot import RobotSource
-from rnc_pin.scenario.schema.simulation import SimulationSettings
+from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
 from rnc_pin.visualization.view import View
 
 

@@ -20,7 +20,7 @@ from rnc_pin.model.task import Task
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict, wrong
 from rnc_pin.scenario.schema.controllers.unknown import Unknown
-from rnc_pin.scenario.schema.simulation import SimulationSettings
+from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
 
 _ALPHA = {"paper": 1.0, "normalised": 20.0, "scaled": 20.0}
 

@@ -13,23 +13,22 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import ConstantRows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.lie_runge_kutta import Rate
-from rnc_pin.simulation.plant import NOTHING_BESIDE, Plant
 from rnc_pin.simulation.velocity_chart import VelocityChart
 
-Slope = tuple[np.ndarray, np.ndarray]
+Derivative = tuple[np.ndarray, np.ndarray]
 
 
-def integrated(reduced: ReducedModel) -> np.ndarray:
+def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
     """Mask (r,) of the reducing outputs whose velocity has to be integrated."""
     x2 = reduced.reducing
-    whole = np.zeros(x2.size, dtype=bool)
+    mask = np.zeros(x2.size, dtype=bool)
     for block, where, *_ in x2.places:
-        whole[where] = x2.quasi[where].any() or (x2.angular[where].any() and isinstance(block, ConstantRows))
-    return whole
+        mask[where] = x2.quasi[where].any() or (x2.angular[where].any() and isinstance(block, ConstantRows))
+    return mask
 
 
-class MovingPlant:
-    """Constrained system with state (q, v), with optional damping and actuator limits.
+class ConstrainedDynamics:
+    """Equations of motion of a constrained system, with optional damping and actuator limits.
 
     The integration state is q and ``y = [w, integrals, work]``:
 
@@ -40,34 +39,36 @@ class MovingPlant:
 
     Args:
         reduced: model with the outputs.
-        plant: effects that the model does not include.
+        joint_damping: True for the viscous joint damping of the robot's file.
+        actuator_limits: True to clip inputs to the actuator limits.
 
     Attributes:
         damping: viscous damping coefficients (nv,); None without damping.
+        integrated: mask (r,) of the reducing outputs with an integral.
 
     Raises:
         ConstraintError: damping acts on a momentum that the model declares conserved.
     """
 
-    def __init__(self, reduced: ReducedModel, plant: Plant = NOTHING_BESIDE) -> None:
+    def __init__(self, reduced: ReducedModel, joint_damping: bool = False, actuator_limits: bool = False) -> None:
         self.reduced = reduced
         model = reduced.robot.model
-        self._limits = reduced.actuation.limits if plant.actuator_limits else None
+        self._limits = reduced.actuation.limits if actuator_limits else None
         self.damping: np.ndarray | None = None
-        if plant.joint_damping and np.any(model.damping):
+        if joint_damping and np.any(model.damping):
             self.damping = np.array(model.damping)
             for block, *_ in reduced.constraints.places:
                 if block.conserved is not None and self.damping[block.conserved].any():
                     raise ConstraintError(f"joint damping acts on {block.names[0]}, which is said to be conserved")
         self._r, x2 = reduced.r, reduced.reducing
-        self.carries = integrated(reduced)
-        self._carried = RowStack([place.block for place in x2.places if self.carries[place.where].any()])
-        self._where = np.flatnonzero(self.carries)
+        self.integrated = integrated_outputs(reduced)
+        self._integrands = RowStack([place.block for place in x2.places if self.integrated[place.where].any()])
+        self._where = np.flatnonzero(self.integrated)
         self._chart: VelocityChart
 
     # ------------------------------------------------------------------ states
 
-    def start(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the initial y, in a chart centred at q."""
         self._chart = VelocityChart(self.reduced.reduction_data, q)
         return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
@@ -83,16 +84,16 @@ class MovingPlant:
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (r, nv) of the integrals; rows without an integral are zero."""
         rows = np.zeros((self._r, self.reduced.n))
-        if self._carried.size:
-            rows[self._where] = self._carried.jacobian(state.position)
+        if self._integrands.size:
+            rows[self._where] = self._integrands.jacobian(state.position)
         return rows
 
-    def seen(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
+    def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State in the reduction of the model."""
         return self.at(q, y).in_reduction(self.reduced.reduction_data)
 
-    def settled(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
-        """Return the state in the reduction of the model, and y in a well-conditioned chart."""
+    def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
+        """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
         here = self.at(q, y)
         if self._chart.is_left(here):
             v = here.v
@@ -110,29 +111,29 @@ class MovingPlant:
         """Inputs clipped to the actuator limits."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
-    def first_slope(self, state: StateEvaluation, T: np.ndarray) -> Slope:
+    def derivative_at(self, state: StateEvaluation, T: np.ndarray) -> Derivative:
         """Time derivative of (q, y) at a state that is already evaluated in the reduction of the model."""
         v, v2_dot, power = state.flow(T, self.damping)
         return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
 
-    def rate(
+    def derivative(
         self,
         T: np.ndarray,
         external: np.ndarray | None = None,
-        held: Callable[[StateEvaluation], StateEvaluation] | None = None,
+        projection: Callable[[StateEvaluation], StateEvaluation] | None = None,
     ) -> Rate:
         """Return the time derivative of (q, y) under constant forces, as a function for an integrator.
 
         Args:
             T: actuator inputs (p,).
             external: generalized forces (nv,) in addition to inputs and damping.
-            held: projects a state, for example to stop rows that stick; none by default.
+            projection: maps a state to the nearest valid one, for example to stop rows that stick; none by default.
         """
 
-        def rate(q: np.ndarray, y: np.ndarray) -> Slope:
+        def rate(q: np.ndarray, y: np.ndarray) -> Derivative:
             state = self._chart.at(q, y[: self._r])
-            if held is not None:
-                state = held(state)
+            if projection is not None:
+                state = projection(state)
             v, w_dot, power = state.flow(T, self.damping, external)
             return v, self._y_dot(w_dot, state, v, power)
 
@@ -142,6 +143,6 @@ class MovingPlant:
         r = self._r
         y_dot = np.zeros(2 * r + 1)
         y_dot[:r], y_dot[2 * r] = w_dot, power
-        if self._carried.size:
-            y_dot[r + self._where] = apply(self._carried.jacobian(state.position), v)
+        if self._integrands.size:
+            y_dot[r + self._where] = apply(self._integrands.jacobian(state.position), v)
         return y_dot

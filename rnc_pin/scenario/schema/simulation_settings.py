@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from rnc_pin.scenario.schema.base import Positive, Strict
-from rnc_pin.simulation import Plant, Stop
+from rnc_pin.simulation import Stop
 
 
 class SimulationSettings(Strict):
@@ -27,11 +27,6 @@ class SimulationSettings(Strict):
     """True to clip inputs to the limits of the actuators."""
     position_limits: bool = False
     """True to end the run when a joint reaches its position limit."""
-
-    @property
-    def plant(self) -> Plant:
-        """Options of the reduced plant: damping, actuator limits and friction."""
-        return Plant(self.joint_damping, self.actuator_limits, self.joint_friction)
 
     @property
     def stop(self) -> Stop:
