@@ -185,8 +185,9 @@ class LimitError(SimulationError):
         >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
         >>> rest = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
         >>> controller, q0 = rnc.control.ComputedTorque(reduced, rest), robot.configuration({"joint_1": 63.0})
+        >>> options = rnc.SimulationOptions(stop=rnc.Stop(position_limits=True))
         >>> try:
-        ...     rnc.simulate(reduced, controller, q0, duration=1.0, stop=rnc.Stop(position_limits=True))
+        ...     rnc.simulate(reduced, controller, q0, duration=1.0, options=options)
         ... except rnc.LimitError as error:
         ...     print(error)
         joint 'joint_1' left its range [-62.8319, 62.8319]: 63 at t = 0.000 s

@@ -103,13 +103,12 @@ def test_rows_with_former_names_are_rows():
 def test_former_arguments_of_simulate():
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 0.7})
-    controller = rnc.tuned_tracker(
-        rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
-    )
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
+    controller = rnc.control.ComputedTorque(reduced, target)
     options = rnc.SimulationOptions(meta={"seed": 3}, stop=rnc.Stop(speed=50.0))
     plant = rnc.ReducedPlant(reduced, actuator_limits=True, substeps=2)
     run = rnc.simulate(reduced, controller, q0, 0.02, 0.01, plant=plant, options=options)
-    with pytest.warns(DeprecationWarning) as warned:
+    with pytest.warns(DeprecationWarning, match="renamed, use") as warned:
         former = rnc.simulate(
             reduced, controller, q0, 0.02, 0.01, substeps=2, plant=rnc.Plant(actuator_limits=True),
             meta={"seed": 3}, stop=rnc.Stop(speed=50.0),

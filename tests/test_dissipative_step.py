@@ -70,7 +70,8 @@ V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
 
 def errors_of(reduced, q0, steps, duration=0.5):
     """Distance from an adaptive method of order eight, for each number of steps."""
-    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=ReducedPlant(reduced, **DAMPED))
+    plant = ReducedPlant(reduced, **DAMPED)
+    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=plant)
     errors = []
     for count in steps:
         run = rnc.simulate(

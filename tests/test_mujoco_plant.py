@@ -314,12 +314,12 @@ def test_wheels_that_skid_hold_on_forward_alone():
 def test_the_same_inputs_give_the_same_bits_and_a_reset_forgets():
     reduced, ends = differential_drive(), []
     plant = MuJoCoPlant(reduced)
-    for plant in (plant, plant, MuJoCoPlant(reduced)):
-        plant.reset(reduced.robot.configuration(), np.zeros(5))
-        assert plant.time == 0
-        plant.apply(np.array([0.3, 0.1]))
-        plant.advance(0.2)
-        ends.append(np.concatenate(plant.read()))
+    for each in (plant, plant, MuJoCoPlant(reduced)):
+        each.reset(reduced.robot.configuration(), np.zeros(5))
+        assert each.time == 0
+        each.apply(np.array([0.3, 0.1]))
+        each.advance(0.2)
+        ends.append(np.concatenate(each.read()))
     assert np.array_equal(ends[0], ends[1])
     assert np.array_equal(ends[0], ends[2])
 

@@ -158,7 +158,7 @@ def test_joint_limits_keep_a_joint_inside_while_the_rest_is_tracked():
         torque = ComputedTorque(reduced, kinematic, 20.0)
         try:
             runs[objective is not None] = rnc.simulate(
-                reduced, torque, q0, 6.0, 0.004, options=rnc.SimulationOptions(rnc.Stop(position_limits=True))
+                reduced, torque, q0, 6.0, 0.004, options=rnc.SimulationOptions(stop=rnc.Stop(position_limits=True))
             )
         except rnc.LimitError as error:
             runs[objective is not None] = error.trajectory

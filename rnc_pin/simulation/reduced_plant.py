@@ -65,7 +65,7 @@ class ReducedPlant:
         self._state: StateEvaluation | None = None
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Set the state; the part of v that violates the constraints is removed."""
+        """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed."""
         self._q, self._y = q, self._dynamics.initial(q, v)
         self.applied, self._state = np.zeros(self.reduced.p), None
 
@@ -97,7 +97,7 @@ class ReducedPlant:
         return self.state.q.copy(), self.state.v.copy()
 
     def apply(self, T: np.ndarray) -> None:
-        """Hold the inputs (p,), clipped to the actuator limits; ``applied`` has the result."""
+        """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
         self.applied = self._dynamics.saturate(T)
 
     def set_actuator_friction(self, limit: float) -> None:

@@ -53,10 +53,11 @@ class SimulationOptions:
         >>> times, observer = [], lambda sample: times.append(sample.time)
         >>> options = rnc.SimulationOptions(rnc.Stop(speed=5.0), {"velocity": "observer"}, observer=observer)
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-        >>> push = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
-        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], push)
+        >>> drives = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], drives)
         >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
-        >>> tracker = rnc.tuned_tracker(rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0])))
+        >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
+        >>> tracker = rnc.control.VelocityTracker(target)
         >>> _ = rnc.simulate(reduced, tracker, robot.configuration(), 0.2, dt=0.1, options=options)
         >>> times
         [0.0, 0.1, 0.2]

@@ -1,4 +1,4 @@
-"""Simulation settings in a scenario file."""
+"""Simulation and friction of the ground in a scenario file."""
 
 from __future__ import annotations
 
@@ -32,3 +32,14 @@ class SimulationSettings(Strict):
     def stop(self) -> Stop:
         """Conditions that end the run early."""
         return Stop(position_limits=self.position_limits)
+
+
+class GripSettings(Strict):
+    """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down."""
+
+    friction: Positive
+    """Coefficient of friction."""
+    loads: dict[str, Positive] = {}
+    """Frame of a wheel or blade to its normal load [N]. Statics gives the loads that are not listed."""
+    slow: bool = False
+    """True to slow down all references by one factor until no wheel slips."""
