@@ -1,16 +1,14 @@
 """Drafts for what strangers publish: the kind of base, its freedoms, and what it doubts, without meshes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from places import DIRT
 from rnc_pin.errors import ModelError
 from rnc_pin.scenario.draft import DraftOptions, attempt, draft
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 
 

@@ -18,6 +18,7 @@ import pytest
 import rnc_pin as rnc
 from browsing import opened, place, visit
 from patience import PATIENCE, eventually
+from places import DIRT
 from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
@@ -34,7 +35,6 @@ from rnc_pin.visualization.robot_meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viser_viewer import ViserViewer
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 
 INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>

@@ -7,19 +7,18 @@ import ast
 import math
 import re
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from places import DIRT, ROOT
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.rounding import decimals, is_rounding, snapped_angle, snapped_direction
 from rnc_pin.scenario.schema.robot import RobotSource
 from tolerances import ROUNDING
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 
@@ -457,5 +456,5 @@ def test_several_roots_are_all_named():
 
 
 def test_every_file_of_dirt_is_told_of():
-    told = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
+    told = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert [path.name for path in DIRT.iterdir() if path.name.partition(".")[0] not in told] == []

@@ -4,14 +4,13 @@ import importlib.util
 import re
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
+from places import ROOT
 from rnc_pin.scenario.loading import validate
 
-ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 AT_THE_TOP = ("README.md", "CONTRIBUTING.md", "SECURITY.md")
 DOCUMENTS = [*(ROOT / name for name in AT_THE_TOP), *sorted((ROOT / "docs").glob("*.md"))]

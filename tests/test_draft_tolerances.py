@@ -1,13 +1,13 @@
 """Drafts of files whose numbers are rounded, or noisy by a millionth: they are those of the exact files."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 from noisy import with_noise
+from places import DIRT
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.builder import build_experiment
@@ -16,7 +16,6 @@ from rnc_pin.scenario.draft.tolerances import first_smallest
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.scenario.loading import validate
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 SHIPPED = sorted(path.name for path in shipped_directory().glob("*.urdf"))
 STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
 SOME = ("double_pendulum", "iris", "panda", "solo12", "tiago_no_hand", "tiago_pro", "ur10_robot")

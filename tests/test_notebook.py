@@ -1,15 +1,15 @@
 """The notebook runs, and shows the motion and the plots inline."""
 
 import re
-from pathlib import Path
 
 import nbformat
 from matplotlib import image
 from nbclient import NotebookClient
 
 from browsing import PATIENCE, opened, visit
+from places import ROOT
 
-TOUR = Path(__file__).parent.parent / "examples" / "tour.ipynb"
+TOUR = ROOT / "examples" / "tour.ipynb"
 
 
 def outputs(folder):

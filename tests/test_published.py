@@ -1,14 +1,14 @@
 """Published robots by ``init``, ``inspect`` and ``run``, and the second table of docs/zoo.md, which tells of them."""
 
 import importlib.util
-from pathlib import Path
 
 import pytest
 
 import published
+from places import ROOT
 from rnc_pin.robots.urdf_files import example_urdfs
 
-PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text().partition("## Published robots")[2]
+PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[2]
 TABLE = {
     cells[0]: cells[1:]
     for cells in (

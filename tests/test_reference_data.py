@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from places import DATA
 from systems import space_robot, space_robot_in_joints
-from textbook_systems import DATA, SLEIGH, chaplygin_sleigh
+from textbook_systems import SLEIGH, chaplygin_sleigh
 from tolerances import REFERENCE
 
 SPACE_ROBOT = json.loads((DATA / "space_robot.json").read_text())

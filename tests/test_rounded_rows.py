@@ -1,13 +1,13 @@
 """Rows that only the digits of a file keep from being dependent, and rows that are nearly dependent."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from places import DIRT
 from rnc_pin.model.independence import select_independent
 from rnc_pin.scenario.builder import build_system
 from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
@@ -15,7 +15,6 @@ from rnc_pin.scenario.loading import validate
 from simple_controllers import Idle
 from systems import ALL
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 ROUNDED = 1.5708  # for pi / 2
 CUT = 1.57
 

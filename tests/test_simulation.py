@@ -3,13 +3,13 @@
 import dataclasses
 import json
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from places import DATA
 from rnc_pin.simulation import record as record_module
 from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.record import Record
@@ -17,8 +17,6 @@ from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Inputs
 from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
-
-DATA = Path(__file__).parent / "data"
 
 
 def integrate(reduced, q, v2, T, duration, steps):

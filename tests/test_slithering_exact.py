@@ -1,12 +1,11 @@
 """A trailer on a driven path, beside chords found by bisection: rates of any motion, thresholds, what is remembered."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 import rnc_pin as rnc
+from places import ROOT
 from rnc_pin.control import DrivenPath, SlitheringReference
 from rnc_pin.model.measurement import Measurement
 from systems import fire_truck
@@ -127,7 +126,7 @@ def test_a_trailer_may_stand_askew_up_to_a_cosine_of_a_fifth_and_jump_by_seven_t
 @pytest.fixture
 def long_truck(tmp_path):
     """With a trailer of 1.5 m."""
-    text = (Path(__file__).parents[1] / "urdf/fire_truck.urdf").read_text()
+    text = (ROOT / "urdf/fire_truck.urdf").read_text()
     path = tmp_path / "long_truck.urdf"
     path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
     return fire_truck(path)

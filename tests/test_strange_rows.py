@@ -1,7 +1,6 @@
 """Rows that published robots need: rollers, skidding wheels, casters, points beside frames, the steering of a car."""
 
 from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -9,6 +8,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
+from places import DIRT
 from planar_cars import ACKERMANN
 from rnc_pin.control.wheel_regressor import UnknownRadius, WheelRegressor
 from rnc_pin.model.kinematics import Kinematics
@@ -31,7 +31,6 @@ from systems import (
 )
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
-DIRT = Path(__file__).parent / "data" / "dirt"
 STEERING = rnc.AckermannSteering("left_steer", "right_steer", "bl")
 
 # ---------------------------------------------------------------------- rows against differences

@@ -1,13 +1,13 @@
 """Class 3: split control, the point stabiliser for chained systems, and the two phases together (section 4.2)."""
 
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import chain_rate
+from places import ROOT
 from rnc_pin.control import (
     ChainedStabilizer,
     PositionTracker,
@@ -21,7 +21,7 @@ from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 PAPER = {"controller.preset": "paper", "comparisons": {}, "plots": {}, "simulation.dt": 0.02}
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "two_phases.py"
+EXAMPLE = ROOT / "examples" / "two_phases.py"
 
 
 @pytest.mark.parametrize("n", [3, 4, 5])

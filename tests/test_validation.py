@@ -1,15 +1,14 @@
 """docs/validation.md holds: every row, computed anew, stays within its tolerance, and the page has it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from benchmarks.validation import PROBLEMS
 from benchmarks.validation.__main__ import cells
 from benchmarks.validation.row import Row
+from places import ROOT
 
-PAGE = (Path(__file__).parents[1] / "docs" / "validation.md").read_text()
+PAGE = (ROOT / "docs" / "validation.md").read_text()
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)

@@ -2,11 +2,11 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from places import ROOT
+
 MODULES = sorted((ROOT / "rnc_pin").rglob("*.py"))
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words

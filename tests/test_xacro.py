@@ -13,6 +13,7 @@ import xacro
 from xacro import substitution_args
 
 import rnc_pin as rnc
+from places import ROOT
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.expressions import evaluate
@@ -21,7 +22,7 @@ from rnc_pin.robots.sources.xacro.macros import read_macro
 from rnc_pin.robots.sources.xacro.values import admit
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-HERE = Path(__file__).parent
+HERE = ROOT / "tests"
 COLLECTIONS = (Path("/opt/robots/rtb_data/rtbdata"), Path("/opt/robots/igibson-2.2.2/igibson/examples/ros"))
 FOLDERS = [COLLECTIONS[0] / "xacro", COLLECTIONS[1] / "igibson-ros/turtlebot"]
 REAL = sorted(path for folder in COLLECTIONS for path in folder.rglob("*.xacro"))

@@ -1,7 +1,6 @@
 """The zoo: every robot of example-robot-data, and docs/zoo.md, which tells of it."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -9,12 +8,13 @@ import pytest
 
 import rnc_pin as rnc
 import zoo
+from places import ROOT
 from rnc_pin.analysis import integrability
 from rnc_pin.robots.urdf_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
 PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
-PAGE = (Path(__file__).parent.parent / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
+PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
 TABLE = {
     (cells[0], cells[1]): cells[2:]
     for cells in (

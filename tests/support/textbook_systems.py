@@ -1,12 +1,12 @@
 """Small systems whose mechanics fit on a page."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
@@ -185,7 +185,6 @@ def tractor_trailers(n, folder):
     return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
 
 
-DATA = Path(__file__).parents[1] / "data"
 SLEIGH = json.loads((DATA / "chaplygin_sleigh.json").read_text())
 
 

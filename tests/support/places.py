@@ -1,0 +1,8 @@
+"""Folders that tests read."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "tests" / "data"
+DIRT = DATA / "dirt"
+"""Small files with what published descriptions get wrong."""
