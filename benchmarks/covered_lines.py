@@ -12,21 +12,12 @@ from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[1]
 _START = 0.1  # what any test takes besides itself [s]
-# Files that are about these packages; those of commands, browsers and readers take minutes and see little.
+# Folders and files that are about these packages; those of commands, browsers and readers take minutes and see little.
 TESTS = (
-    "actuators_exact", "affine", "analysis", "analysis_exact", "analysis_pinned", "assembly_exact",
-    "boundedness_exact", "car_path", "chained_form", "closed_forms", "control", "control_exact", "control_loop",
-    "control_pinned", "controller_settings", "core_refusals", "dependence_exact", "equilibrium",
-    "equilibrium_exact", "evaluation", "evaluation_exact", "feedback_pinned", "grip", "growth_exact",
-    "independence_exact", "integrability_exact", "integration", "kinds_of_classes", "kinematics_exact",
-    "laws_exact", "lemma_1", "limits_of_analysis", "linear_pinned", "linearization", "loops", "mimic",
-    "model_pinned", "noise_and_delay", "orientation", "plain_loop", "planning_exact", "planning_pinned",
-    "position_tracker", "printing", "redundancy_exact", "reference_data", "references", "regressors_exact",
-    "regular_everywhere", "regulator_exact", "report_pinned", "rolling", "rounded_rows", "rows_pinned",
-    "secondary", "seldom_computed", "seldom_taken", "simulation", "singular_pinned", "slithering",
-    "slithering_exact", "state_feedback", "steering", "steering_exact", "strange_joints", "strange_rows",
-    "system_exact", "systems", "tilt_and_spin", "two_phase", "uncertain_classes", "uncertain_kinematics",
-    "uncertain_wheels", "vehicles", "where_defined", "windup",
+    "tests/analysis", "tests/constraints", "tests/control", "tests/loop", "tests/model", "tests/outputs",
+    "tests/planning",
+    "tests/robots/test_single_joint.py", "tests/robots/test_vehicles.py", "tests/simulation/test_simulate.py",
+    "tests/simulation/test_integrators.py", "tests/system/test_regular_motion.py", "tests/test_printing.py",
 )  # fmt: skip
 
 

@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=60.0, help="of tests that a mutant meets [s]")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--tests", nargs="*", default=TESTS, help="files, without test_")
+    parser.add_argument("--tests", nargs="*", default=TESTS, help="files or folders")
     given = parser.parse_args()
     paths = list(modules(given.paths))
     with tempfile.TemporaryDirectory() as folder:
@@ -93,7 +93,7 @@ def main() -> None:
         os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
         os.chdir(tree)
         sys.path.insert(0, str(tree))
-        run_once(tree, [f"tests/test_{name}.py" for name in given.tests], given.jobs)
+        run_once(tree, list(given.tests), given.jobs)
         data = CoverageData(str(tree / ".coverage"))
         data.read()
         lines, every = Lines(tree, data.contexts_by_lineno), mutants(paths)

@@ -18,8 +18,8 @@ sampled every 10 ms (`--set simulation.dt=0.01`). In figure 6 the first estimate
 in which the platform should arrive. A task that preflight speaks against (a singular value of E or A4 below 0.01 along
 the way, no gains that suit the inertia, no path) is drawn again, up to nineteen times: in figure 6 two of 200 found
 none whose gains suit a period of 10 ms. The largest errors there are of one run that came within 0.002 of a singular
-configuration; all others end within 0.007. Final errors in m or rad. `tests/test_random_tasks.py` runs a few of the
-same; `python docs/make_random_tasks.py DIR...` wrote this page.
+configuration; all others end within 0.007. Final errors in m or rad. `tests/system/test_random_tasks.py` runs a few of
+the same; `python docs/make_random_tasks.py DIR...` wrote this page.
 
 | scenario | runs | outcomes | drawn again | output | median | 95 % below | largest |
 |---|---|---|---|---|---|---|---|

@@ -30,8 +30,8 @@ Figures are the worst of {states} random states, relative to size:
 * **KKT**: accelerations, each weighted by what it moves, against Pinocchio's own solution of the constrained dynamics,
   `pin.forwardDynamics(model, data, q, v, tau, A, Adot v)`.
 
-Nothing is left out: what is refused stands at the end, with the reason. `tests/test_zoo.py` runs all of it, the excuses
-too, and `python docs/make_zoo.py` writes this page.
+Nothing is left out: what is refused stands at the end, with the reason. `tests/system/test_zoo.py` runs all of it,
+the excuses too, and `python docs/make_zoo.py` writes this page.
 
 {passed} systems of {robots} robots pass, {excused} are excused.
 
@@ -53,7 +53,8 @@ lines that they concern. xacro files are read where they are, with their meshes.
 does all of it, where the packages are installed (`pip install '.[robots]'`; others
 by `pip install --no-deps`).
 
-Two kinds are in no row, as none of these packages has such a robot. `tests/test_draft_kinds.py` makes them:
+Two kinds are in no row, as none of these packages has such a robot.
+`tests/scenario/draft/test_snake_and_ball.py` makes them:
 
 * **snake**: four bodies or more in a row (three where names say so), wheels on each that nothing drives, driven upright
   joints between them. The first body goes one wave of a serpenoid; the joints follow by the constraints;

@@ -26,7 +26,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 
 PIECES = 3
 """Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a
-free Lie algebra up to degree 8 and beyond (``tests/test_bracket_jets.py``). Two fields do not."""
+free Lie algebra up to degree 8 and beyond (``tests/analysis/test_bracket_jets.py``). Two fields do not."""
 _SPARE = 8  # degrees of the fit above the requested order
 _SHORT = 1e-12  # functions that never exceed this value are rounding errors
 

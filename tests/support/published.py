@@ -1,4 +1,4 @@
-"""Robots that others published, taken through ``init``, ``inspect`` and ``run``: for test_published.py and the docs."""
+"""Robots that others published, taken through ``init``, ``inspect`` and ``run``."""
 
 import importlib.util
 import json

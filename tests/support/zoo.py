@@ -1,4 +1,4 @@
-"""Every robot of example-robot-data under constraints that any can have: for test_zoo.py and docs/make_zoo.py."""
+"""Every robot of example-robot-data under constraints that any can have."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

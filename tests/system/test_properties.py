@@ -1,7 +1,7 @@
 """Whatever a system is made of: Lemma 1 and the equations of motion hold, or an error says why there is none.
 
-``pytest tests/test_properties.py -m long -s`` tries 2,000 of them and prints the worst figures, as docs/reliability.md
-has them; without ``-m long`` it is 200.
+``pytest tests/system/test_properties.py -m long -s`` tries 2,000 of them and prints the worst figures, as
+docs/reliability.md has them; without ``-m long`` it is 200.
 """
 
 from collections import Counter

@@ -1,8 +1,8 @@
 """Broken files and arguments through the command line: one line on stderr, status 2, nothing written.
 
-What a scenario's keys may hold is in ``test_scenario_files.py``, what a URDF's elements may hold in
-``test_robot.py``, and wrong usage in ``test_cli.py``. Here are the files themselves, what a robot's description leaves
-out, other formats than URDF, and mistakes that only show where parts of a scenario meet.
+Here are the files themselves, what a robot's description leaves out, other formats than URDF, and mistakes that only
+show where parts of a scenario meet. Elsewhere: keys of scenarios (``tests/scenario/test_files.py``), elements of a URDF
+(``tests/robots/test_robot.py``), wrong usage (``tests/app/test_cli.py``).
 """
 
 import os
