@@ -6,7 +6,8 @@
 import lazy_loader as lazy
 
 _export, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
-_FORMER = {"Plant": "simulation"}  # former exports, which warn when they are called, and the packages that hold them
+_FORMER = {"Plant": "simulation", "FrameSpin": "outputs"}
+"""Packages that hold former exports, which warn when they are called."""
 
 
 def __getattr__(name: str) -> object:

@@ -33,7 +33,7 @@ def cart(base="planar", gravity=-G):
     ]
     rows = rows if base == "planar" else [rows[0], *rows[2:3], rows[5], rows[1]]
     system = rnc.NonholonomicSystem(robot, rows, ["a_spin", "b_spin"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameSpin("base", "z")])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameAngularVelocity("base", "z")])
 
 
 def by_name(reduced, q, v2, T):

@@ -8,6 +8,8 @@ import rnc_pin as rnc
 from rnc_pin.loop import LoopState
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.rows import Rows
+from rnc_pin.scenario.files import read_yaml
+from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema.plant_settings import LoopSettings
 from systems import random_states, space_robot
 
@@ -143,3 +145,17 @@ def test_former_names_of_plants():
         assert rnc.simulation.Plant(joint_damping=True).joint_damping
     with pytest.raises(AttributeError, match="no attribute 'Machinery'"):
         _ = rnc.plants.Machinery
+
+
+def test_frame_spin_keeps_the_names_of_its_outputs(tmp_path):
+    """A task that names them is still valid, in Python and in a scenario file."""
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    with pytest.warns(DeprecationWarning, match="FrameSpin .*: renamed, use 'FrameAngularVelocity"):
+        output = rnc.FrameSpin("ball", "x")
+    assert output.bind(robot).names == ("ball_spin_x",)
+    file = tmp_path / "ball.yaml"
+    outputs = "reducing: [{frame_spin: {frame: ball, axis: x}}]"
+    file.write_text(f"robot: {{urdf: rolling_ball.urdf}}\nactuators: []\noutputs: {{{outputs}}}\n")
+    with pytest.warns(DeprecationWarning, match="frame_angular_velocity"):
+        scenario = validate(read_yaml(file), "ball")
+    assert scenario.outputs.reducing[0].bind(robot).names == ("ball_spin_x",)

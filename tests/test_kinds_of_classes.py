@@ -10,7 +10,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, Rows
-from rnc_pin.outputs.spin_form import SpinFormRow
+from rnc_pin.outputs.direction_angle import DirectionAngleRow
 
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
 PLACES = {"jacobian", "joint_placement", "with_velocity", "placement", "rotation"}
@@ -42,7 +42,7 @@ def test_descriptions_cannot_be_changed():
     [
         (Rows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
         (OutputRows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
-        (SpinFormRow, {"_check_defined", "_form", "_form_rate", "_second"}),
+        (DirectionAngleRow, {"_check_defined", "_form", "_form_rate", "_second"}),
         (PositionKinematics, PLACES),
         (VelocityKinematics, MOTIONS),
         (RateKinematics, MOTIONS | {"jacobian_dot"}),

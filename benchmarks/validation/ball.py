@@ -45,7 +45,7 @@ def ball(slope: float = 0.0, turntable: bool = False) -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free", gravity=gravity)
     contact = contact_on_turntable() if turntable else rnc.RollingBall("ball", RADIUS)
     system = rnc.NonholonomicSystem(robot, [contact])
-    return system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"], [rnc.FramePosition("ball", "xyz")])
+    return system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"], [rnc.FramePosition("ball", "xyz")])
 
 
 def rolling(reduced: rnc.ReducedModel, place: tuple[float, float] = (0.0, 0.0)) -> rnc.Trajectory:

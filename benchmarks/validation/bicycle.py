@@ -30,7 +30,7 @@ def bicycle() -> rnc.ReducedModel:
     wheels = [rnc.RollingWheel("rear_wheel", REAR), rnc.RollingWheel("front_wheel", FRONT)]
     system = rnc.NonholonomicSystem(robot, wheels, actuators=["steering"])
     return system.reduce(
-        [rnc.FrameSpin("rear_frame", "x"), rnc.JointPosition("steering"), rnc.JointPosition("rear_axle")],
+        [rnc.FrameAngularVelocity("rear_frame", "x"), rnc.JointPosition("steering"), rnc.JointPosition("rear_axle")],
         [rnc.FrameTilt("rear_frame", "y"), rnc.FramePosition("rear_wheel", "xy")],
     )
 

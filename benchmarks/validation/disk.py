@@ -24,7 +24,7 @@ def rolling(name: str) -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf(f"{name}.urdf", base="free", gravity=(0, 0, -GRAVITY))
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", RADIUS, axis="y")])
     return system.reduce(
-        [rnc.FrameTilt("disk", "y"), rnc.FrameYaw("disk", "y"), rnc.FrameSpin("disk", "y")],
+        [rnc.FrameTilt("disk", "y"), rnc.FrameYaw("disk", "y"), rnc.FrameAngularVelocity("disk", "y")],
         [rnc.FramePosition("disk", "xyz")],
     )
 

@@ -175,11 +175,11 @@ def _action(placement: Placement) -> np.ndarray:
 
 def _motion_cross(twists: np.ndarray) -> np.ndarray:
     """Matrices (..., 6, 6) of the motion cross product with twists (..., 6) on the left."""
-    turning, moving = _skew(twists[..., 3:]), _skew(twists[..., :3])
+    angular, linear = _skew(twists[..., 3:]), _skew(twists[..., :3])
     return np.concatenate(
         [
-            np.concatenate([turning, moving], axis=-1),
-            np.concatenate([np.zeros_like(turning), turning], axis=-1),
+            np.concatenate([angular, linear], axis=-1),
+            np.concatenate([np.zeros_like(angular), angular], axis=-1),
         ],
         axis=-2,
     )

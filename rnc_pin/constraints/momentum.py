@@ -20,7 +20,11 @@ _TOLERANCE = 1e-9
 
 
 # Components of the spatial velocity that a joint allows, for joints whose velocity is in the moving body's axes.
-_TURNING = {"JointModelPlanar": [0, 1, 5], "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5], "JointModelSpherical": [3, 4, 5]}
+_VELOCITY_AXES = {
+    "JointModelPlanar": [0, 1, 5],
+    "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5],
+    "JointModelSpherical": [3, 4, 5],
+}
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class MomentumConservation:
         if size == 1 or kind == "JointModelTranslation":
             return _MomentumRows(self.joint, rows, units, value)
         parent = robot.model.parents[joint]
-        if kind not in _TURNING or parent != 0:
+        if kind not in _VELOCITY_AXES or parent != 0:
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' has to be zero, found {self.momentum}: a nonzero value needs a "
                 f"planar, free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
@@ -88,14 +92,14 @@ class MomentumConservation:
 
 def _units(joint: pin.JointModel) -> tuple[str, ...]:
     """Units of the momentum conjugate to each velocity of a joint."""
-    straight, turning = ("kg m/s",), ("N m s",)
+    linear, angular = ("kg m/s",), ("N m s",)
     kind = joint.shortname()
     if kind == "JointModelFreeFlyer":
-        return straight * 3 + turning * 3
+        return linear * 3 + angular * 3
     if kind == "JointModelPlanar":
-        return straight * 2 + turning
+        return linear * 2 + angular
     slides = kind.startswith(("JointModelP", "JointModelTranslation"))
-    return (straight if slides else turning) * joint.nv
+    return (linear if slides else angular) * joint.nv
 
 
 class _MomentumRows(Rows):
@@ -135,7 +139,7 @@ class _WorldMomentumRows(_MomentumRows):
         self._joint = robot.joint_id(joint)
         self.joints = (self._joint,)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
-        along = _TURNING[robot.model.joints[self._joint].shortname()]
+        along = _VELOCITY_AXES[robot.model.joints[self._joint].shortname()]
         self._along, self._block = along, np.ix_(along, along)
 
     def _to_world(self, at: PositionKinematics) -> np.ndarray:
@@ -146,7 +150,7 @@ class _WorldMomentumRows(_MomentumRows):
     def _action(self, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
         return (self._fixed * pin.SE3(rotation.reshape(3, 3), translation)).toDualActionMatrix()[self._block]
 
-    def _turning(self, v: np.ndarray) -> np.ndarray:
+    def _coadjoint(self, v: np.ndarray) -> np.ndarray:
         velocity = np.zeros(6)
         velocity[self._along] = v[self._rows]
         return pin.Motion(velocity).dualAction[self._block]
@@ -155,8 +159,8 @@ class _WorldMomentumRows(_MomentumRows):
         return self._to_world(at) @ super().jacobian(at)
 
     def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
-        turning = over_states(self._turning, (len(self._along),) * 2, at.v)
-        return self._to_world(at) @ (turning @ super().jacobian(at) + super().jacobian_dot(at))
+        coadjoint = over_states(self._coadjoint, (len(self._along),) * 2, at.v)
+        return self._to_world(at) @ (coadjoint @ super().jacobian(at) + super().jacobian_dot(at))
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # In fixed axes, the rate of the momentum at zero vdot equals the force on the base for this motion.

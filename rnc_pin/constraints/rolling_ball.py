@@ -35,7 +35,7 @@ class RollingBall:
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
-        >>> reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+        >>> reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
         >>> q = robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]})
         >>> reduced.velocity(q, [0.0, 2.0, 0.0])[[0, 4]].round(3)  # as it turns about y it goes along x
         array([0.6, 2. ])

@@ -65,7 +65,7 @@ class RollingWheel:
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
-        >>> reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+        >>> reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
         >>> q = reduced.assembled(robot.configuration())  # puts it on the ground
         >>> reduced.velocity(q, [0.0, 2.0, 0.0])[[0, 4]].round(3)
         array([0.6, 2. ])

@@ -2,20 +2,21 @@
 
 from rnc_pin.outputs.custom import Output
 from rnc_pin.outputs.distance import Distance
+from rnc_pin.outputs.frame_angular_velocity import FrameAngularVelocity
+from rnc_pin.outputs.frame_angular_velocity import FrameSpin as FrameSpin
 from rnc_pin.outputs.frame_orientation import FrameOrientation
 from rnc_pin.outputs.frame_position import FramePosition
 from rnc_pin.outputs.frame_speed import FrameSpeed
-from rnc_pin.outputs.frame_spin import FrameSpin
 from rnc_pin.outputs.frame_tilt import FrameTilt
 from rnc_pin.outputs.frame_yaw import FrameYaw
 from rnc_pin.outputs.joint_position import JointPosition
 
 __all__ = [
     "Distance",
+    "FrameAngularVelocity",
     "FrameOrientation",
     "FramePosition",
     "FrameSpeed",
-    "FrameSpin",
     "FrameTilt",
     "FrameYaw",
     "JointPosition",

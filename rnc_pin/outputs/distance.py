@@ -72,9 +72,9 @@ class _DistanceRow(OutputRows):
     def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
         direction, length = self._direction(at)
         velocity = self._relative(at.velocity)
-        turning = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
+        direction_rate = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
         J, J_dot = (each(self._b) - each(self._a) for each in (at.jacobian, at.jacobian_dot))
-        return direction[..., None, :] @ J_dot[..., :3, :] + turning[..., None, :] @ J[..., :3, :]
+        return direction[..., None, :] @ J_dot[..., :3, :] + direction_rate[..., None, :] @ J[..., :3, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         parts = (self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))

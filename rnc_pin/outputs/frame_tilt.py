@@ -10,7 +10,7 @@ from rnc_pin.math.components import Component
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.model.values import Axis
-from rnc_pin.outputs.spin_form import SpinFormRow, Vector
+from rnc_pin.outputs.direction_angle import DirectionAngleRow, Vector
 from rnc_pin.robots.robot import Robot
 
 _VERTICAL = 1e-6
@@ -43,7 +43,7 @@ class FrameTilt:
         return _TiltRow(self, robot)
 
 
-class _TiltRow(SpinFormRow):
+class _TiltRow(DirectionAngleRow):
     def __init__(self, kind: FrameTilt, robot: Robot) -> None:
         super().__init__(robot, kind.frame, kind.axis)
         self.names = (f"{kind.frame}_tilt_{kind.axis}",)

@@ -52,7 +52,7 @@ def test_loads_are_those_of_statics():
 def test_a_disk_on_a_free_base_carries_its_own_weight():
     robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
-    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
     q = reduced.assembled(robot.configuration())
     mass = sum(inertia.mass for inertia in list(robot.model.inertias)[1:])
     load = rnc.Grip(reduced, friction=0.5).loads(q, np.zeros(3), np.zeros(reduced.p))

@@ -53,7 +53,7 @@ KINDS = {
     "distance": (bicycle, rnc.Distance("rear", "front")),
     "tilt": (bicycle, rnc.FrameTilt("front", "x")),
     "yaw": (bicycle, rnc.FrameYaw("front")),
-    "spin": (bicycle, rnc.FrameSpin("front", "z")),
+    "angular_velocity": (bicycle, rnc.FrameAngularVelocity("front", "z")),
     "speed": (bicycle, rnc.FrameSpeed("front", "y")),
     "position": (bicycle, rnc.FramePosition("front", "zx")),
 }
@@ -259,7 +259,7 @@ def test_a_caster_carries_its_share():
     system = rnc.NonholonomicSystem(
         robot, [*wheels, rnc.Caster("nose", 0.06)], ["left_wheel_joint", "right_wheel_joint"]
     )
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameSpin("base", "z")])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameAngularVelocity("base", "z")])
     assert "vertical(nose)" in reduced.constraints.names
     q = reduced.assembled(robot.configuration())
     data = robot.model.createData()

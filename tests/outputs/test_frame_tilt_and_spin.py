@@ -1,4 +1,4 @@
-"""FrameTilt and FrameSpin against Pinocchio's own kinematics, finite differences, and closed forms."""
+"""FrameTilt and FrameAngularVelocity against Pinocchio's own kinematics, finite differences, and closed forms."""
 
 from dataclasses import FrozenInstanceError
 
@@ -104,16 +104,16 @@ def test_the_tilt_of_a_vertical_axis_has_no_rate():
     assert caught.value.rows == ("disk_tilt_z",)
 
 
-# ---------------------------------------------------------------------- FrameSpin
+# ---------------------------------------------------------------------- FrameAngularVelocity
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_a_spin_is_the_angular_velocity_in_the_frames_own_axes(axis, arm):
+def test_an_angular_velocity_is_in_the_frames_own_axes(axis, arm):
     row = AXES.index(axis)
-    reduced = free_of(arm, rnc.FrameSpin("hand", axis))
-    assert reduced.vertical.names == (f"hand_spin_{axis}",)
+    reduced = free_of(arm, rnc.FrameAngularVelocity("hand", axis))
+    assert reduced.vertical.names == (f"hand_angular_velocity_{axis}",)
     assert reduced.vertical.quasi.all()
-    assert not reduced.vertical.angular.any()  # the integral of a spin is no angle: a turn more is a turn more
+    assert not reduced.vertical.angular.any()  # its integral is no angle: a turn more is a turn more
     for q, v in states(arm):
         state = reduced.at(q, v)
         np.testing.assert_allclose(state.A_star, frame_jacobian(arm, "hand", q)[[3 + row]], atol=ROUNDING)
@@ -123,9 +123,9 @@ def test_a_spin_is_the_angular_velocity_in_the_frames_own_axes(axis, arm):
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_the_rate_of_a_spin_row_and_its_drift(axis, arm):
+def test_the_rate_of_an_angular_velocity_row_and_its_bias_acceleration(axis, arm):
     row = AXES.index(axis)
-    reduced = free_of(arm, rnc.FrameSpin("hand", axis))
+    reduced = free_of(arm, rnc.FrameAngularVelocity("hand", axis))
     for q, v in states(arm):
         rate = slope(lambda p: frame_jacobian(arm, "hand", p)[[3 + row]], arm.model, q, v)
         np.testing.assert_allclose(reduced.at(q, v).A_star_dot, rate, atol=FINITE_DIFFERENCE)
@@ -137,30 +137,32 @@ def test_the_roll_rate_of_a_rolling_disk():
     """Spin about the axle times the radius is the speed."""
     robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.3, axis="y")])
-    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in AXES])
+    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in AXES])
     q = reduced.assembled(robot.configuration())
     np.testing.assert_allclose(reduced.velocity(q, [0, 4.0, 0]), [1.2, 0, 0, 0, 4.0, 0], atol=ROUNDING)
 
 
-def test_a_spin_has_no_value_but_its_integral(arm):
-    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=[rnc.FrameSpin("hand", "x")])
+def test_an_angular_velocity_has_no_value_but_its_integral(arm):
+    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=[rnc.FrameAngularVelocity("hand", "x")])
     q, v = states(arm, 1)[0]
     assert not np.nan_to_num(reduced.measure(q, v).x1).any()
 
 
-@pytest.mark.parametrize("output", [rnc.FrameTilt("hand", "w"), rnc.FrameSpin("hand", "w")], ids=["tilt", "spin"])
+@pytest.mark.parametrize(
+    "output", [rnc.FrameTilt("hand", "w"), rnc.FrameAngularVelocity("hand", "w")], ids=["tilt", "velocity"]
+)
 def test_an_axis_that_is_none_is_refused(output, arm):
     with pytest.raises(rnc.RncError, match="w"):
         output.bind(arm)
 
 
-@pytest.mark.parametrize("output", [rnc.FrameTilt("hand"), rnc.FrameSpin("hand")], ids=["tilt", "spin"])
+@pytest.mark.parametrize("output", [rnc.FrameTilt("hand"), rnc.FrameAngularVelocity("hand")], ids=["tilt", "velocity"])
 def test_an_output_that_was_named_stays_what_it_is(output):
     with pytest.raises(FrozenInstanceError):
         output.frame = "tip"
 
 
-@pytest.mark.parametrize("output", [rnc.FrameTilt("hnad"), rnc.FrameSpin("hnad")], ids=["tilt", "spin"])
+@pytest.mark.parametrize("output", [rnc.FrameTilt("hnad"), rnc.FrameAngularVelocity("hnad")], ids=["tilt", "velocity"])
 def test_a_frame_that_is_not_there_is_named(output, arm):
     with pytest.raises(rnc.ModelError, match="did you mean 'hand'"):
         output.bind(arm)

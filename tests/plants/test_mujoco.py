@@ -183,7 +183,7 @@ def test_a_free_ball_and_a_leaning_disk_roll():
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
     q0 = robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]})
-    reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+    reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
     plant, q, v = driven(reduced, q0, np.array([0.5, 2.0, 1.0]), None, 1.0)
     assert max(q, v) < 1e-6
     assert plant.stance == "as it is"
@@ -192,7 +192,7 @@ def test_a_free_ball_and_a_leaning_disk_roll():
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
     tilted = pin.Quaternion(pin.rpy.rpyToMatrix(0.3, 0.0, 0.0)).coeffs()
     q0 = system.assembled(robot.configuration({"root_joint": [0, 0, 0.3, *tilted]}))
-    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
     _, q, _ = driven(reduced, q0, np.array([0.2, 4.0, 0.5]), None, 1.0)
     assert q < 5e-3
 

@@ -212,7 +212,7 @@ OUTPUTS = [
     rnc.FrameTilt("tip", "x"),
     rnc.FrameOrientation("tip"),
     rnc.FrameSpeed("tip", "x"),
-    rnc.FrameSpin("tip", "x"),
+    rnc.FrameAngularVelocity("tip", "x"),
     rnc.Distance("base", "tip"),
 ]
 

@@ -59,7 +59,7 @@ def test_a_wheel_by_itself_looks_where_it_rolls():
     """Its body turns about the axle, its heading does not."""
     robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
-    reduced = system.reduce([rnc.FrameSpin("disk", axis) for axis in "xyz"])
+    reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
     for spin in (0.0, 1.0, 2.5):
         turned = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, 0.7) @ pin.rpy.rpyToMatrix(0.0, spin, 0.0))
         q = robot.configuration({"root_joint": [0.2, 0.1, 0.3, *turned.coeffs()]})
@@ -70,7 +70,7 @@ def test_a_wheel_by_itself_looks_where_it_rolls():
 def test_a_ball_has_no_heading():
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
-    reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+    reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
     (pose,) = poses(reduced, robot.configuration({"root_joint": [1.0, 2.0, 0.3, 0, 0, 0, 1]})).values()
     np.testing.assert_allclose(pose[:2], [1.0, 2.0])
     assert np.isnan(pose[2])

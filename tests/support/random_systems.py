@@ -190,7 +190,7 @@ def output(kind: str, built: Built, taken: set[tuple[str, ...]]) -> object:
     if kind == "speed":
         return rnc.FrameSpeed(frame, axis)
     if kind == "spin":
-        return rnc.FrameSpin(frame, axis)
+        return rnc.FrameAngularVelocity(frame, axis)
     if kind == "distance":
         return rnc.Distance(*key[1:])
     return rnc.FramePosition(frame, axis)

@@ -9,14 +9,15 @@ from pydantic import Field
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import (
     Distance,
+    FrameAngularVelocity,
     FrameOrientation,
     FramePosition,
     FrameSpeed,
-    FrameSpin,
     FrameTilt,
     FrameYaw,
     JointPosition,
 )
+from rnc_pin.outputs.frame_angular_velocity import FrameSpin
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.scenario.schema.derived import Entry, one_of
 
@@ -29,8 +30,9 @@ OutputItem = Annotated[
         frame_yaw=Entry(FrameYaw, only="frame"),
         distance=Distance,
         frame_speed=FrameSpeed,
-        frame_spin=Entry(FrameSpin, required=("axis",)),
+        frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
         frame_tilt=Entry(FrameTilt, required=("axis",)),
+        frame_spin=Entry(FrameSpin, required=("axis",)),
     ),
 ]
 

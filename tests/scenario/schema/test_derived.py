@@ -26,7 +26,7 @@ TAKE_FUNCTIONS = {rnc.Pfaffian, rnc.Output}  # which no file can say
 KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS] + [rnc.FrameForce, rnc.FrameTorque]
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
 KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
-REQUIRED = {(rnc.FrameSpin, "axis"), (rnc.FrameTilt, "axis")}
+REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
 PARTS = schema()["$defs"]
 
 

@@ -17,7 +17,7 @@ from rnc_pin.robots.robot import Robot
 Vector = Sequence[Component]
 
 
-class SpinFormRow(OutputRows):
+class DirectionAngleRow(OutputRows):
     """Output with ``rate = c(d) . w``: direction d of a frame's own axis, angular velocity w, both in world axes.
 
     Args:
@@ -71,12 +71,15 @@ class SpinFormRow(OutputRows):
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         direction = self._defined(at)
-        spin, turning = (components(each[..., 3:]) for each in (at.velocity(self._frame), at.acceleration(self._frame)))
-        return np.asarray(self._bias_acceleration(direction, spin, turning))[..., None]
+        velocity, acceleration = (
+            components(each[..., 3:]) for each in (at.velocity(self._frame), at.acceleration(self._frame))
+        )
+        return np.asarray(self._bias_acceleration(direction, velocity, acceleration))[..., None]
 
-    def _bias_acceleration(self, direction: Vector, spin: Vector, turning: Vector) -> Component:
-        first = cross(spin, direction)
-        second = [a + b for a, b in zip(cross(turning, direction), cross(spin, first), strict=True)]
+    def _bias_acceleration(self, direction: Vector, velocity: Vector, acceleration: Vector) -> Component:
+        """Second derivative of the angle, from the angular velocity and acceleration of the frame."""
+        first = cross(velocity, direction)
+        second = [a + b for a, b in zip(cross(acceleration, direction), cross(velocity, first), strict=True)]
         return self._second(direction, first, second)
 
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rnc_pin.deprecation import warn_of_rename
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.rows import OutputRows
@@ -12,7 +13,7 @@ from rnc_pin.robots.robot import Robot
 
 
 @dataclass(frozen=True)
-class FrameSpin:
+class FrameAngularVelocity:
     """Angular velocity of a frame about the frame's own axis [rad/s], e.g. the roll rate of a bicycle.
 
     It is a quasi-velocity, not the rate of a coordinate: in a trajectory, ``x2`` contains its integral over time.
@@ -24,22 +25,38 @@ class FrameSpin:
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.3)])
-        >>> reduced = system.reduce([rnc.FrameSpin("ball", axis) for axis in "xyz"])
+        >>> reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
         >>> reduced.reducing.names
-        ('ball_spin_x', 'ball_spin_y', 'ball_spin_z')
+        ('ball_angular_velocity_x', 'ball_angular_velocity_y', 'ball_angular_velocity_z')
     """
 
     frame: str
     axis: Axis = "z"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _SpinRow(self, robot)
+        return _AngularVelocityRow(self, robot, "angular_velocity")
 
 
-class _SpinRow(FrameVelocityRows, OutputRows):
+@dataclass(frozen=True)
+class FrameSpin(FrameAngularVelocity):
+    """Former name of ``FrameAngularVelocity``. Its output is named ``hand_spin_z``, not ``hand_angular_velocity_z``.
+
+    Args:
+        frame: name of the frame.
+        axis: the frame's own axis, "x", "y" or "z".
+    """
+
+    def __post_init__(self) -> None:
+        warn_of_rename("FrameSpin (frame_spin)", "FrameAngularVelocity (frame_angular_velocity)", stacklevel=4)
+
+    def bind(self, robot: Robot) -> OutputRows:
+        return _AngularVelocityRow(self, robot, "spin")
+
+
+class _AngularVelocityRow(FrameVelocityRows, OutputRows):
     quasi = True
 
-    def __init__(self, kind: FrameSpin, robot: Robot) -> None:
+    def __init__(self, kind: FrameAngularVelocity, robot: Robot, name: str) -> None:
         super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES)
-        self.names = (f"{kind.frame}_spin_{kind.axis}",)
+        self.names = (f"{kind.frame}_{name}_{kind.axis}",)
         self.angular = (False,)
