@@ -29,10 +29,16 @@ FACTS = DOCS / "gallery.json"
 SIZE = (1000, 600)
 HEAD = """# Gallery
 
-Every built-in scenario, as `rnc-pin run NAME` shows it. Made by `python docs/make_gallery.py`; the animations are a
-command away, and play offline in any browser. In the pictures: dashed is what is asked for, solid what was done, grey
-the tracks of wheels, orange arrows the forces of the constraints, and the ball above the hand or axle turns from blue
-to red near a singularity.
+This page shows every built-in scenario, as `rnc-pin run NAME` draws it. `python docs/make_gallery.py` writes the page.
+Each run also writes an animation, which plays offline in any browser.
+
+| in the pictures | meaning |
+|---|---|
+| dashed line | reference |
+| solid line | path of the robot |
+| grey line | wheel track |
+| orange arrow | constraint force |
+| ball above the hand or axle | singularity margin: blue far from a singularity, red near one |
 """
 
 
@@ -109,7 +115,7 @@ def page(facts: dict) -> Iterator[str]:
     for name, fact in facts.items():
         yield f"## {fact['title']}\n"
         yield f"![{fact['title']}](images/{name.replace('-', '_')}.png)\n"
-        errors = ", ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in fact["error"].items())
+        errors = "; ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in fact["error"].items())
         told = f"Final errors [m, rad]: {errors}." if errors else ""
         yield f"    rnc-pin run {name}\n"
         yield f"{told} The animation is a file of {fact['size']:g} MB.\n".lstrip()

@@ -12,14 +12,19 @@ from pathlib import Path
 PAGE = Path(__file__).parent / "random_tasks.md"
 HEAD = """# Random tasks
 
-What the scaled gains do on tasks that nobody picked: `rnc-pin sweep NAME --runs 200 --out DIR` draws starts and goals
-from the ranges under `sweep` in the scenario's file, with a seed of its own for each run; those of figures 5 to 7 were
-sampled every 10 ms (`--set simulation.dt=0.01`). In figure 6 the first estimates are drawn too, in figure 7 the heading
-in which the platform should arrive. A task that preflight speaks against (a singular value of E or A4 below 0.01 along
-the way, no gains that suit the inertia, no path) is drawn again, up to nineteen times: in figure 6 two of 200 found
-none whose gains suit a period of 10 ms. The largest errors there are of one run that came within 0.002 of a singular
-configuration; all others end within 0.007. Final errors in m or rad. `tests/system/test_random_tasks.py` runs a few of
-the same; `python docs/make_random_tasks.py DIR...` wrote this page.
+This page shows the scaled gains on random tasks. `rnc-pin sweep NAME --runs 200 --out DIR` draws starts and goals from
+the ranges under `sweep` in the scenario file. Each run has its own seed.
+
+* The runs of figures 5 to 7 have a sample time of 10 ms (`--set simulation.dt=0.01`).
+* Figure 6 also draws the first estimates. Figure 7 also draws the final heading of the platform.
+* A task that preflight rejects is drawn again, up to nineteen times. The reasons are a singular value of E or A4 below
+  0.01 along the path, no gains that suit the inertia, or no path.
+* In figure 6, two of 200 runs found no task whose gains suit a period of 10 ms.
+* The largest errors of figure 6 belong to one run. It came within 0.002 of a singular configuration. All other runs end
+  within 0.007.
+
+Final errors are in m or rad. `tests/test_random_tasks.py` runs some of these tasks.
+`python docs/make_random_tasks.py DIR...` writes this page.
 
 | scenario | runs | outcomes | drawn again | output | median | 95 % below | largest |
 |---|---|---|---|---|---|---|---|

@@ -10,28 +10,34 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 PAGE = HERE / "zoo.md"
-sys.path.insert(0, str(HERE.parent / "tests" / "support"))
+sys.path.insert(0, str(HERE.parent / "tests"))
 
 import published  # noqa: E402
 import zoo  # noqa: E402
 
 HEAD = """# The zoo
 
-Every robot of [example-robot-data](https://github.com/Gepetto/example-robot-data) under constraints that any can have:
+This page reduces every robot of [example-robot-data](https://github.com/Gepetto/example-robot-data) under three sets of
+constraints.
 
-* **momentum**: a free base in space, gravity off, six momentum rows; the joints are the reducing outputs;
-* **knife edge**: a planar base on a skate, under gravity; forward speed, heading and the joints;
-* **rolling wheels**: the robot on its own wheels, where it has such; the velocities that parametrise its motion best.
+| constraint | base | reducing outputs |
+|---|---|---|
+| **momentum** | free, in space without gravity; six momentum rows | joints |
+| **knife edge** | planar, on a skate, under gravity | forward speed, heading and joints |
+| **rolling wheels** | on the robot's own wheels, if it has any | the velocities that parametrise its motion best |
 
-Figures are the worst of {states} random states, relative to size:
+Residuals are the worst of {states} random states, relative to size.
 
-* **A R**, with unit rows and columns;
-* **Lemma 1**: `H = H^T`, `Hdot = V + V^T` by finite differences, `V` linear in `v2`; H is positive definite throughout;
-* **KKT**: accelerations, each weighted by what it moves, against Pinocchio's own solution of the constrained dynamics,
-  `pin.forwardDynamics(model, data, q, v, tau, A, Adot v)`.
+| column | residual |
+|---|---|
+| **A R** | `A R` with unit rows and columns |
+| **Lemma 1** | `H = H^T`; `Hdot = V + V^T` by finite differences; `V` linear in `v2`. H is always positive definite |
+| **KKT** | accelerations, weighted by the inertia that they move, against Pinocchio's own constrained dynamics |
 
-Nothing is left out: what is refused stands at the end, with the reason. `tests/system/test_zoo.py` runs all of it,
-the excuses too, and `python docs/make_zoo.py` writes this page.
+Pinocchio's function is `pin.forwardDynamics(model, data, q, v, tau, A, Adot v)`.
+
+The page omits no robot. Excused systems are at the end, with their reasons. `tests/test_zoo.py` runs all systems,
+excused ones too. `python docs/make_zoo.py` writes this page.
 
 {passed} systems of {robots} robots pass, {excused} are excused.
 
@@ -46,23 +52,26 @@ EXCUSES = """
 """
 PUBLISHED = """## Published robots, by init, inspect and run
 
-Descriptions that others published, unchanged but for their meshes, which are hidden: `rnc-pin init`,
-`inspect --samples {samples}` and `run` for {duration:.0f} s, each as a process of its own.
-{ran} of {all} go through as they are. Kinds and doubts are in the words of the draft, which has all of them beside the
-lines that they concern. xacro files are read where they are, with their meshes. `pytest -m published`
-does all of it, where the packages are installed (`pip install '.[robots]'`; others
-by `pip install --no-deps`).
+This table shows robot descriptions of other authors. Each gets `rnc-pin init`, `inspect --samples {samples}` and `run`
+for {duration:.0f} s, each in its own process. The descriptions are unchanged, but their meshes are hidden. Xacro files
+keep their meshes.
 
-Two kinds are in no row, as none of these packages has such a robot.
-`tests/scenario/draft/test_snake_and_ball.py` makes them:
+{ran} of {all} work without a change. Kinds and doubts are quotations from the draft. The draft has all doubts, beside
+the lines that they concern.
 
-* **snake**: four bodies or more in a row (three where names say so), wheels on each that nothing drives, driven upright
-  joints between them. The first body goes one wave of a serpenoid; the joints follow by the constraints;
-* **spherical robot**: a round shell that encloses all else, driven joints inside. These follow their references, and
-  the shell rolls as it has to.
+`pytest -m published` repeats this where the packages are installed: `pip install '.[robots]'`, others with
+`pip install --no-deps`.
 
-Transmissions, `ros2_control` and plugins of simulators name the joints that are driven. In files without these, joints
-with an effort limit above zero are.
+None of these packages contains a robot of the following two kinds. `tests/test_draft_kinds.py` makes them:
+
+* **snake**: four or more bodies in a row (three if the names say so). Each has wheels without actuators, and the
+  vertical joints between them have actuators. The first body follows one wave of a serpenoid. The joints follow by the
+  constraints;
+* **spherical robot**: a round shell that encloses everything else, with driven joints inside. The joints follow their
+  references, and the shell rolls accordingly.
+
+Transmissions, `ros2_control` and simulator plugins name the driven joints. In files without these, joints with an
+effort limit above zero are driven.
 
 | robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
 |---|---|---|---|---|---|---|---|
