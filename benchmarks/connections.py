@@ -76,7 +76,7 @@ class Visitor:
         return answer
 
     def is_hung_up_on(self) -> bool:
-        """Whether the other end closes; what it sent is read first."""
+        """Return True if the other end closes; its data is read first."""
         try:
             while self.socket.recv(65536):
                 pass

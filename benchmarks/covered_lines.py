@@ -1,4 +1,4 @@
-"""Which tests go through a line, and what a sample says about the whole."""
+"""Tests that execute a line, and the confidence bound of a sample."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TimedTest(NamedTuple):
 
 
 class Lines:
-    """Which tests go through which lines.
+    """Tests that execute each line.
 
     Args:
         tree: that the tests ran in, with JUnit's report ``tests.xml``, which says how long they took.

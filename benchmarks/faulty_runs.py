@@ -63,7 +63,7 @@ run."""
 
 
 def spoilt(fault: str, size: float, clean: dict[str, Any]) -> dict[str, Any]:
-    """What a scenario says of a fault of some size."""
+    """Scenario settings of a fault of a given size."""
     if fault == "effort":
         return {fault: (1.0 - size) * clean["peak"]}
     if fault in ("dead_zone", "friction"):
@@ -127,7 +127,7 @@ def reference(scenario: str) -> dict[str, Any]:
 
 
 class Row(NamedTuple):
-    """What came of a run."""
+    """Result of a run."""
 
     scenario: str
     fault: str

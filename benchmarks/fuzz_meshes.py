@@ -192,7 +192,7 @@ def read_inline_meshes(path: Path) -> None:
 
 
 def _draw(robot: rnc.Robot) -> None:
-    """What a page holds of each mesh; all numbers are finite."""
+    """Check that the page content of each mesh is finite."""
     for geometry in (robot.collision_model, robot.visual_model):
         assert geometry is not None
         visualizer = MeshVisualizer(robot.model, geometry, robot.folders)

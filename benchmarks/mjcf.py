@@ -26,7 +26,7 @@ _SCALAR_LAST = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}  # MuJoCo has
 
 
 def difference(robot: rnc.Robot, theirs: mujoco.MjModel) -> str:
-    """What differs first, in a word or two; empty if nothing does."""
+    """Name of the first difference; empty if there is none."""
     model = robot.model
     if (len(robot.joint_names), robot.nv) != (theirs.njnt, theirs.nv):
         return f"{len(robot.joint_names)} joints of {theirs.njnt}"
@@ -79,7 +79,7 @@ def _order(robot: rnc.Robot, theirs: mujoco.MjModel) -> list[int]:
 
 
 def outcome(path: Path, folder: Path) -> tuple[str, str]:
-    """What comes of a file in a word, and more of it."""
+    """Result of a file: one word, and details."""
     try:
         theirs = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:

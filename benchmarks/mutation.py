@@ -1,4 +1,4 @@
-"""How many small wrongs the tests notice: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
+"""Mutation score: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
 Cosmic Ray makes the mutants, of a copy of the tree. The tests are run once as they are, which says how long each takes
 and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, those of

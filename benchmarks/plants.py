@@ -38,7 +38,7 @@ def on_both(name: str, options: dict[str, Any]) -> tuple[Trajectory, Trajectory]
 
 
 def ratio(ours: Trajectory, theirs: Trajectory) -> float:
-    """How much larger the error in MuJoCo is."""
+    """Error in MuJoCo over the error of the reduced model."""
     return largest_error(theirs) / max(largest_error(ours), _NOISE)
 
 

@@ -1,4 +1,4 @@
-"""What processes there are."""
+"""Processes of this computer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the package costs beside the bare Pinocchio calls and in real time: ``python -m benchmarks.reduction``.
+"""Cost over bare Pinocchio calls and in real time: ``python -m benchmarks.reduction``.
 
 For the system of every built-in scenario, or of those named after ``--systems``:
 
@@ -87,7 +87,7 @@ class Cost:
 
     @property
     def within(self) -> bool:
-        """Whether the ratio keeps its limit."""
+        """True if the ratio is within its limit."""
         return self.ratio <= self.limit
 
     def record(self) -> dict[str, Any]:
@@ -97,7 +97,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class SystemCosts:
-    """What the system of a scenario costs.
+    """Cost of the system of a scenario.
 
     Attributes:
         system: name of the scenario.
@@ -119,7 +119,7 @@ class SystemCosts:
 
     @property
     def within(self) -> bool:
-        """Whether everything keeps its limit."""
+        """True if all figures are within their limits."""
         return self.one_state.within and self.of_batch.within and self.tick.within
 
     def record(self) -> dict[str, Any]:
@@ -139,7 +139,7 @@ class CommandCost:
 
     @property
     def within(self) -> bool:
-        """Whether it keeps its limit."""
+        """True if the cost is within its limit."""
         return self.seconds <= self.limit
 
     def record(self) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def command_costs(launches: int = LAUNCHES) -> list[CommandCost]:
 
 
 def machine() -> dict[str, Any]:
-    """What it was measured on."""
+    """Computer of the measurement."""
     return {
         "cpus": os.cpu_count(),
         "python": platform.python_version(),
@@ -247,7 +247,7 @@ def machine() -> dict[str, Any]:
 
 
 def python_loop(steps: int = 1_000_000) -> float:
-    """How fast the interpreter is at the moment: median time of as many additions [s]."""
+    """Present speed of the interpreter: median time of as many additions [s]."""
 
     def add() -> None:
         total = 0
@@ -307,7 +307,7 @@ def show(systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where:
 def report(
     systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where: dict[str, Any], rounds: int
 ) -> dict[str, Any]:
-    """What JSON holds."""
+    """Results for JSON."""
     return {
         "rounds": rounds,
         "systems": [each.record() for each in systems],
@@ -317,7 +317,7 @@ def report(
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
-    """What was asked for on the command line."""
+    """Arguments of the command line."""
     names = built_in_names()
     parser = argparse.ArgumentParser(prog="python -m benchmarks.reduction", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--systems", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))

@@ -23,7 +23,7 @@ the ranges under `sweep` in the scenario file. Each run has its own seed.
 * The largest errors of figure 6 belong to one run. It came within 0.002 of a singular configuration. All other runs end
   within 0.007.
 
-Final errors are in m or rad. `tests/test_random_tasks.py` runs some of these tasks.
+Final errors are in m or rad. `tests/system/test_random_tasks.py` runs some of these tasks.
 `python docs/make_random_tasks.py DIR...` writes this page.
 
 | scenario | runs | outcomes | drawn again | output | median | 95 % below | largest |

@@ -7,16 +7,14 @@ import pytest
 
 from places import ROOT
 
-MODULES = sorted((ROOT / "rnc_pin").rglob("*.py"))
+MODULES = sorted(
+    path
+    for folder in ("rnc_pin", "benchmarks", "docs", "examples", "tests/support", "tests/derivations")
+    for path in (ROOT / folder).rglob("*.py")
+)
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words
-PAGES = [
-    ROOT / "README.md",
-    *(
-        ROOT / "docs" / f"{name}.md"
-        for name in ("commands", "glossary", "index", "limits", "own_robot", "performance", "python")
-    ),
-]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def docstrings(path):

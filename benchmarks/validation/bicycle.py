@@ -61,7 +61,7 @@ def matrices() -> dict[str, np.ndarray]:
 
 
 def weave_speed() -> float:
-    """Where the oscillation stops growing [m/s]."""
+    """Speed at which the oscillation stops growing [m/s]."""
 
     def growth(speed: float) -> float:
         values = linear(speed).eigenvalues
@@ -71,7 +71,7 @@ def weave_speed() -> float:
 
 
 def capsize_speed() -> float:
-    """Where falling over slowly begins [m/s]: a real eigenvalue through zero, and so the determinant."""
+    """Speed at which slow capsizing begins [m/s]: a real eigenvalue, and so the determinant, is zero."""
     return float(brentq(lambda speed: np.linalg.det(linear(speed).A), 5.5, 7.0, xtol=1e-13, rtol=1e-14))
 
 

@@ -46,5 +46,5 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Whether the difference is within the tolerance."""
+        """True if the difference is within the tolerance."""
         return self.difference <= self.tolerance

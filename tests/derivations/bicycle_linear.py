@@ -69,7 +69,7 @@ def eigenvalues(found, v, g):
 
 
 def special_speeds(found, g):
-    """Where two real eigenvalues become a pair, and where weave and capsize change their sign."""
+    """Speeds at which two real eigenvalues become a pair, and at which weave and capsize change their sign."""
 
     def weave(v):
         a, b, c, d, e = polynomial(found, v, g)

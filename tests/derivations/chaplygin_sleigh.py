@@ -29,7 +29,7 @@ def sleigh() -> Mechanics:
 
 
 def states(data, count=None):
-    """What the derivation gives at the file's states, in the file's own form."""
+    """Results of the derivation at the states of the file, in the form of the file."""
     system, found = sleigh(), []
     for state in data["states"][:count]:
         q, T, free = (exact(state[key]) for key in ("q", "T", "qd_free"))

@@ -78,7 +78,7 @@ class Mechanics:
         return list(mp.lu_solve(E, mp.matrix([0] * A.rows + list(v))))
 
     def full(self, q, qd, free, T) -> dict:
-        """What the files have of the unreduced system at one state; ``free`` is a velocity that violates A."""
+        """Entries of the unreduced system at one state; ``free`` is a velocity that violates A."""
         H, C, A, M, _, H_dot, A_dot, _ = self._at(q, qd)
         _, C_free, _, _, _, H_dot_free, A_dot_free, _ = self._at(q, free)
         speed, off = mp.matrix(qd), mp.matrix(free)
@@ -120,7 +120,7 @@ class Mechanics:
         return solution[:n], solution[n:]
 
     def reduced(self, basis, q, qd, T) -> dict:
-        """What the files have of the reduced system at one state."""
+        """Entries of the reduced system at one state."""
         H_star, C, A, M, J2s, _, A_dot, J2_dots = self._at(q, qd)
         index = list(self.bases).index(basis)
         J2, J2_dot = J2s[index], J2_dots[index]

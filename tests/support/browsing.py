@@ -48,7 +48,7 @@ def visit(launched, url, offline=False):
 
 
 def picture(page):
-    """What the page shows once it has drawn, without board and player, (height, width, 3) in [0, 1]."""
+    """Picture of a drawn page, without overlay and player, (height, width, 3) in [0, 1]."""
     page.evaluate("document.body.classList.add('still')")
     page.evaluate("document.querySelectorAll('#overlay, #foot').forEach(part => { part.style.visibility = 'hidden'; })")
     page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
@@ -68,7 +68,7 @@ def changed(shot, other):
 
 
 def place(page, *path):
-    """Where a part is in the page [m]."""
+    """Position of a part in the page [m]."""
     names = ", ".join(f"'{name}'" for name in ("meshcat", *path))
     return page.evaluate(f"viewer.scene_tree.find([{names}]).object.position.toArray()")
 

@@ -6,7 +6,7 @@ PATIENCE = 30.0  # [s]; for a browser without a graphics card on a busy machine
 
 
 def eventually(condition, patience=PATIENCE):
-    """Whether a condition comes true before patience runs out."""
+    """Return True if a condition becomes true within the time limit."""
     end = time.monotonic() + patience
     while time.monotonic() < end:
         if condition():

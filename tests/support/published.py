@@ -23,7 +23,7 @@ _EXAMPLES = "example-robot-data"
 
 @dataclass(frozen=True)
 class Published:
-    """Where a description is.
+    """Location of a description.
 
     Args:
         package: on PyPI.
@@ -55,7 +55,7 @@ class Published:
 
 @dataclass(frozen=True)
 class Finding:
-    """What became of one.
+    """Result of one description.
 
     Args:
         kind: of draft, in its own words.
@@ -236,7 +236,7 @@ def _read(draft: str) -> tuple[str, list[str]]:
 
 
 def _rank(doubt: str) -> int:
-    """How much a doubt matters: what does not run, what was assumed, what to check, what to measure."""
+    """Rank of a doubt: does not run, assumed, to check, to measure."""
     order = ("which does not run", "CHECK", "MEASURE")
     return {0: 0, 1: 2, 2: 3}.get(next((k for k, each in enumerate(order) if each in doubt), -1), 1)
 

@@ -17,7 +17,7 @@ OUTPUTS = ("joint", "position", "yaw", "speed", "spin", "distance")
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a system is made of; numbers come from the seed.
+    """Parts of a system; the seed gives the numbers.
 
     Attributes:
         joints: parent, counted from the base, and kind of each joint.

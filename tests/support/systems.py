@@ -340,7 +340,7 @@ def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, conditio
 
 
 def reacting(reduced: rnc.ReducedModel) -> np.ndarray:
-    """Which constraint rows have a reaction, (m,): all but momenta, whose conservation follows from the dynamics."""
+    """Mask of the constraint rows that have a reaction, (m,): all except momenta, which the dynamics conserve."""
     rows = np.ones(reduced.m, dtype=bool)
     for block, where, _ in reduced.constraints.places:
         rows[where] = block.conserved is None

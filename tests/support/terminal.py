@@ -1,4 +1,4 @@
-"""What a command prints, apart from how far it is."""
+"""Output of a command without its progress."""
 
 
 def results(out: str) -> str:
