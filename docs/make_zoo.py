@@ -36,7 +36,8 @@ Residuals are the worst of {states} random states, relative to size.
 
 Pinocchio's function is `pin.forwardDynamics(model, data, q, v, tau, A, Adot v)`.
 
-The page omits no robot. Excused systems are at the end, with their reasons. `tests/system/test_zoo.py` runs all systems,
+The page omits no robot. Excused systems are at the end, with their reasons.
+`tests/system/test_zoo.py` runs all systems,
 excused ones too. `python docs/make_zoo.py` writes this page.
 
 {passed} systems of {robots} robots pass, {excused} are excused.
@@ -62,7 +63,8 @@ the lines that they concern.
 `pytest -m published` repeats this where the packages are installed: `pip install '.[robots]'`, others with
 `pip install --no-deps`.
 
-None of these packages contains a robot of the following two kinds. `tests/scenario/draft/test_snake_and_ball.py` makes them:
+None of these packages contains a robot of the following two kinds.
+`tests/scenario/draft/test_snake_and_ball.py` makes them:
 
 * **snake**: four or more bodies in a row (three if the names say so). Each has wheels without actuators, and the
   vertical joints between them have actuators. The first body follows one wave of a serpenoid. The joints follow by the
