@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.plants import FaultyPlant
-from rnc_pin.simulation import ReducedPlant
+from rnc_pin.plants import FaultyPlant, ReducedPlant
 
 DT = 0.01
 

@@ -54,11 +54,10 @@ from .outputs import (
     JointPosition,
     Output,
 )
-from .plants import Faults
+from .plants import Faults, ReducedPlant
 from .robots.robot import Robot
 from .simulation import (
     Outcome,
-    ReducedPlant,
     SimulationOptions,
     Stop,
     Trajectory,

@@ -12,10 +12,9 @@ from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ChangingPlant, FaultyPlant, Plant, mujoco
+from rnc_pin.plants import ChangingPlant, FaultyPlant, Plant, ReducedPlant, mujoco
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import ReducedPlant
 
 _Change = Callable[[Robot], list[Pfaffian]]
 

@@ -1,11 +1,11 @@
 """Simulation of controllers in closed loop with a plant."""
 
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.gripping import GripNeeded, grip_along, within_grip
 from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
-from rnc_pin.simulation.reduced_plant import ReducedPlant
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
 from rnc_pin.simulation.run_info import (
     Columns,

@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from rnc_pin.deprecation import warn_of_rename
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.reduced_plant import ReducedPlant
+from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS
 
 _P = ParamSpec("_P")

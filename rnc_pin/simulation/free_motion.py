@@ -9,16 +9,16 @@ import pinocchio as pin
 
 from rnc_pin.control.protocol import Command
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
+from rnc_pin.integrators import AdaptiveIntegrator
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.adaptive import AdaptiveIntegrator
-from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.plants import ReducedPlant
+from rnc_pin.plants.reduced import ConstrainedDynamics
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.former_arguments import Plant as FormerPlant
 from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.reduced_plant import ReducedPlant
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.simulate import assembled_start
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop, StopMonitor

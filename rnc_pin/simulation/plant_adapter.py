@@ -8,8 +8,7 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.loop import ControlLoop, LoopOptions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import Plant
-from rnc_pin.simulation.reduced_plant import ReducedPlant
+from rnc_pin.plants import Plant, ReducedPlant
 
 _EMPTY = np.zeros(0)
 

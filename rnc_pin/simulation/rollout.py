@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.protocol import KinematicController
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.ending import run_error
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 
 class Rollout(NamedTuple):

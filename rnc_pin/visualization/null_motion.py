@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 
 _STEPS = 8
 _NOTHING_ELSE = np.zeros(0)

@@ -187,7 +187,7 @@ def test_height_of_a_rolling_disk_and_centre_of_mass_of_a_free_robot_are_integra
 
 def test_first_bracket_is_the_commutator_of_flows():
     """Independent of any formula: along r1, r2, back along r1, back along r2."""
-    from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+    from rnc_pin.integrators import LieRungeKutta4
 
     for reduced in (unicycle(), leaning_wheel()):
         model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)

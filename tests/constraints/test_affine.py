@@ -14,8 +14,8 @@ from rnc_pin.control import (
     UncertainRedundancyController,
     UnknownMass,
 )
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.planning import Hold, MinimumJerk
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING
 

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from simple_controllers import Idle
 from systems import (
     COUPLER,

@@ -10,9 +10,8 @@ import systems
 from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, VelocityTracker
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
-from rnc_pin.plants import Faults, FaultyPlant
+from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 from rnc_pin.scenario.run import execute, plan
-from rnc_pin.simulation import ReducedPlant
 
 
 @pytest.fixture(scope="module")

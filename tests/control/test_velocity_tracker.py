@@ -14,9 +14,9 @@ from rnc_pin.control import (
     VelocityTarget,
     VelocityTracker,
 )
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.plants.reduced import ConstrainedDynamics
 from systems import mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 

@@ -11,9 +11,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.plants import ChangingPlant, FaultyPlant
+from rnc_pin.plants import ChangingPlant, FaultyPlant, ReducedPlant
 from rnc_pin.scenario.run import execute, plan
-from rnc_pin.simulation import ReducedPlant
 from systems import mobile_manipulator
 
 DT = 0.01

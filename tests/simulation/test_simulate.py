@@ -10,8 +10,8 @@ import pytest
 
 import rnc_pin as rnc
 from places import DATA
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.simulation import record as record_module
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Inputs

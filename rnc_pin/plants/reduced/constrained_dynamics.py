@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
+from rnc_pin.integrators import Rate
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import ConstantRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.lie_runge_kutta import Rate
-from rnc_pin.simulation.velocity_chart import VelocityChart
+from rnc_pin.plants.reduced.velocity_chart import VelocityChart
 
 Derivative = tuple[np.ndarray, np.ndarray]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
-from rnc_pin.simulation.dissipative_step import DissipativeStep
-from rnc_pin.simulation.dry_friction import DryFriction
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.plants.reduced.dissipative_step import DissipativeStep
+from rnc_pin.plants.reduced.dry_friction import DryFriction
 
 
 class ReducedPlant:

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.exponential import ExponentialCoordinates
-from rnc_pin.simulation.lie_runge_kutta import Rate, check_reach
 
 _SERIES_BELOW = 1.0  # below it the recurrence of the phi functions loses digits by cancellation
 _TERMS = 18
@@ -72,8 +71,9 @@ class ExponentialRungeKutta4:
         def slope(x: np.ndarray) -> np.ndarray:
             u, a = x[:n], x[n : n + r]
             check_reach(u, h)
-            v, y_dot = rate(pin.integrate(self._model, q, u), np.concatenate([linear.modes @ a, x[n + r :]]))
-            return np.concatenate([self._coordinates.rate(q, u, v), linear.inverse @ y_dot[:r], y_dot[r:]])
+            y_at = np.concatenate([linear.modes @ a, x[n + r :]])
+            u_dot, y_dot = self._coordinates.derivative(rate, q, u, y_at)
+            return np.concatenate([u_dot, linear.inverse @ y_dot[:r], y_dot[r:]])
 
         def linear_slope(x: np.ndarray) -> np.ndarray:
             a = x[n : n + r]

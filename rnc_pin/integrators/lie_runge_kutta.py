@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import DivergenceError
+from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.exponential import ExponentialCoordinates
-
-Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-_FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 
 
 class LieRungeKutta4:
@@ -50,25 +43,7 @@ class LieRungeKutta4:
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             u = (fraction * h) * slope
             check_reach(u, h)
-            v, y_slope = rate(pin.integrate(self._model, q, u), y + (fraction * h) * y_slope)
-            slope = self._coordinates.rate(q, u, v)
+            slope, y_slope = self._coordinates.derivative(rate, q, u, y + (fraction * h) * y_slope)
             u_sum = u_sum + weight * slope
             y_sum = y_sum + weight * y_slope
         return pin.integrate(self._model, q, (h / 6) * u_sum), y + (h / 6) * y_sum
-
-
-def check_reach(u: np.ndarray, h: float) -> None:
-    """Raise an error if a step is longer than the chart.
-
-    Args:
-        u: coordinates (nv,) at the end of the step [rad or m].
-        h: duration of the step [s].
-
-    Raises:
-        DivergenceError: the step is too long or not finite.
-    """
-    if not u.dot(u) < _FARTHEST:  # also false for infinity and NaN
-        moved, limit = np.sqrt(u.dot(u)), np.sqrt(_FARTHEST)
-        raise DivergenceError(
-            f"one step of {h:g} s would move by {moved:.3g} rad or m, limit {limit:g}: reduce the step"
-        )

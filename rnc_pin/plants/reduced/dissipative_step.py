@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from rnc_pin.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.constrained_dynamics import ConstrainedDynamics
-from rnc_pin.simulation.dry_friction import DryFriction, FrictionForces
-from rnc_pin.simulation.exponential_runge_kutta import ExponentialRungeKutta4, LinearPart
-from rnc_pin.simulation.lie_runge_kutta import LieRungeKutta4
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.plants.reduced.dry_friction import DryFriction, FrictionForces
 
 _SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
 _INSTANT = 1e-6  # horizon for instantaneous friction forces [s]

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
 from rnc_pin.errors import ConstraintError
+from rnc_pin.integrators import LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.exponential_runge_kutta import LinearPart, phi_functions
 
 _AT_REST = 1e-9  # speed that counts as rest, relative to the speed that friction removes in the step
 _RANK = 1e-12

@@ -8,8 +8,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import zeta
 
+from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
 
+Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+_FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 _SERIES_BELOW = 1.0  # [rad]: below it the closed forms lose digits by cancellation; the series converges within 2 pi
 _TERMS = np.arange(1, 15)
 _BERNOULLI = 2 * zeta(2.0 * _TERMS) / (2 * np.pi) ** (2 * _TERMS)  # |B_2k| / (2k)!
@@ -40,6 +44,11 @@ class ExponentialCoordinates:
             elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
                 self._others = True
 
+    def derivative(self, rate: Rate, q: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``(udot, ydot)`` at ``q (+) u`` of a motion ``rate(q, y) -> (v, ydot)``."""
+        v, y_dot = rate(pin.integrate(self._model, q, u), y)
+        return self.rate(q, u, v), y_dot
+
     def rate(self, q: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """``udot`` (nv,) at ``q (+) u``."""
         if self._others:  # a joint type that robot files do not have: use Pinocchio's own derivative
@@ -54,6 +63,23 @@ class ExponentialCoordinates:
             twice = ad.dot(once)
             rate[where] += 0.5 * once + a * twice + b * ad.dot(ad.dot(twice))
         return rate
+
+
+def check_reach(u: np.ndarray, h: float) -> None:
+    """Raise an error if a step is longer than the chart.
+
+    Args:
+        u: coordinates (nv,) at the end of the step [rad or m].
+        h: duration of the step [s].
+
+    Raises:
+        DivergenceError: the step is too long or not finite.
+    """
+    if not u.dot(u) < _FARTHEST:  # also false for infinity and NaN
+        moved, limit = np.sqrt(u.dot(u)), np.sqrt(_FARTHEST)
+        raise DivergenceError(
+            f"one step of {h:g} s would move by {moved:.3g} rad or m, limit {limit:g}: reduce the step"
+        )
 
 
 def _coefficients(angle: float) -> tuple[float, float]:

@@ -6,9 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-from rnc_pin.plants import FaultyPlant
-from rnc_pin.simulation import ReducedPlant
-from rnc_pin.simulation.exponential_runge_kutta import phi_functions
+from rnc_pin.integrators import phi_functions
+from rnc_pin.plants import FaultyPlant, ReducedPlant
 from systems import mobile_manipulator
 
 MASS = 2.0

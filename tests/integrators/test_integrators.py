@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import Command
-from rnc_pin.simulation.exponential import ExponentialCoordinates
+from rnc_pin.integrators import ExponentialCoordinates
 from systems import leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
 
 JOINTS = {

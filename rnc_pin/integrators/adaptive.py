@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import DOP853
 
 from rnc_pin.errors import DivergenceError
+from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.exponential import ExponentialCoordinates
 
 _SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
 _PATIENCE = 50  # largest number of consecutive steps that are too short
@@ -50,9 +51,7 @@ class AdaptiveIntegrator:
         q, nv = np.array(q0, dtype=float), self._nv
 
         def chart_rate(t: float, x: np.ndarray) -> np.ndarray:
-            u = x[:nv]
-            v, y_dot = self._rate(t, pin.integrate(self._model, q, u), x[nv:])
-            return np.concatenate([self._coordinates.rate(q, u, v), y_dot])
+            return np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
 
         x0 = np.concatenate([np.zeros(nv), y0])
         yield float(times[0]), q, np.array(y0, dtype=float)
