@@ -16,7 +16,6 @@ import pinocchio as pin
 from PIL import Image
 
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result, execute, plan, write
@@ -63,17 +62,16 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     """Write what shows one scenario, and say what the page needs to know."""
     name, scenario = prepared.name, prepared.experiment.scenario
     with TemporaryDirectory() as scratch:
-        with OutputFolder(Path(scratch) / "run") as folder:
-            write(prepared, result, folder)
-            draw(prepared, result, folder)
-            folder.keep()
+        folder = Path(scratch)
+        write(prepared, result, folder)
+        draw(prepared, result, folder)
         plots = [f"{plot}.png" for plot in scenario.plots]
         for plot in plots:
-            shrink(Image.open(folder.path / plot), IMAGES / plot, colors=128)
-        if (folder.path / "top_view.png").is_file():
+            shrink(Image.open(folder / plot), IMAGES / plot, colors=128)
+        if (folder / "top_view.png").is_file():
             plots.append(f"{name.replace('-', '_')}_top_view.png")
-            shrink(Image.open(folder.path / "top_view.png"), IMAGES / plots[-1], colors=128)
-        animation = (folder.path / "animation.html").read_bytes()
+            shrink(Image.open(folder / "top_view.png"), IMAGES / plots[-1], colors=128)
+        animation = (folder / "animation.html").read_bytes()
     if recordings is not None:
         recordings.mkdir(parents=True, exist_ok=True)
         (recordings / f"{name}.html").write_bytes(animation)

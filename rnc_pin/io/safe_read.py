@@ -5,20 +5,25 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 LARGEST = 64 * 2**20
 """Size limit of text and XML files [bytes]."""
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path, follow_links: bool = True) -> BufferedReader:
     """Open a regular file for reading.
+
+    Args:
+        path: the file.
+        follow_links: open what a symbolic link points to; else a link is an error.
 
     Raises:
         OSError: the file cannot be read or is not regular. A pipe would block, and a device may never end.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # opening a pipe would block
+    links = 0 if follow_links else os.O_NOFOLLOW
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | links)  # opening a pipe would block
     try:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISDIR(mode):

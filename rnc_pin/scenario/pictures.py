@@ -11,7 +11,6 @@ import numpy as np
 
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
-from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import view_of
 from rnc_pin.scenario.run import Plan, Result
 from rnc_pin.scenario.schema.scenario import PlotSettings
@@ -26,12 +25,12 @@ class Drawn:
     """Result of drawing.
 
     Attributes:
-        written: files of the pictures.
+        written: names of the pictures.
         failures: name of each failed picture to its error message.
         interrupted: True if the user interrupted the drawing.
     """
 
-    written: list[Path] = field(default_factory=list)
+    written: list[str] = field(default_factory=list)
     failures: dict[str, str] = field(default_factory=dict)
     interrupted: bool = False
 
@@ -53,9 +52,7 @@ def picture_names(plan: Plan) -> list[str]:
     ]
 
 
-def draw(
-    plan: Plan, result: Result, folder: OutputFolder, progress: Callable[[float, str], None] | None = None
-) -> Drawn:
+def draw(plan: Plan, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None) -> Drawn:
     """Write the pictures of a result; none if it has fewer than two samples.
 
     An error in one picture does not affect the other pictures or the data.
@@ -63,19 +60,19 @@ def draw(
     Args:
         plan: the plan of the run.
         result: the result of the run.
-        folder: the output folder.
+        folder: folder for the pictures.
         progress: called with the number of finished pictures and the name of the next.
     """
     drawn = Drawn()
     for done, (name, make) in enumerate(_pictures(plan, result) if len(result.trajectory.time) > 1 else ()):
         if progress is not None:
             progress(done, name)
-        path = folder.file(name)
+        path = folder / name
         try:
             with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
                 something = make(path)
             if something:
-                drawn.written.append(path)
+                drawn.written.append(name)
         except KeyboardInterrupt:
             path.unlink(missing_ok=True)
             return replace(drawn, interrupted=True)

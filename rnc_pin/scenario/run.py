@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
+import yaml
 
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import chosen, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Observer, Outcome, Sample, SimulationOptions, Summary, Trajectory, simulate, summarize
 from rnc_pin.simulation.summary import Compared
@@ -193,34 +193,24 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
         return error.trajectory, error
 
 
-def write(plan: Plan, result: Result, folder: OutputFolder) -> list[Path]:
-    """Write the data of a result: trajectories, summary and scenario.
-
-    If the folder has no earlier results, the files are in place before the pictures are drawn.
+def write(plan: Plan, result: Result, folder: Path) -> list[str]:
+    """Write the data of a result: trajectories, summary and scenario. Return the names of the files.
 
     Raises:
-        ConfigurationError: a file cannot be written.
+        OSError: a file cannot be written.
     """
-    try:
-        written = [folder.file("trajectory.npz")]
-        result.trajectory.save(written[0])
-        for label, other in result.comparisons.items():
-            path = folder.file(_comparison_file(label))
-            other.save(path)
-            written.append(path)
-        written.append(folder.write_json("summary.json", result.summary))
-        written.append(folder.write_yaml("scenario.yaml", _portable(plan)))
-    except OSError as error:
-        raise ConfigurationError(f"--out {folder.path}: cannot be written: {error.strerror}") from None
-    folder.keep_so_far()
-    return [folder.path / path.name for path in written]
+    result.trajectory.save(folder / "trajectory.npz")
+    for label, other in result.comparisons.items():
+        other.save(folder / _comparison_file(label))
+    (folder / "summary.json").write_text(dump_json(result.summary) + "\n", encoding="utf-8")
+    text = yaml.safe_dump(_portable(plan), sort_keys=False)
+    (folder / "scenario.yaml").write_text(text, encoding="utf-8")
+    return data_names(result.comparisons)
 
 
-def result_names(plan: Plan) -> list[str]:
-    """Names of the files that a run can write."""
-    pictures = [f"{name}.png" for name in plan.experiment.scenario.plots]
-    numbers = ["trajectory.npz", *map(_comparison_file, plan.comparisons), "summary.json", "scenario.yaml"]
-    return [*numbers, *pictures, "overview.png", "top_view.png", "animation.html"]
+def data_names(comparisons: Iterable[str] = ()) -> list[str]:
+    """Names of the files that ``write`` writes for a run with these comparisons."""
+    return ["trajectory.npz", *map(_comparison_file, comparisons), "summary.json", "scenario.yaml"]
 
 
 def _comparison_file(label: str) -> str:

@@ -15,8 +15,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, Singul
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import chosen, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.run import execute, plan, write
+from rnc_pin.scenario.run import data_names, execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
 from rnc_pin.scenario.worker import end_with
 
@@ -64,7 +63,7 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
         scenario: a built-in name or a file.
         options: dotted keys and values that all runs share.
         run: number of the run.
-        folder: folder for the results.
+        folder: folder for the results, which is created.
         parent: id of the main process; this process ends with it.
     """
     if parent is not None:
@@ -82,10 +81,9 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
             result = execute(prepared)
             if result.interrupted:
                 raise KeyboardInterrupt
-            with OutputFolder(folder) as out:
-                write(prepared, result, out)
-                out.keep()
-        except RncError as error:
+            folder.mkdir(parents=True, exist_ok=True)
+            write(prepared, result, folder)
+        except (RncError, OSError) as error:
             return {**row, "outcome": "refused", "redrawn": redrawn, "message": str(error)}
         summary = result.summary
         return {
@@ -101,16 +99,21 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
     return {**row, "outcome": "infeasible", "redrawn": redrawn, "message": str(failure)}
 
 
-def run_names(runs: int) -> list[str]:
+def run_folders(runs: int) -> list[str]:
     """Return the folder names of a sweep's runs."""
     return [f"run_{run:04d}" for run in range(runs)]
+
+
+def run_files(runs: int) -> list[str]:
+    """Return the names of all files in the folders of a sweep's runs."""
+    return [f"{folder}/{name}" for folder in run_folders(runs) for name in data_names()]
 
 
 def sweep(
     scenario: str,
     options: Mapping[str, Json],
     runs: int,
-    out: OutputFolder,
+    folder: Path,
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> Iterator[Row]:
@@ -120,7 +123,7 @@ def sweep(
         scenario: a built-in name or a file.
         options: dotted keys and values that all runs share; ``preflight: warn`` keeps tasks with warnings.
         runs: number of runs.
-        out: folder of the sweep; each run writes a folder in it.
+        folder: folder of the sweep; each run makes a folder in it.
         jobs: local processes; -1 for all cores.
         scheduler: address of a Dask scheduler to run on instead.
 
@@ -128,9 +131,9 @@ def sweep(
         ConfigurationError: ``drawn_keys`` refuses the scenario, or the scheduler cannot be reached.
     """
     drawn_keys(scenario, options)
-    folders = [out.folder(name) for name in run_names(runs)]
+    folders = [folder / name for name in run_folders(runs)]
     parent = os.getpid() if scheduler is None else None
-    calls = [joblib.delayed(one_run)(scenario, options, run, folder, parent) for run, folder in enumerate(folders)]
+    calls = [joblib.delayed(one_run)(scenario, options, run, each, parent) for run, each in enumerate(folders)]
     with _backend(scheduler, jobs) as parallel:
         yield from parallel(calls)
 

@@ -17,7 +17,6 @@ import yaml
 from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.urdf_files import shipped_directory
 from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.pictures import draw, picture_names
 from rnc_pin.scenario.run import execute, plan
 from terminal import results
@@ -184,8 +183,7 @@ def test_progress_tells_runs_and_pictures_apart(tmp_path):
     assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
     assert [done for done, _ in runs] == sorted(done for done, _ in runs)
     assert runs[-1][0] == pytest.approx(prepared.total_duration)
-    with OutputFolder(tmp_path / "out") as folder:
-        draw(prepared, result, folder, lambda done, what: pictures.append((done, what)))
+    draw(prepared, result, tmp_path, lambda done, what: pictures.append((done, what)))
     assert pictures == list(enumerate(picture_names(prepared)))
 
 

@@ -11,7 +11,6 @@ from rnc_pin.control import StateFeedback, describe
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.scenario.builder import build_experiment
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.output import OutputFolder
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan, write
 from textbook_systems import acrobot, wheeled_pendulum
@@ -207,9 +206,8 @@ def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
     assert np.abs(run.x2[:, 0]).max() > 0.01
     np.testing.assert_allclose(run.x2[-1, :2], 0, atol=2e-3)
     assert run.v2[-1, 2] == pytest.approx(10.0, abs=0.1)
-    folder = OutputFolder(tmp_path / "out")
-    write(planned, result, folder)
-    again = load_run(tmp_path / "out")
+    write(planned, result, tmp_path)
+    again = load_run(tmp_path)
     assert again.scenario.initial.v2 == {"rear_axle": 10, "rear_frame_tilt_y": 0.1}
     np.testing.assert_array_equal(again.trajectory.v2, run.v2)
 

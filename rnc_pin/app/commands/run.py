@@ -15,10 +15,10 @@ from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.files import parse_options, plant_option
-from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.pictures import Drawn, draw, picture_names
 from rnc_pin.scenario.replay import view_of
-from rnc_pin.scenario.run import Plan, Result, execute, plan, result_names, write
+from rnc_pin.scenario.run import Plan, Result, data_names, execute, plan, write
 
 
 def run_scenario(
@@ -38,13 +38,17 @@ def run_scenario(
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
-    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, result_names(prepared)) as folder:
+    names = [*data_names(prepared.comparisons), *picture_names(prepared)]
+    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, names) as folder:
         result = _executed(prepared, show, speed, browser, host, quiet=as_json)
         try:
-            written = write(prepared, result, folder)
+            with folder.writing() as fresh:
+                written = write(prepared, result, fresh)
+            folder.keep_so_far()
             if not as_json:
                 print_summary(result.summary)
-            drawn = _drawn(prepared, result, folder, quiet=as_json)  # last: numbers are saved and printed by now
+            with folder.writing() as fresh:
+                drawn = _drawn(prepared, result, fresh, quiet=as_json)  # last: numbers are saved and printed by now
             folder.keep()
         except RncError as error:  # the scenario is valid, but its results cannot be written
             complain(str(error))
@@ -53,7 +57,7 @@ def run_scenario(
         warn(str(LiftOff(**result.summary["lift_off"])))
     if drawn.failures:
         warn(str(drawn))
-    files = result.summary["files"] = [path.name for path in (*written, *drawn.written)]
+    files = result.summary["files"] = [*written, *drawn.written]
     if as_json:
         print_json({**result.summary, "elapsed_time": round(elapsed_time(), 3)})
     else:
@@ -65,7 +69,7 @@ def run_scenario(
     return FAILED
 
 
-def _drawn(prepared: Plan, result: Result, folder: OutputFolder, quiet: bool) -> Drawn:
+def _drawn(prepared: Plan, result: Result, folder: Path, quiet: bool) -> Drawn:
     """Draw the pictures with a progress bar."""
     names = picture_names(prepared)
     with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:

@@ -12,9 +12,10 @@ from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_spread
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.io.json import dump_json
 from rnc_pin.scenario.files import parse_options, plant_option
-from rnc_pin.scenario.output import OutputFolder
-from rnc_pin.scenario.sweep import drawn_keys, run_names, sweep
+from rnc_pin.scenario.output_folder import OutputFolder
+from rnc_pin.scenario.sweep import drawn_keys, run_files, run_folders, sweep
 from rnc_pin.scenario.sweep_table import Row, spread, write_table
 
 _TABLES = 100  # tables written during a sweep, so that an abort loses little
@@ -37,29 +38,31 @@ def sweep_scenario(
     parsed = {**plant_option(scenario, plant), **parse_options(options)}
     drawn_keys(scenario, parsed)
     rows: list[Row] = []
-    names = [*run_names(runs), "sweep.csv", "sweep.json"]
+    folders, names = run_folders(runs), [*run_files(runs), "sweep.csv", "sweep.json"]
     with uninterrupted(), OutputFolder(out, force, names) as folder:
         interrupted = False
         bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
         try:
             with bar as advance, interruptible():
-                for row in sweep(scenario, parsed, runs, folder, jobs, scheduler):
+                for row in sweep(scenario, parsed, runs, folder.fresh, jobs, scheduler):
                     with uninterrupted():
                         rows.append(row)
                         if len(rows) % max(1, runs // _TABLES) == 0:
-                            write_table(rows, folder.file("sweep.csv"))
-                            folder.keep_so_far(without=names[len(rows) : runs])
+                            with folder.writing() as fresh:
+                                write_table(rows, fresh / "sweep.csv")
+                            folder.keep_so_far(without=folders[len(rows) :])
                     advance(len(rows))
         except KeyboardInterrupt:
             interrupted = True
         if interrupted and not rows:
             complain("interrupted before the end of the first run")
             return FAILED
-        write_table(rows, folder.file("sweep.csv"))
         figures = spread(rows)
         summary = {"scenario": scenario, **figures}
-        folder.write_json("sweep.json", summary)
-        folder.keep(without=names[len(rows) : runs])
+        with folder.writing() as fresh:
+            write_table(rows, fresh / "sweep.csv")
+            (fresh / "sweep.json").write_text(dump_json(summary) + "\n", encoding="utf-8")
+        folder.keep(without=folders[len(rows) :])
     if as_json:
         print_json(summary)
     else:

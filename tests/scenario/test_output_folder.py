@@ -14,18 +14,17 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.io.manifest import MANIFEST
+from rnc_pin.scenario.output_folder import OutputFolder
 from terminal import results
-
-MARK = ".rnc_pin"
 
 
 def contents(folder):
-    """Every file under a folder and what is in it, but not the mark."""
+    """Every file under a folder and its content, without the manifest."""
     return {
         str(path.relative_to(folder)): path.read_text()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != MARK
+        if path.is_file() and path.name != MANIFEST
     }
 
 
@@ -38,20 +37,19 @@ def refusal(call):
 
 
 def run(folder, force=False, **files):
-    """What a run does: writes files, then keeps them."""
-    names = [name.replace("_", ".") for name in files]
-    with OutputFolder(folder, force, names) as out:
-        for name, text in zip(names, files.values(), strict=True):
-            out.file(name).write_text(text)
-        out.keep()
+    """A run: writes files, then keeps them."""
+    write(folder, {name.replace("_", "."): text for name, text in files.items()}, force)
 
 
-def sweep(folder, runs, text):
-    names = [f"run_{k:04d}" for k in range(runs)]
-    with OutputFolder(folder, names=[*names, "sweep.csv"]) as out:
-        for name in names:
-            run(out.folder(name), summary_json=text)
-        out.file("sweep.csv").write_text(text)
+def sweep(folder, runs, text, force=False):
+    write(folder, {**{f"run_{k:04d}/summary.json": text for k in range(runs)}, "sweep.csv": text}, force)
+
+
+def write(folder, files, force=False):
+    with OutputFolder(folder, force, list(files)) as out:
+        for name, text in files.items():
+            (out.fresh / name).parent.mkdir(exist_ok=True)
+            (out.fresh / name).write_text(text)
         out.keep()
 
 
@@ -59,31 +57,21 @@ def digest(text):
     return [hashlib.sha256(text.encode()).hexdigest()]
 
 
-def forge(folder, files, folders=()):
-    (folder / MARK).write_text(json.dumps({"files": files, "folders": list(folders)}))
+def forge(folder, files):
+    (folder / MANIFEST).write_text(json.dumps({"files": files}))
 
 
 # ---------------------------------------------------------------------- what a run does
 
 
-def test_a_new_folder_is_made_with_its_parents_and_marked(tmp_path):
+def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     place = tmp_path / "runs" / "first"
-    with OutputFolder(place) as folder:
-        folder.file("a.png").write_text("a")
-        folder.write_json("summary.json", {"x": [1, 2]})
-        folder.write_yaml("scenario.yaml", {"z": 1, "a": 2})
-        folder.folder("run_0000").mkdir()
-        folder.keep()
-    mark = json.loads((place / MARK).read_text())
-    assert list(mark["files"]) == ["a.png", "summary.json", "scenario.yaml"]
-    assert mark["files"]["a.png"] == digest("a")
-    assert mark["folders"] == ["run_0000"]
-    written = contents(place)
-    assert json.loads(written.pop("summary.json")) == {"x": [1, 2]}
-    assert written == {"a.png": "a", "scenario.yaml": "z: 1\na: 2\n"}  # keys stay in their order
-    assert sorted(path.name for path in place.iterdir()) == [
-        MARK, "a.png", "run_0000", "scenario.yaml", "summary.json"
-    ]  # fmt: skip
+    files = {"a.png": "a", "run_0000/summary.json": "{}", "summary.json": "b"}
+    write(place, files)
+    manifest = json.loads((place / MANIFEST).read_text())
+    assert manifest["files"] == {name: digest(text) for name, text in files.items()}
+    assert contents(place) == files
+    assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "run_0000", "summary.json"]
 
 
 def test_an_empty_folder_may_be_used(tmp_path):
@@ -93,13 +81,26 @@ def test_an_empty_folder_may_be_used(tmp_path):
 
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
     with OutputFolder(tmp_path / "out") as folder:
-        folder.file("a.png").write_text("a")
+        (folder.fresh / "a.png").write_text("a")
     assert not list(tmp_path.iterdir())
+
+
+def test_only_files_with_names_of_results_are_kept(tmp_path):
+    write(tmp_path, {"a.png": "a", "notes.txt": "b", "run_0000/notes.txt": "c"})
+    assert contents(tmp_path) == {"a.png": "a"}
+
+
+def test_unfinished_runs_of_a_sweep_are_dropped(tmp_path):
+    with OutputFolder(tmp_path) as folder:
+        for name in ("run_0000", "run_0001"):
+            (folder.fresh / name).mkdir()
+            (folder.fresh / name / "summary.json").write_text(name)
+        folder.keep(without=["run_0001"])
+    assert contents(tmp_path) == {"run_0000/summary.json": "run_0000"}
 
 
 def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
     sweep(tmp_path, 2, "old")
-    run(tmp_path / "run_0001", a_png="later")  # somebody ran into that folder again
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "robot.txt").write_text("mine")
@@ -125,7 +126,7 @@ def test_a_sweep_leaves_what_is_not_its_own_in_the_folders_of_its_runs(tmp_path)
 def test_what_was_there_before_stays_until_the_new_results_are_complete(tmp_path):
     run(tmp_path, summary_json="old", overview_png="old")
     with OutputFolder(tmp_path) as folder:
-        folder.file("summary.json").write_text("new")
+        (folder.fresh / "summary.json").write_text("new")
         folder.keep_so_far()
         assert (tmp_path / "summary.json").read_text() == "old"
         assert (tmp_path / "overview.png").read_text() == "old"
@@ -135,10 +136,10 @@ def test_what_was_there_before_stays_until_the_new_results_are_complete(tmp_path
 
 def test_where_nothing_was_before_results_stand_as_they_come(tmp_path):
     with OutputFolder(tmp_path) as folder:
-        folder.file("summary.json").write_text("new")
+        (folder.fresh / "summary.json").write_text("new")
         folder.keep_so_far()
         assert (tmp_path / "summary.json").read_text() == "new"
-        folder.file("overview.png").write_text("new")
+        (folder.fresh / "overview.png").write_text("new")
     assert contents(tmp_path) == {"summary.json": "new"}
     run(tmp_path)  # it is known as ours
     assert contents(tmp_path) == {}
@@ -146,45 +147,46 @@ def test_where_nothing_was_before_results_stand_as_they_come(tmp_path):
 
 KILLED = """
 import os, signal, sys
-from rnc_pin.scenario import output
-from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.output_folder import OutputFolder
 folder, fatal = sys.argv[1], int(sys.argv[2])
 moved = []
-def move(source, target, move=output._move):
+def move(source, target, move=os.replace):
     if len(moved) == fatal:
         os.kill(os.getpid(), signal.SIGKILL)
     moved.append(target)
     move(source, target)
-output._move = move
+os.replace = move
 with OutputFolder(folder) as out:
     for name in ("summary.json", "scenario.yaml", "trajectory.npz"):
-        out.file(name).write_text("new")
+        (out.fresh / name).write_text("new")
     out.keep()
 """
 
 
-@pytest.mark.parametrize("fatal", range(3))
+@pytest.mark.parametrize("fatal", range(5))  # the manifest, three results, the manifest
 def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, tmp_path):
     run(tmp_path, summary_json="old", scenario_yaml="old", overview_png="old")
     process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=60)
     assert process.returncode == -signal.SIGKILL
     run(tmp_path, summary_json="newer")
     assert contents(tmp_path) == {"summary.json": "newer"}
-    assert {path.name for path in tmp_path.iterdir()} == {MARK, "summary.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, "summary.json"}
 
 
 def test_results_are_kept_if_somebody_removes_the_folder_meanwhile(tmp_path):
     out = tmp_path / "out"
     with OutputFolder(out) as folder:
         shutil.rmtree(out)
-        folder.file("summary.json").write_text("new")
+        with folder.writing() as fresh:
+            (fresh / "summary.json").write_text("new")
         folder.keep()
     assert contents(out) == {"summary.json": "new"}
     with OutputFolder(out) as folder:
         shutil.rmtree(out)
         out.mkdir()
         (out / "summary.json").write_text("mine")
-        folder.file("summary.json").write_text("newer")
+        with folder.writing() as fresh:
+            (fresh / "summary.json").write_text("newer")
         message = refusal(folder.keep)
     assert contents(out)["summary.json"] == "mine"
     assert (Path(message.split("are in ")[1]) / "summary.json").read_text() == "newer"
@@ -210,7 +212,7 @@ def test_force_replaces_only_files_of_the_same_names(tmp_path):
     (tmp_path / "summary.json").write_text("mine")
     run(tmp_path, force=True, summary_json="{}")
     assert contents(tmp_path) == {"summary.json": "{}", "thesis.txt": "mine"}
-    # The folder is marked now, and still only what was written into it is ours.
+    # The folder has a manifest now. It still lists only the results.
     run(tmp_path)
     assert contents(tmp_path) == {"thesis.txt": "mine"}
 
@@ -230,7 +232,7 @@ def test_a_result_that_was_edited_is_not_replaced_without_force(tmp_path):
 def test_a_file_that_comes_while_a_run_goes_on_stays_and_so_do_the_results(tmp_path):
     run(tmp_path, overview_png="old")
     with OutputFolder(tmp_path) as folder:
-        folder.file("summary.json").write_text("new")
+        (folder.fresh / "summary.json").write_text("new")
         (tmp_path / "summary.json").write_text("mine")
         message = refusal(folder.keep)
     aside = Path(message.split("are in ")[1])
@@ -251,14 +253,16 @@ FORGED = {
     "other names": "data.csv",
     "a repository": ".git",
     "sources": "src",
-    "a run with no mark": "run_0000",
+    "a run": "run_0000",
     "a linked run": "run_0001",
+    "inside a linked run": "run_0001/summary.json",
+    "a link": "overview.png",
 }
 
 
-@pytest.mark.parametrize("shape", ["files", "folders", "names"])
+@pytest.mark.parametrize("shape", ["digests", "names"])
 @pytest.mark.parametrize("name", FORGED.values(), ids=FORGED)
-def test_a_forged_mark_leads_nowhere(name, shape, tmp_path):
+def test_a_forged_manifest_leads_nowhere(name, shape, tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     (tmp_path / "beside").mkdir()
     (tmp_path / "beside" / "summary.json").write_text("mine")
@@ -270,23 +274,21 @@ def test_a_forged_mark_leads_nowhere(name, shape, tmp_path):
     (target / "data.csv").write_text("mine")
     (target / "link").symlink_to(tmp_path / "beside", target_is_directory=True)
     (target / "run_0001").symlink_to(tmp_path / "beside", target_is_directory=True)
-    if shape == "names":  # as marks were before they had hashes
-        (target / MARK).write_text(json.dumps({"files": [name]}))
-    else:
-        forge(target, {name: digest("mine")} if shape == "files" else {}, [name] if shape == "folders" else [])
+    (target / "overview.png").symlink_to(tmp_path / "precious.txt")
+    forge(target, {name: digest("mine")} if shape == "digests" else [name])
     before = contents(tmp_path)
-    run(target, force=True, overview_png="new")
-    assert contents(tmp_path) == {**before, "out/overview.png": "new"}
+    run(target, force=True, top_png="new")
+    assert contents(tmp_path) == {**before, "out/top.png": "new"}
     assert (target / "link").is_symlink()
 
 
 @pytest.mark.parametrize(
-    "mark",
+    "manifest",
     [b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"', b"[" * 100_000, b'{"files": 3}', b'{"files": {"a": [1]}}'],
 )
-def test_a_mark_that_cannot_be_read_removes_nothing(mark, tmp_path):
+def test_an_invalid_manifest_removes_nothing(manifest, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / MARK).write_bytes(mark)
+    (tmp_path / MANIFEST).write_bytes(manifest)
     run(tmp_path, new_png="new")
     assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine"}
 
@@ -300,7 +302,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["summary.json", MARK])
+@pytest.mark.parametrize("name", ["summary.json", MANIFEST])
 def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, kind, tmp_path):
     other, out = tmp_path / "other.txt", tmp_path / "out"
     other.write_text("mine")
@@ -308,7 +310,7 @@ def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, k
     (out / name).unlink()
     KINDS[kind](out / name, other)
     refusal(lambda: run(out, summary_json="new"))
-    if kind == "folder" or name == MARK:
+    if kind == "folder" or name == MANIFEST:
         refusal(lambda: run(out, force=True, summary_json="new"))
     else:
         run(out, force=True, summary_json="new")
@@ -316,6 +318,15 @@ def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, k
         assert not (out / "summary.json").is_symlink()
     assert other.read_text() == "mine"
     assert not other.with_name("none").exists()
+
+
+def test_no_result_of_a_sweep_goes_through_a_link(tmp_path):
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "run_0000").symlink_to(tmp_path / "beside", target_is_directory=True)
+    for force in (False, True):
+        refusal(lambda force=force: sweep(tmp_path / "out", 1, "new", force))
+    assert not contents(tmp_path)
 
 
 def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
@@ -411,7 +422,7 @@ def test_a_trajectory_that_cannot_be_written_leaves_nothing(tmp_path):
 
 HOLDING = """
 import sys
-from rnc_pin.scenario.output import OutputFolder
+from rnc_pin.scenario.output_folder import OutputFolder
 with OutputFolder(sys.argv[1]):
     print("mine", flush=True)
     sys.stdin.read()
@@ -428,7 +439,7 @@ def test_a_second_run_into_a_folder_is_refused_until_the_first_is_over(tmp_path)
             assert message.startswith(f"--out {out}: another run is writing there")
         process.kill()
     run(out, summary_json="new")  # whoever is killed holds nothing
-    assert {path.name for path in out.iterdir()} == {MARK, "summary.json"}
+    assert {path.name for path in out.iterdir()} == {MANIFEST, "summary.json"}
 
 
 def test_a_second_command_into_a_folder_is_refused(tmp_path, call):
