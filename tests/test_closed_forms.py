@@ -285,8 +285,8 @@ def test_the_prediction_error_is_that_of_19_and_in_proportion_to_that_of_15():
 
 
 def test_steering_asks_for_no_faster_a_rate_than_it_may():
-    reduced, path, task, free, _ = truck_task(fastest=1e3, damping=1e-6)
-    *_, bounded, _ = truck_task(fastest=0.05, damping=1e-6)
+    reduced, path, task, free, _ = truck_task(max_rate=1e3, damping=1e-6)
+    *_, bounded, _ = truck_task(max_rate=0.05, damping=1e-6)
     point, signs = path.reference.at(3.0), []
     for steering in (-0.5, 0.5):
         q = fire_truck().robot.configuration({"root_joint": [-4.5, 1.9, -0.5], "rear_steering": steering})

@@ -86,7 +86,7 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
 
 
 def test_a_velocity_tracker_starts_with_nothing_learnt_in_the_shape_of_what_it_sees():
-    tracker = VelocityTracker(Said(None, None), held=[2.0, -1.0])
+    tracker = VelocityTracker(Said(None, None), gravity_compensation=[2.0, -1.0])
     state = tracker.initial_state(Measurement(v2=np.ones((4, 3, 2))))
     assert (state.time, state.target) == (None, 5)
     shapes = [(4, 3, 2), (4, 3, 2, 2), (4, 3, 2, 4)]
@@ -96,10 +96,10 @@ def test_a_velocity_tracker_starts_with_nothing_learnt_in_the_shape_of_what_it_s
     assert said == {
         "type": "VelocityTracker",
         "gains": {"k": 10.0, "beta": 10.0, "sigma": 0.1},
-        "held": [2.0, -1.0],
+        "gravity_compensation": [2.0, -1.0],
         "target": {"type": "Said"},
     }
-    assert VelocityTracker(Said(None, None)).describe()["held"] == 0.0
+    assert VelocityTracker(Said(None, None)).describe()["gravity_compensation"] == 0.0
 
 
 WHERE, ANGULAR = np.array([2, 0]), np.array([False, True])
@@ -181,7 +181,7 @@ def test_a_position_tracker_starts_at_rest_with_nothing_learnt():
     command, _ = tracker.step(0.0, measured, state)
     np.testing.assert_allclose(command.F, gains.k2 * 1.7**2 * e + [0.3, -2.0], rtol=1e-11)
     said = tracker.describe()
-    assert said == {"type": "PositionTracker", "gains": gains.describe(), "held": [0.3, -2.0]}
+    assert said == {"type": "PositionTracker", "gains": gains.describe(), "gravity_compensation": [0.3, -2.0]}
 
 
 # ---------------------------------------------------------------------- secondary objectives
@@ -276,10 +276,10 @@ def test_settings_that_nobody_gives_are_those_of_the_documentation():
     assert follow.describe() == {"type": "ReducingOutputController", "k2": 2.0}
     torque = {"type": "ComputedTorque", "k": 20.0, "target": follow.describe()}
     assert ComputedTorque(one, follow).describe() == torque
-    chain = {"type": "ChainedStabilizer", "n": 3, "k": 0.5, "rate": 1.5, "fastest": 1000.0}
+    chain = {"type": "ChainedStabilizer", "n": 3, "k": 0.5, "rate": 1.5, "max_input": 1000.0}
     assert ChainedStabilizer(3).describe() == chain
     stabilizer = UnicycleStabilizer(np.zeros(3), np.arange(2)).describe()
-    rates = {"begin": 0.0, "k": 0.5, "rate": 1.5, "close": 0.002, "soft": 1.0, "fastest": [1.0, 1.0]}
+    rates = {"begin": 0.0, "k": 0.5, "rate": 1.5, "tolerance": 0.002, "ramp_time": 1.0, "max_speed": [1.0, 1.0]}
     assert stabilizer == {"type": "UnicycleStabilizer", "goal": [0.0, 0.0, 0.0], **rates}
     assert UnknownMass("wrist").unit == 1.0
     gains = VelocityGains.normalised(3.0)

@@ -39,7 +39,7 @@ def test_a_chain_at_its_limit_moves_along_its_law_alone(over):
     """From just beyond the limit on its command has that length, and a rate across itself."""
     free, x, u, h = ChainedStabilizer(4), np.array([0.8, -0.3, 0.5, 0.2]), np.array([-0.7, 0.4]), 1e-6
     limit = np.linalg.norm(free.command(x)) / over
-    held = ChainedStabilizer(4, fastest=limit)
+    held = ChainedStabilizer(4, max_input=limit)
     command, rate = held.command(x), held.command_rate(x, u)
     assert np.linalg.norm(command) == pytest.approx(min(over, 1.0) * limit)
     ahead, behind = (held.command(x + sign * h * chain_rate(x, u)) for sign in (1, -1))
@@ -57,10 +57,10 @@ def test_a_chain_says_where_it_has_no_law_and_which_rates_make_no_sense():
             ChainedStabilizer(n, k, rate)
         words = f"a chained stabiliser needs n >= 3 and 0 < k < rate, found {n}, {k:g}, {rate:g}"
         assert str(caught.value) == words
-    for fastest in (0.0, -1.0, float("nan")):
+    for max_input in (0.0, -1.0, float("nan")):
         with pytest.raises(rnc.ConfigurationError, match="needs a positive largest input, found"):
-            ChainedStabilizer(3, fastest=fastest)
-    assert ChainedStabilizer(3, fastest=1e-9).command(np.array([1.0, 0.0, 0.0])).tolist() == [-1e-9, 0.0]
+            ChainedStabilizer(3, max_input=max_input)
+    assert ChainedStabilizer(3, max_input=1e-9).command(np.array([1.0, 0.0, 0.0])).tolist() == [-1e-9, 0.0]
 
 
 # ---------------------------------------------------------------------- what a law is made of
@@ -113,12 +113,12 @@ def test_estimates_of_one_sample_are_the_least_squares_of_where_they_were_and_of
 # ---------------------------------------------------------------------- laws over a model
 
 
-@pytest.mark.parametrize("watched", [False, True])
-def test_reducing_outputs_follow_at_their_gains(watched):
-    """Angles by the shorter way; batches; what is watched is said and moves nothing."""
+@pytest.mark.parametrize("monitored", [False, True])
+def test_reducing_outputs_follow_at_their_gains(monitored):
+    """Angles by the shorter way; batches; what is monitored is said and moves nothing."""
     reference, k2 = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1]), np.array([1.7, 0.6])
     reduced = SimpleNamespace(r=2, reducing=SimpleNamespace(coordinates=Coordinates([False, True])))
-    aside = (np.array([2, 0]), Hold([0.5, 0.6])) if watched else None
+    aside = (np.array([2, 0]), Hold([0.5, 0.6])) if monitored else None
     law = ReducingOutputController(reduced, reference, k2, aside)
     generator = np.random.default_rng(1)
     m = Measurement(x1=np.zeros((4, 3)), x2=generator.uniform(-2, 2, (4, 2)), v2=generator.normal(size=(4, 2)))
@@ -130,7 +130,7 @@ def test_reducing_outputs_follow_at_their_gains(watched):
     np.testing.assert_allclose(target.v2_dot, point.acceleration + k2 * (point.velocity - m.v2), rtol=1e-12)
     np.testing.assert_array_equal(target.x2, np.tile(point.position, (4, 1)))
     assert state is target.estimates is target.prediction_error is None
-    if watched:
+    if monitored:
         np.testing.assert_array_equal(target.x1, np.tile([0.6, np.nan, 0.5], (4, 1)))
     else:
         assert target.x1 is None

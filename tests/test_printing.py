@@ -122,7 +122,7 @@ def test_a_task_and_controllers_say_their_settings():
     gains = control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1)
     tracker = control.VelocityTracker(target, gains)
     said = "VelocityGains(k=[1.  2.5 3. ], beta=10, sigma=0.1, dead_zone=0)"
-    assert repr(tracker) == f"VelocityTracker(target={inner}, gains={said}, held=0)"
+    assert repr(tracker) == f"VelocityTracker(target={inner}, gains={said}, gravity_compensation=0)"
     parts = [(tracker, np.array([0, 1, 2]))]
     assert repr(control.SplitController(parts, 3)) == f"SplitController(parts=[{tracker!r}])"
 

@@ -189,8 +189,8 @@ def test_what_is_learnt_describes_itself():
     assert said["alpha"] == 0.5
     assert said["initial"] == dict(zip(regressor.names, (1.6, 0.4, 1.5), strict=True))
     assert {**law.describe(), **said} == said | {}
-    chained = ChainedStabilizer(4, k=0.4, rate=1.2, fastest=9.0)
-    assert chained.describe() == {"type": "ChainedStabilizer", "n": 4, "k": 0.4, "rate": 1.2, "fastest": 9.0}
+    chained = ChainedStabilizer(4, k=0.4, rate=1.2, max_input=9.0)
+    assert chained.describe() == {"type": "ChainedStabilizer", "n": 4, "k": 0.4, "rate": 1.2, "max_input": 9.0}
     robot = space_robot().robot
     units = MomentumRegressor(robot, "platform", [UnknownMass("joint_1"), UnknownMass("joint_2", unit=10.0)]).units
     assert units == ("kg", "10 kg")

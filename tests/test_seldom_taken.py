@@ -260,7 +260,7 @@ def refusals():
         return np.zeros((2, flat.nv))
 
     return {
-        "stabiliser that may not move": (lambda: ChainedStabilizer(3, fastest=0.0), "positive largest input, found 0"),
+        "stabiliser without motion": (lambda: ChainedStabilizer(3, max_input=0.0), "positive largest input, found 0"),
         "no unknown body": (lambda: MomentumRegressor(robot, "platform", []), "name at least one body of unknown mass"),
         "unknown body without mass": (
             lambda: MomentumRegressor(rnc.Robot(light), "platform", [UnknownMass("joint_2")]),

@@ -207,17 +207,17 @@ def steering(gradient, **changes):
     return SteeringController(reduced, chosen, first, base, **changes), first, base
 
 
-@pytest.mark.parametrize("fastest", [1e9, 0.7])
-@pytest.mark.parametrize("watched", [False, True])
-def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(fastest, watched):
+@pytest.mark.parametrize("max_rate", [1e9, 0.7])
+@pytest.mark.parametrize("monitored", [False, True])
+def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(max_rate, monitored):
     """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``damping v22 = 0``."""
     generator = np.random.default_rng(3)
     k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
-    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "fastest": fastest}
+    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "max_rate": max_rate}
     aside = Hold([0.77])
     for _ in range(5):
         gradient = generator.uniform(-1, 1, (3, 6, 6))
-        law, first, base = steering(gradient, **gains, watched=(np.array([1]), aside) if watched else None)
+        law, first, base = steering(gradient, **gains, monitored=(np.array([1]), aside) if monitored else None)
         x1, x2, v2 = generator.uniform(-1, 1, 3), generator.uniform(-1, 1, 6), generator.uniform(-1, 1, 6)
         A, A_dot = generator.uniform(-1, 1, (2, 3, 6))
         m = Measurement(q=np.zeros(2), v2=v2, x1=x1, x2=x2, v1=np.full(3, np.nan), A_star=A, A_star_dot=A_dot)
@@ -234,11 +234,11 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(fa
         rows = np.vstack([N, damping * np.eye(2)])
         v22 = np.linalg.lstsq(rows, np.concatenate([wanted_dot + k4 * missing - at_rest, np.zeros(2)]), rcond=None)[0]
         np.testing.assert_allclose(target.v2[primary], x21d.velocity + k21 * (x21d.position - x2[primary]), rtol=1e-12)
-        np.testing.assert_allclose(target.v2[redundant], np.clip(v22, -fastest, fastest), rtol=1e-9)
+        np.testing.assert_allclose(target.v2[redundant], np.clip(v22, -max_rate, max_rate), rtol=1e-9)
         np.testing.assert_allclose(target.v2_dot[primary], v21d_dot, rtol=1e-12)
         assert target.v2_dot[[*redundant, 2]].tolist() == [0.0, 0.0, 0.0]
         np.testing.assert_array_equal(target.x1[vertical], x11d.position)
-        np.testing.assert_array_equal(target.x1[1], 0.77 if watched else np.nan)
+        np.testing.assert_array_equal(target.x1[1], 0.77 if monitored else np.nan)
         np.testing.assert_array_equal(target.x2[primary], x21d.position)
         assert np.isnan(target.x2[[1, 2, 4]]).all()
 
@@ -258,7 +258,7 @@ def test_steering_takes_over_where_redundant_rates_move_nothing():
             assert str(caught.value) == words
         else:
             assert law.initial_state(Measurement(A_star=A)) is None
-    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0, "damping": 0.1, "fastest": 4.0}
+    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0, "damping": 0.1, "max_rate": 4.0}
     assert law.describe() == {"type": "SteeringController", **gains}
     reduced = SimpleNamespace(affine=False)
     for places, counts in (

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.linearization import Linearization
-from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, nearest
 
 Cost = float | Sequence[float] | Mapping[str, float] | Array
 
@@ -80,6 +80,27 @@ def lqr(linear: Linearization, state_cost: Cost, input_cost: Cost = 1.0) -> Floa
     if not slowest < 0:
         raise ConstraintError(f"no regulator was found: with the best gain a mode still grows at {slowest:.3g}/s")
     return unit[:, None] * K
+
+
+def check_sampling(linear: Linearization, K: Float[Array, "p s"], dt: float) -> None:
+    """Refuse gains that are unstable in discrete time, with inputs constant over a sampling period.
+
+    Args:
+        linear: the linearised system.
+        K: gain of the feedback ``T = T_0 - K x``.
+        dt: sampling period [s].
+
+    Raises:
+        InfeasibleError: the closed loop is unstable; the message gives its rate.
+    """
+    s, p = linear.B.shape
+    held = scipy.linalg.expm(np.block([[linear.A, linear.B], [np.zeros((p, s + p))]]) * dt)
+    if np.abs(np.linalg.eigvals(held[:s, :s] - held[:s, s:] @ K)).max(initial=0.0) >= 1.0:
+        fastest = float(np.abs(np.linalg.eigvals(linear.A - linear.B @ K)).max())
+        raise InfeasibleError(
+            f"the closed loop is unstable in discrete time: its fastest eigenvalue is {fastest:.3g}/s "
+            f"and the sampling period {dt:g} s; reduce the sampling period (simulation.dt) or raise input_cost"
+        )
 
 
 def _moved(vector: Array, names: Sequence[str]) -> str:

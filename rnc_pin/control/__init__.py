@@ -4,7 +4,13 @@ from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.estimation import EstimatedModel, Regressor
 from rnc_pin.control.estimator import Estimator
-from rnc_pin.control.gains import PositionGains, VelocityGains
+from rnc_pin.control.gain_design import (
+    PositionGains,
+    Preset,
+    VelocityGains,
+    design_position_gains,
+    design_velocity_gains,
+)
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController, effective_inertia
 from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
@@ -49,6 +55,7 @@ __all__ = [
     "PositionState",
     "PositionTracker",
     "Posture",
+    "Preset",
     "ReducingOutputController",
     "RedundancyController",
     "Regressor",
@@ -70,5 +77,7 @@ __all__ = [
     "VelocityTracker",
     "WheelRegressor",
     "describe",
+    "design_position_gains",
+    "design_velocity_gains",
     "effective_inertia",
 ]

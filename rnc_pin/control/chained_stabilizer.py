@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import place_poles
 
 from rnc_pin.control.protocol import Description
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.printing import ReprMixin
 
@@ -19,26 +20,29 @@ from rnc_pin.printing import ReprMixin
 class ChainedStabilizer(ReprMixin):
     """``u1 = -k x1``, ``u2 = -P z`` with poles of z placed at -rate, -1.1 rate, -1.2 rate, ...
 
-    A common factor on both inputs keeps them below ``fastest`` and does not change the path. If x1 is zero and another
-    state is not, z does not exist, and the law raises an error.
+    A common factor on both inputs keeps them below ``max_input`` and does not change the path. If x1 is zero and
+    another state is not, z does not exist, and the law raises an error.
 
     Args:
         n: length of the chain, at least 3.
         k: decay rate of x1 [1/s].
         rate: decay rate of z [1/s]; above k, so that z decays before x1.
-        fastest: largest norm of the inputs.
+        max_input: largest norm of the inputs.
     """
 
-    def __init__(self, n: int, k: float = 0.5, rate: float = 1.5, fastest: float = 1e3) -> None:
-        if not fastest > 0:
-            raise ConfigurationError(f"a chained stabiliser needs a positive largest input, found {fastest:g}")
+    @former_keywords({"fastest": "max_input"})
+    def __init__(self, n: int, k: float = 0.5, rate: float = 1.5, max_input: float = 1e3) -> None:
+        if not max_input > 0:
+            raise ConfigurationError(f"a chained stabiliser needs a positive largest input, found {max_input:g}")
         if n < 3 or not 0 < k < rate:
             raise ConfigurationError(f"a chained stabiliser needs n >= 3 and 0 < k < rate, found {n}, {k:g}, {rate:g}")
-        self.n, self.k, self.rate, self.fastest = n, k, rate, fastest
+        self.n, self.k, self.rate, self.max_input = n, k, rate, max_input
         size = n - 1
         A = np.diag(k * np.arange(size, dtype=float)) - np.diag(np.full(size - 1, k), -1)
         poles = -rate * (1.0 + 0.1 * np.arange(size))
         self.P = place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
+
+    fastest = former_name("max_input")
 
     def describe(self) -> Description:
         """Return the rates."""
@@ -47,7 +51,7 @@ class ChainedStabilizer(ReprMixin):
             "n": self.n,
             "k": self.k,
             "rate": self.rate,
-            "fastest": self.fastest,
+            "max_input": self.max_input,
         }
 
     def command(self, x: np.ndarray) -> np.ndarray:
@@ -57,7 +61,7 @@ class ChainedStabilizer(ReprMixin):
             InputError: x1 is zero, or so small beside the others that z overflows.
         """
         u = self._law(x)
-        return u / self._slower(u)
+        return u / self._scale(u)
 
     def coordinates(self, x: np.ndarray) -> np.ndarray:
         """Return ``z_i = x_i / x1^(i-2)`` for i = 2..n, (n - 1,).
@@ -78,16 +82,16 @@ class ChainedStabilizer(ReprMixin):
         x_dot = np.concatenate([[u[1]], x[1:-1] * u[0]])  # of x2, x3, ..., xn
         z_dot = x_dot / powers - np.arange(self.n - 1) * z * (u[0] / x[0])
         law, rate = self._law(x), np.array([-self.k * u[0], -self.P @ z_dot])
-        slower = self._slower(law)
+        scale = self._scale(law)
         along = (
-            law * (law @ rate) / (law @ law) if slower > 1.0 else 0.0
+            law * (law @ rate) / (law @ law) if scale > 1.0 else 0.0
         )  # at the limit only the direction of a command changes
-        return (rate - along) / slower
+        return (rate - along) / scale
 
     def _law(self, x: np.ndarray) -> np.ndarray:
         """Command without its limit."""
         return np.array([-self.k * x[0], -self.P @ self.coordinates(x)])
 
-    def _slower(self, u: np.ndarray) -> float:
+    def _scale(self, u: np.ndarray) -> float:
         """Divisor that keeps the norm of a command within the limit, at least 1."""
-        return max(1.0, float(np.linalg.norm(u)) / self.fastest)
+        return max(1.0, float(np.linalg.norm(u)) / self.max_input)

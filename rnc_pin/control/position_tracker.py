@@ -9,9 +9,10 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.deviation import fed_back
-from rnc_pin.control.gains import PositionGains
+from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
 from rnc_pin.control.windup import saturation_mask
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
@@ -59,20 +60,21 @@ class PositionTracker(ReprMixin):
         gains: k1, k2, gamma, beta, sigma, dead zone; the paper's by default.
         outputs: indices of the tracked outputs in x2; all by default. F has their length.
         angular: mask of the outputs that are angles, or the coordinates of the outputs.
-        held: gravity compensation at the start (k,): force on these outputs that holds the robot, as its actuators
+        gravity_compensation: force at the start (k,): force on these outputs that holds the robot, as its actuators
             report at rest. The tracker learns f in addition. Zero by default.
 
     Raises:
         ConfigurationError: an output is an orientation: integration by parts needs errors that are plain differences.
     """
 
+    @former_keywords({"held": "gravity_compensation"})
     def __init__(
         self,
         reference: Reference,
         gains: PositionGains | None = None,
         outputs: np.ndarray | None = None,
         angular: np.ndarray | Coordinates | None = None,
-        held: np.ndarray | None = None,
+        gravity_compensation: np.ndarray | None = None,
     ) -> None:
         if isinstance(angular, Coordinates):
             if angular.rotations:
@@ -82,18 +84,22 @@ class PositionTracker(ReprMixin):
             angular = angular.angular
         self.reference = reference
         self.gains = PositionGains.paper() if gains is None else gains
-        self._zoned = bool(np.any(self.gains.dead_zone))
+        self._has_dead_zone = bool(np.any(self.gains.dead_zone))
         self.outputs = np.arange(reference.size) if outputs is None else np.asarray(outputs, dtype=int)
         self.angular = np.zeros(reference.size, dtype=bool) if angular is None else np.asarray(angular, dtype=bool)
-        self.held = 0.0 if held is None else np.asarray(held, dtype=float)
+        self.gravity_compensation = (
+            0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
+        )
         check_size(reference, len(self.outputs), "tracked")
+
+    held = former_name("gravity_compensation")
 
     def describe(self) -> Description:
         """Return the gains and the gravity compensation."""
         return {
             "type": type(self).__name__,
             "gains": self.gains.describe(),
-            "held": listed(self.held),
+            "gravity_compensation": listed(self.gravity_compensation),
         }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
@@ -132,27 +138,27 @@ class PositionTracker(ReprMixin):
         w = z + g.gamma**2 * e
         q = (g.k2 / (g.k1 * g.gamma)) * e - w / g.gamma
         decay = np.exp(-g.sigma * elapsed)
-        held = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
+        leak_time = -np.expm1(-g.sigma * elapsed) / g.sigma if g.sigma else elapsed
         step = g.beta * e
         drive = g.beta * q
 
         def adapt(primed: np.ndarray, regressor: np.ndarray, rate: np.ndarray) -> np.ndarray:
             gain = drive[..., :, None] * regressor - step[..., :, None] * (rate + g.sigma * regressor)
-            return decay * primed + held * gain
+            return decay * primed + leak_time * gain
 
-        f = decay * state.f + held * (drive - g.sigma * step)
+        f = decay * state.f + leak_time * (drive - g.sigma * step)
         A, B = adapt(state.A, xdd, xddd), adapt(state.B, xd, xdd)
-        if measurement.force_deficit is not None or self._zoned:
+        if measurement.force_deficit is not None or self._has_dead_zone:
             deficit = measurement.force_deficit
             deficit = np.zeros(e.shape) if deficit is None else deficit[..., self.outputs]
-            f, A, B = self._held_back(deficit, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
+            f, A, B = self._freeze(deficit, np.abs(e) < g.dead_zone, state, desired, step, f, A, B)
         F = (
             apply(A + step[..., :, None] * xdd, np.broadcast_to(xdd, e.shape))
             + apply(B + step[..., :, None] * xd, np.broadcast_to(xd, e.shape))
             + (f + step)
             + g.k1 * g.gamma**2 * w
             + g.k2 * g.gamma**2 * e
-            + self.held
+            + self.gravity_compensation
         )
         size = measurement.x2.shape
         command = Command(
@@ -162,10 +168,10 @@ class PositionTracker(ReprMixin):
         )
         return command, PositionState(t, z, f, A, B, e)
 
-    def _held_back(
+    def _freeze(
         self,
         deficit: np.ndarray,
-        quiet: np.ndarray,
+        in_dead_zone: np.ndarray,
         state: PositionState,
         desired: ReferencePoint,
         step: np.ndarray,
@@ -173,15 +179,17 @@ class PositionTracker(ReprMixin):
         A: np.ndarray,
         B: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Primed f, A and B (8), frozen for ``quiet`` outputs and for adaptation that increases a saturated force."""
+        """Primed f, A and B (8), frozen in the dead zone and where adaptation increases a saturated force."""
         before = desired if state.time is None else self.reference.at(state.time)
         w, w_before = _regressor(desired), _regressor(before)
         # Primed values for an unchanged learnt force.
-        same = _stacked(state.f, state.A, state.B)
-        same = same + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
+        unchanged = _stacked(state.f, state.A, state.B)
+        unchanged = unchanged + (self.gains.beta * state.e)[..., None] * w_before - step[..., None] * w
         new = _stacked(f, A, B)
-        stays = quiet | saturation_mask(deficit, apply(new - same, np.broadcast_to(w, (*step.shape[:-1], len(w)))))
-        kept = np.where(stays[..., None], same, new)
+        frozen = in_dead_zone | saturation_mask(
+            deficit, apply(new - unchanged, np.broadcast_to(w, (*step.shape[:-1], len(w))))
+        )
+        kept = np.where(frozen[..., None], unchanged, new)
         k = step.shape[-1]
         return kept[..., 0], kept[..., 1 : k + 1], kept[..., k + 1 :]
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
@@ -21,21 +22,24 @@ class ReducingOutputController(ReprMixin):
         reduced: model that defines the outputs.
         reference: of x2.
         k2: [1/s]; a number or one for each output.
-        watched: indices in x1 and reference of monitored vertical outputs, which follow without control; for the
+        monitored: indices in x1 and reference of vertical outputs, which follow without control; for the
             record only.
     """
 
+    @former_keywords({"watched": "monitored"})
     def __init__(
         self,
         reduced: ReducedModel,
         reference: Reference,
         k2: float | np.ndarray = 2.0,
-        watched: tuple[np.ndarray, Reference] | None = None,
+        monitored: tuple[np.ndarray, Reference] | None = None,
     ) -> None:
         check_size(reference, reduced.r, "reducing")
-        self.watched = watched
+        self.monitored = monitored
         self.reference, self.k2 = reference, k2
         self._coordinates = reduced.reducing.coordinates
+
+    watched = former_name("monitored")
 
     def describe(self) -> Description:
         """Return the gain."""
@@ -50,8 +54,8 @@ class ReducingOutputController(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         desired = self.reference.at(t)
         x1 = None
-        if self.watched is not None:
-            x1 = spread(self.watched[1].at(t).position, self.watched[0], measurement.x1.shape)
+        if self.monitored is not None:
+            x1 = spread(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
         seen = deviation(self._coordinates, desired, measurement.x2, measurement.v2)
         return VelocityTarget(
             v2=seen.velocity + fed_back(self.k2, seen.error),

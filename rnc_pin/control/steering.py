@@ -7,6 +7,7 @@ import numpy as np
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
@@ -41,8 +42,8 @@ class SteeringController(ReprMixin):
         k21: [1/s], of the primary outputs.
         damping: value of N below which steering fades out. The gain from noise of the vertical outputs to rates of the
             redundant outputs is at most ``k3 k4 / (2 damping)``.
-        fastest: largest rate of the redundant outputs.
-        watched: indices in x1 and reference of monitored vertical outputs, driven by the primary outputs only (x12);
+        max_rate: largest rate of the redundant outputs.
+        monitored: indices in x1 and reference of vertical outputs, driven by the primary outputs only (x12);
             for the record only.
 
     Raises:
@@ -50,6 +51,7 @@ class SteeringController(ReprMixin):
             affine.
     """
 
+    @former_keywords({"fastest": "max_rate", "watched": "monitored"})
     def __init__(
         self,
         reduced: ReducedModel,
@@ -60,8 +62,8 @@ class SteeringController(ReprMixin):
         k4: float = 10.0,
         k21: float | np.ndarray = 2.0,
         damping: float = 0.1,
-        fastest: float = 4.0,
-        watched: tuple[np.ndarray, Reference] | None = None,
+        max_rate: float = 4.0,
+        monitored: tuple[np.ndarray, Reference] | None = None,
     ) -> None:
         if len(task.redundant) != len(task.vertical) or not len(task.redundant):
             raise ConfigurationError(
@@ -73,8 +75,11 @@ class SteeringController(ReprMixin):
         check_size(primary, len(task.primary), "primary")
         check_size(vertical, len(task.vertical), "vertical")
         self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical
-        self.k3, self.k4, self.k21, self.damping, self.fastest = k3, k4, k21, damping, fastest
-        self.watched = watched
+        self.k3, self.k4, self.k21, self.damping, self.max_rate = k3, k4, k21, damping, max_rate
+        self.monitored = monitored
+
+    fastest = former_name("max_rate")
+    watched = former_name("monitored")
 
     def describe(self) -> Description:
         """Return the gains."""
@@ -84,7 +89,7 @@ class SteeringController(ReprMixin):
             "k4": self.k4,
             "k21": listed(self.k21),
             "damping": self.damping,
-            "fastest": self.fastest,
+            "max_rate": self.max_rate,
         }
 
     def initial_state(self, measurement: Measurement) -> DrivenPath | None:
@@ -125,13 +130,13 @@ class SteeringController(ReprMixin):
         right = wanted_dot + self.k4 * (wanted - rate) - without
         square = N.mT @ N + self.damping**2 * np.eye(N.shape[-1])
         v22 = np.linalg.solve(square, apply(N.mT, right)[..., None])[..., 0]
-        v22 = np.clip(v22, -self.fastest, self.fastest)
+        v22 = np.clip(v22, -self.max_rate, self.max_rate)
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = first.velocity + fed_back(self.k21, first.error)
         v2[..., task.redundant] = v22
         x1 = spread(x11d.position, task.vertical, m.x1.shape)
-        if self.watched is not None:
-            x1[..., self.watched[0]] = self.watched[1].at(t).position
+        if self.monitored is not None:
+            x1[..., self.monitored[0]] = self.monitored[1].at(t).position
         return VelocityTarget(
             v2=v2,
             v2_dot=v2_dot,

@@ -16,14 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.protocol import Description, VelocityTarget, listed
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
 
-_WAKE = 2.0  # distance or heading error, in multiples of ``close``, at which a resting vehicle starts again
-_TURN_ABOUT = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction
-_STRAIGHT = 1e-3  # alpha [rad] below which quotients by alpha use their series
+_WAKE_FACTOR = 2.0  # distance or heading error, in multiples of ``tolerance``, at which a resting vehicle starts again
+_REVERSAL_RATIO = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction
+_SERIES_ANGLE = 1e-3  # alpha [rad] below which quotients by alpha use their series
 
 
 class DrivingState(NamedTuple):
@@ -35,7 +36,7 @@ class DrivingState(NamedTuple):
     backwards: bool
 
 
-class _Sight(NamedTuple):
+class _PolarPose(NamedTuple):
     """Pose in the coordinates of the control law, for forward or backward driving."""
 
     distance: float
@@ -52,7 +53,8 @@ class UnicycleStabilizer(ReprMixin):
     direction changes only if that decreases V, so V always decreases. A common factor on speed and yaw rate keeps both
     below their limits; it does not change the path, nor V along it. The vehicle rests until ``begin``, and when
     distance, heading error and motion are all small. After a disturbance it starts again. At the goal the line of sight
-    has no direction (no continuous law exists, Brockett 1983): closer than half of ``close`` the vehicle only turns.
+    has no direction (no continuous law exists, Brockett 1983): closer than half of ``tolerance`` the vehicle only
+    turns.
 
     Reads from the measurement: ``x1`` (positions), ``x2`` (of speed and yaw), ``v2``. One state at a time.
 
@@ -62,15 +64,16 @@ class UnicycleStabilizer(ReprMixin):
         begin: time at which it starts [s].
         k: decay rate of the distance [1/s].
         rate: decay rate of the angles [1/s]; above k, so that the angles decay before the distance.
-        close: distance [m], heading error [rad] and their rates [per s] below which the vehicle rests.
-        soft: time over which the speed grows from zero [s].
-        fastest: largest desired forward speed [m/s] and yaw rate [rad/s].
+        tolerance: distance [m], heading error [rad] and their rates [per s] below which the vehicle rests.
+        ramp_time: time over which the speed grows from zero [s].
+        max_speed: largest desired forward speed [m/s] and yaw rate [rad/s].
 
     Raises:
         ConfigurationError: rates or limits are not valid.
         InputError: the vehicle's position or heading is not given at a sample.
     """
 
+    @former_keywords({"close": "tolerance", "soft": "ramp_time", "fastest": "max_speed"})
     def __init__(
         self,
         goal: np.ndarray,
@@ -78,22 +81,30 @@ class UnicycleStabilizer(ReprMixin):
         begin: float = 0.0,
         k: float = 0.5,
         rate: float = 1.5,
-        close: float = 2e-3,
-        soft: float = 1.0,
-        fastest: tuple[float, float] = (1.0, 1.0),
+        tolerance: float = 2e-3,
+        ramp_time: float = 1.0,
+        max_speed: tuple[float, float] = (1.0, 1.0),
     ) -> None:
         if not 0 < k < rate:
             raise ConfigurationError(f"a unicycle's stabiliser needs 0 < k < rate, found {k:g} and {rate:g}")
-        if not (close > 0 and soft >= 0 and min(fastest) > 0):
+        if not (tolerance > 0 and ramp_time >= 0 and min(max_speed) > 0):
             raise ConfigurationError(
-                f"a unicycle's stabiliser needs close > 0, soft >= 0 and positive limits, found {close:g}, {soft:g} "
-                f"and {tuple(fastest)}"
+                f"a unicycle's stabiliser needs tolerance > 0, ramp_time >= 0 and positive limits, found "
+                f"{tolerance:g}, {ramp_time:g} and {tuple(max_speed)}"
             )
         self.goal, self.position = np.asarray(goal, dtype=float), np.asarray(position, dtype=int)
         self.begin, self.k, self.rate = begin, k, rate
-        self.close, self.soft, self.fastest = close, soft, (float(fastest[0]), float(fastest[1]))
+        self.tolerance, self.ramp_time, self.max_speed = (
+            tolerance,
+            ramp_time,
+            (float(max_speed[0]), float(max_speed[1])),
+        )
         # Near the line of sight the angles have the polynomial s^2 + c s + k^2 h: poles at -rate and -1.2 rate.
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
+
+    close = former_name("tolerance")
+    soft = former_name("ramp_time")
+    fastest = former_name("max_speed")
 
     def describe(self) -> Description:
         """Return the goal, the start time, the rates and the limits."""
@@ -103,9 +114,9 @@ class UnicycleStabilizer(ReprMixin):
             "begin": self.begin,
             "k": self.k,
             "rate": self.rate,
-            "close": self.close,
-            "soft": self.soft,
-            "fastest": list(self.fastest),
+            "tolerance": self.tolerance,
+            "ramp_time": self.ramp_time,
+            "max_speed": list(self.max_speed),
         }
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
@@ -115,16 +126,16 @@ class UnicycleStabilizer(ReprMixin):
 
     def step(self, t: float, measurement: Measurement, state: DrivingState) -> tuple[VelocityTarget, DrivingState]:
         pose, v2 = self._pose(measurement), np.asarray(measurement.v2, dtype=float)
-        state = self._settled(t, pose, v2, state)
+        state = self._update_mode(t, pose, v2, state)
         x1 = np.full(measurement.x1.shape, np.nan)
         x1[self.position] = self.goal[:2]
         x2, still = np.array([np.nan, self.goal[2]]), np.zeros(2)
         if state.since is None or state.resting:
             return VelocityTarget(v2=still, v2_dot=still, x1=x1, x2=x2), state
-        desired, rate = self._limited(*self._law(self._sight(pose, state.backwards), v2, state.backwards))
+        desired, rate = self._limited(*self._law(self._polar_pose(pose, state.backwards), v2, state.backwards))
         share, growth = 1.0, 0.0
-        if t - state.since < self.soft:
-            share, growth = (t - state.since) / self.soft, 1.0 / self.soft
+        if t - state.since < self.ramp_time:
+            share, growth = (t - state.since) / self.ramp_time, 1.0 / self.ramp_time
         return VelocityTarget(v2=share * desired, v2_dot=share * rate + growth * desired, x1=x1, x2=x2), state
 
     def _pose(self, measurement: Measurement) -> np.ndarray:
@@ -136,56 +147,56 @@ class UnicycleStabilizer(ReprMixin):
             raise InputError("the vehicle's position and heading have to be given in x1 and x2")
         return pose
 
-    def _settled(self, t: float, pose: np.ndarray, v2: np.ndarray, state: DrivingState) -> DrivingState:
+    def _update_mode(self, t: float, pose: np.ndarray, v2: np.ndarray, state: DrivingState) -> DrivingState:
         """New state: waiting, resting or driving, and the driving direction."""
         if t < self.begin:
             return state
         off = max(float(np.hypot(pose[0], pose[1])), abs(float(pose[2])))
-        if off < self.close and float(np.abs(v2).max()) < self.close:
+        if off < self.tolerance and float(np.abs(v2).max()) < self.tolerance:
             return DrivingState(t, True, state.backwards)
-        if state.resting and off < _WAKE * self.close:
+        if state.resting and off < _WAKE_FACTOR * self.tolerance:
             return state
-        forwards, backwards = (self._turning(self._sight(pose, way)) for way in (False, True))
+        forwards, backwards = (self._angle_cost(self._polar_pose(pose, way)) for way in (False, True))
         if state.since is None or state.resting:  # start to drive
             return DrivingState(t, False, backwards < forwards)
         now, other = (backwards, forwards) if state.backwards else (forwards, backwards)
-        return state._replace(backwards=state.backwards != (other < _TURN_ABOUT * now))
+        return state._replace(backwards=state.backwards != (other < _REVERSAL_RATIO * now))
 
-    def _sight(self, pose: np.ndarray, backwards: bool) -> _Sight:
+    def _polar_pose(self, pose: np.ndarray, backwards: bool) -> _PolarPose:
         """Pose in the coordinates of the law; for backward driving both headings turn by pi."""
         x, y, heading = pose
         about, e = np.pi if backwards else 0.0, float(np.hypot(x, y))
-        if e < self.close / 2:  # at the goal, except for the heading
-            return _Sight(0.0, wrapped(-heading), 0.0)
+        if e < self.tolerance / 2:  # at the goal, except for the heading
+            return _PolarPose(0.0, wrapped(-heading), 0.0)
         bearing = float(np.arctan2(-y, -x))
-        return _Sight(e, wrapped(bearing - heading - about), wrapped(bearing - about))
+        return _PolarPose(e, wrapped(bearing - heading - about), wrapped(bearing - about))
 
-    def _turning(self, sight: _Sight) -> float:
+    def _angle_cost(self, polar: _PolarPose) -> float:
         """Angle terms of 2 V."""
-        return sight.alpha**2 + self._h * sight.theta**2
+        return polar.alpha**2 + self._h * polar.theta**2
 
-    def _law(self, sight: _Sight, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _law(self, polar: _PolarPose, v2: np.ndarray, backwards: bool) -> tuple[np.ndarray, np.ndarray]:
         """Inputs (v, w) of the law, and their rates while the vehicle moves at v2."""
-        (e, alpha, theta), k, h = sight, self.k, self._h
+        (e, alpha, theta), k, h = polar, self.k, self._h
         sign = -1.0 if backwards else 1.0
         speed, turn = sign * v2[0], v2[1]
         c, s = np.cos(alpha), np.sin(alpha)
-        # Closer than ``close``, bound the rate of the line of sight: the vehicle is about to rest.
-        theta_dot = speed * s * e / max(e, self.close) ** 2
+        # Closer than ``tolerance``, bound the rate of the line of sight: the vehicle is about to rest.
+        theta_dot = speed * s * e / max(e, self.tolerance) ** 2
         alpha_dot = theta_dot - turn
         v_dot = k * (-speed * c * c - e * s * alpha_dot)
-        if abs(alpha) < _STRAIGHT:
+        if abs(alpha) < _SERIES_ANGLE:
             share, slope = 1.0 - 2.0 / 3.0 * alpha**2, -4.0 / 3.0 * alpha  # of cos(alpha) sinc(alpha)
         else:
             share, slope = c * s / alpha, (np.cos(2 * alpha) - c * s / alpha) / alpha
-        lean, lean_dot = alpha + h * theta, alpha_dot + h * theta_dot
-        w = self._c * alpha + k * share * lean
-        w_dot = self._c * alpha_dot + k * (slope * alpha_dot * lean + share * lean_dot)
+        weighted, weighted_dot = alpha + h * theta, alpha_dot + h * theta_dot
+        w = self._c * alpha + k * share * weighted
+        w_dot = self._c * alpha_dot + k * (slope * alpha_dot * weighted + share * weighted_dot)
         return np.array([sign * k * e * c, w]), np.array([sign * v_dot, w_dot])
 
     def _limited(self, v2: np.ndarray, v2_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inputs slowed below the limits along the same path, and their rates."""
-        limits = np.array(self.fastest)
-        slower = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
-        slower_dot = np.sum(v2 * v2_dot / limits**2) / slower
-        return v2 / slower, (v2_dot - v2 * slower_dot / slower) / slower
+        limits = np.array(self.max_speed)
+        scale = np.sqrt(1.0 + np.sum((v2 / limits) ** 2))
+        scale_dot = np.sum(v2 * v2_dot / limits**2) / scale
+        return v2 / scale, (v2_dot - v2 * scale_dot / scale) / scale

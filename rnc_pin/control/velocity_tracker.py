@@ -9,7 +9,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.dead_zone import apply_dead_zone
-from rnc_pin.control.gains import VelocityGains
+from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.control.protocol import (
     Command,
     Description,
@@ -21,6 +21,7 @@ from rnc_pin.control.protocol import (
     listed,
 )
 from rnc_pin.control.windup import saturation_mask
+from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
@@ -55,24 +56,32 @@ class VelocityTracker(ReprMixin):
     Args:
         target: kinematic controller that computes ``v2d`` and its rate.
         gains: k, beta, sigma, dead zone.
-        held: gravity compensation at the start (r,): reduced force that holds the robot, as its actuators report at
+        gravity_compensation: force at the start (r,): reduced force that holds the robot, as its actuators report at
             rest. The tracker learns g in addition. Zero by default: a robot under gravity then drops until g has grown.
     """
 
+    @former_keywords({"held": "gravity_compensation"})
     def __init__(
-        self, target: KinematicController, gains: VelocityGains | None = None, held: np.ndarray | None = None
+        self,
+        target: KinematicController,
+        gains: VelocityGains | None = None,
+        gravity_compensation: np.ndarray | None = None,
     ) -> None:
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
-        self._zoned = bool(np.any(self.gains.dead_zone))
-        self.held = 0.0 if held is None else np.asarray(held, dtype=float)
+        self._has_dead_zone = bool(np.any(self.gains.dead_zone))
+        self.gravity_compensation = (
+            0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
+        )
+
+    held = former_name("gravity_compensation")
 
     def describe(self) -> Description:
         """Return the gains, the gravity compensation, and the kinematic controller."""
         return {
             "type": type(self).__name__,
             "gains": self.gains.describe(),
-            "held": listed(self.held),
+            "gravity_compensation": listed(self.gravity_compensation),
             "target": describe(self.target),
         }
 
@@ -102,18 +111,18 @@ class VelocityTracker(ReprMixin):
         square = 1.0 + np.vecdot(target.v2_dot, target.v2_dot) + np.vecdot(products, products)
         k, beta, sigma = self.gains.k, self.gains.beta, self.gains.sigma
         decay = np.asarray(np.exp(-sigma * elapsed))
-        held = -np.expm1(-sigma * elapsed) / sigma if sigma else elapsed  # integral of the leak over the sample
-        gain = held * beta / (1.0 + held * beta * square[..., None] / k)
+        leak_time = -np.expm1(-sigma * elapsed) / sigma if sigma else elapsed  # integral of the leak over the sample
+        gain = leak_time * beta / (1.0 + leak_time * beta * square[..., None] / k)
         step = gain * error
-        if self._zoned:
-            learnt_from = apply_dead_zone(error, self.gains.dead_zone)
-            step, decay = gain * learnt_from, np.where(learnt_from == 0.0, 1.0, decay)
+        if self._has_dead_zone:
+            reduced_error = apply_dead_zone(error, self.gains.dead_zone)
+            step, decay = gain * reduced_error, np.where(reduced_error == 0.0, 1.0, decay)
         if measurement.force_deficit is not None:
-            stays = saturation_mask(measurement.force_deficit, error)
-            step, decay = np.where(stays, 0.0, step), np.where(stays, 1.0, decay)
+            frozen = saturation_mask(measurement.force_deficit, error)
+            step, decay = np.where(frozen, 0.0, step), np.where(frozen, 1.0, decay)
         g = decay * state.g + step
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
-        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.held
+        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.gravity_compensation
         command = command_towards(target, F)
         return command, TrackerState(t, g, C, D, target_state)

@@ -24,15 +24,15 @@ from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.plants import Plant
 from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.controllers import BuiltController, ControllerContext, build_controller
+from rnc_pin.scenario.controllers.context import reduced_velocity
 from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
-from rnc_pin.scenario.schema.controllers import Context
-from rnc_pin.scenario.schema.controllers.base import Built, reduced_velocity
-from rnc_pin.scenario.schema.controllers.velocity import VelocitySettings
+from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
 
-_SLOWED_TIMES = 6  # iterations; one factor may not suffice, because feedback of the initial error is not slowed down
+_MAX_TIME_SCALINGS = 6  # one factor may not suffice, because feedback of the initial error is not slowed down
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
 
@@ -114,9 +114,9 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     path = _plan_path(scenario, reduced, task, q0)
-    built = _built(
+    built = _build_controller(
         scenario,
-        Context(
+        ControllerContext(
             reduced=reduced,
             task=task,
             primary=references["primary"] if path.primary is None else path.primary,
@@ -127,7 +127,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             simulation=scenario.simulation,
             preflight=scenario.preflight,
             slithering=path.slithering,
-            watched=path.watched,
+            monitored=path.monitored,
             v2_0=v2_0,
             grip=_grip(scenario, reduced),
         ),
@@ -157,7 +157,7 @@ def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
     """Return the friction limits of the wheels; None if the scenario has no ``grip``."""
     if scenario.grip is None:
         return None
-    if not isinstance(scenario.controller, VelocitySettings):
+    if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     try:
         return Grip(reduced, scenario.grip.friction, scenario.grip.loads)
@@ -165,28 +165,28 @@ def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
         raise ConfigurationError(f"grip: {error}") from None
 
 
-def _built(scenario: Scenario, context: Context) -> Built:
+def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltController:
     """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
-        return scenario.controller.build(context)
-    slower, slowed = 1.0, replace(context, preflight="warn")
-    for _ in range(_SLOWED_TIMES):
-        built = scenario.controller.build(slowed)
-        if built.slower == 1.0 or not np.isfinite(built.slower):
+        return build_controller(scenario.controller, context)
+    time_scale, slowed = 1.0, replace(context, preflight="warn")
+    for _ in range(_MAX_TIME_SCALINGS):
+        built = build_controller(scenario.controller, slowed)
+        if built.time_scale == 1.0 or not np.isfinite(built.time_scale):
             break
-        slower *= built.slower
+        time_scale *= built.time_scale
         slowed = replace(
             slowed,
-            primary=Slowed(context.primary, slower),
-            redundant=Slowed(context.redundant, slower),
-            vertical=Slowed(context.vertical, slower),
-            watched=context.watched and (context.watched[0], Slowed(context.watched[1], slower)),
+            primary=Slowed(context.primary, time_scale),
+            redundant=Slowed(context.redundant, time_scale),
+            vertical=Slowed(context.vertical, time_scale),
+            monitored=context.monitored and (context.monitored[0], Slowed(context.monitored[1], time_scale)),
         )
     if built.warnings and scenario.preflight == "refuse":
         raise InfeasibleError("; ".join(built.warnings))
-    if slower > 1.0:
-        said = f"references are slowed down by a factor of {slower:.4g} so that no wheel slips"
+    if time_scale > 1.0:
+        said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
         built = replace(built, warnings=(said, *built.warnings))
     return built
 
@@ -208,24 +208,24 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _PathPlan:
     """Planned path of a vehicle and its references; all None without a planned path."""
 
     primary: Reference | None = None
     """Travelled distance and steering angle."""
     slithering: SlitheringReference | None = None
     """Reference of the trailer's heading."""
-    watched: tuple[np.ndarray, Reference] | None = None
-    """Positions in x1 and reference of the x and y of the frame."""
+    monitored: tuple[np.ndarray, Reference] | None = None
+    """Indices in x1 and reference of the x and y of the frame, for the record."""
     planned: PlannedPath | None = None
     """For plots: the frame, its trailer, and the poses of the path."""
 
 
-def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _Way:
+def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _PathPlan:
     """Plan the path of ``reference.path``."""
     settings = scenario.reference.path
     if settings is None:
-        return _Way()
+        return _PathPlan()
     if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
         raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
     if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
@@ -260,11 +260,11 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
     trailing = None if trailer is None else trailer.frame
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
-    watched = None
+    monitored = None
     if all(name in reduced.vertical.names for name in names):
-        watched = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
+        monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
     planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
-    return _Way(path.reference, slithering, watched, planned)
+    return _PathPlan(path.reference, slithering, monitored, planned)
 
 
 def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:

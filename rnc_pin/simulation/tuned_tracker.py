@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from rnc_pin.control import KinematicController, VelocityGains, VelocityTracker
+from rnc_pin.control import KinematicController, VelocityTracker, design_velocity_gains
+from rnc_pin.deprecation import former_keywords
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
 
 
+@former_keywords({"held": "gravity_compensation"})
 def tuned_tracker(
     reduced: ReducedModel,
     kinematic: KinematicController,
@@ -22,7 +22,7 @@ def tuned_tracker(
     step: float = 0.05,
     bandwidth: float | None = None,
     adaptation: float = 1.0,
-    held: bool = False,
+    gravity_compensation: bool = False,
     delay: float = 0.0,
     dead_zone: float | np.ndarray = 0.0,
 ) -> VelocityTracker:
@@ -41,7 +41,7 @@ def tuned_tracker(
         step: step of the roll-out [s].
         bandwidth: bandwidth of the velocity loop [rad/s]; by default the largest that the sampling allows.
         adaptation: adaptation rate ``beta / k`` [1/s]; use 30 if gravity is large compared with the inertia.
-        held: True starts the tracker with gravity compensation: the force that holds the system at rest at q0, as the
+        gravity_compensation: True starts the tracker with the force that holds the system at rest at q0, as the
             actuators would report it.
         delay: delay between a measurement and its force, without the sampling [s]. It limits the bandwidth.
         dead_zone: velocity error below which adaptation stops; a number, or one per reducing output.
@@ -62,7 +62,9 @@ def tuned_tracker(
         True
     """
     _, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
-    gains = VelocityGains.scaled(reduced, region, dt, bandwidth, adaptation=adaptation, delay=delay)
-    gains = replace(gains, dead_zone=dead_zone)
+    gains = design_velocity_gains(
+        reduced, region, dt, bandwidth=bandwidth, adaptation=adaptation, delay=delay, overrides={"dead_zone": dead_zone}
+    )
     rest = np.zeros(reduced.r)
-    return VelocityTracker(kinematic, gains, reduced.inverse_dynamics(q0, rest, rest) if held else None)
+    force = reduced.inverse_dynamics(q0, rest, rest) if gravity_compensation else None
+    return VelocityTracker(kinematic, gains, force)

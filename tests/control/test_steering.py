@@ -40,7 +40,7 @@ def test_gradient_of_the_kinematics_is_exact():
 def test_the_missing_rate_fades_at_k4():
     """Along the kinematics, w - A3 v21 decays as exp(-k4 t): the whole point of backstepping."""
     k4 = 6.0
-    reduced, path, _, controller, _ = truck_task(k4=k4, damping=1e-6, fastest=1e3)
+    reduced, path, _, controller, _ = truck_task(k4=k4, damping=1e-6, max_rate=1e3)
     q = reduced.robot.configuration(
         {"root_joint": [-4.5, 1.9, -0.5], "rear_steering": 0.2, "hitch": 0.15, "front_steering": 0.05}
     )

@@ -71,7 +71,7 @@ def test_chains_and_rates_that_make_no_sense_are_refused(arguments):
 
 def test_a_chain_saturates_and_refuses_where_it_has_no_law():
     """Inputs have one bound, the path is the one without it, and x1 = 0 is outside the domain."""
-    held, free = ChainedStabilizer(3, fastest=0.5), ChainedStabilizer(3, fastest=1e9)
+    held, free = ChainedStabilizer(3, max_input=0.5), ChainedStabilizer(3, max_input=1e9)
     for x in np.random.default_rng(0).normal(size=(20, 3)):
         u, law = held.command(x), free.command(x)
         assert np.linalg.norm(u) <= 0.5 + ROUNDING
@@ -122,12 +122,12 @@ SPECIAL = [(0, 1, 0), (0, 0, 3.1), (1, 0, np.pi), (-1, 0, 1.5707), (-2, 1e-9, np
 @pytest.mark.parametrize("start", [*SPECIAL, *np.random.default_rng(1).uniform(-3, 3, (8, 3))])
 def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
     """Abeam, turned round, on the spot: and never faster than its limits, wherever it is."""
-    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), fastest=(0.8, 0.6))
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), max_speed=(0.8, 0.6))
     pose, state, asked = driven(stabilizer, beside(*start), 26.0)
     distance, turn = off(pose)
     assert state.resting
-    assert distance < stabilizer.close
-    assert turn < stabilizer.close
+    assert distance < stabilizer.tolerance
+    assert turn < stabilizer.tolerance
     assert (np.abs(asked).max(axis=0) < (0.8, 0.6)).all()
 
 
@@ -142,7 +142,7 @@ def test_a_unicycle_sets_out_the_way_that_its_goal_lies(ahead):
 
 @pytest.mark.parametrize("left", [(0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05)], ids=["x", "y", "heading"])
 def test_it_rests_only_where_all_three_are_small_and_wakes_up_when_pushed(left):
-    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), close=0.01)
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), tolerance=0.01)
     _, state, asked = driven(stabilizer, beside(*left), 0.5)
     assert not state.resting
     assert np.abs(asked).max() > 1e-3
@@ -172,8 +172,8 @@ def test_rate_of_what_the_unicycle_is_asked_for_is_exact(start, t):
 def test_what_makes_no_sense_for_a_unicycle_is_refused():
     for settings, words in (
         ({"k": 2.0, "rate": 1.0}, "needs 0 < k < rate"),
-        ({"close": 0.0}, "close > 0"),
-        ({"fastest": (1.0, 0.0)}, "positive limits"),
+        ({"tolerance": 0.0}, "tolerance > 0"),
+        ({"max_speed": (1.0, 0.0)}, "positive limits"),
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):
             UnicycleStabilizer(GOAL, np.array([0, 1]), **settings)

@@ -128,7 +128,7 @@ def test_class_3_on_wheels_that_are_not_known():
     there = start + np.array([0.1, -0.05])
     tracker = PositionTracker(MinimumJerk(start, there, 2.0), PositionGains.scaled(H[:, :2, :2], DT, 4.0, 1.5))
     goal = np.array([-1.0, -0.1, 0.6])
-    stabilizer = UnicycleStabilizer(goal, np.array([0, 1]), 2.0, k=0.5, rate=1.0, close=0.01)
+    stabilizer = UnicycleStabilizer(goal, np.array([0, 1]), 2.0, k=0.5, rate=1.0, tolerance=0.01)
     gains = VelocityGains.scaled(estimator.model, q0[None], DT, outputs=platform, slowest=2.0)
     split = SplitController([(tracker, hand), (VelocityTracker(stabilizer, gains), platform)], 4)
     run = rnc.simulate(reduced, UncertainController(estimator, split), q0, 18.0, DT)

@@ -16,7 +16,7 @@ WHERE = np.array([2, 0])  # x and y in x1, neither first nor in order
 
 
 def unicycle(**settings):
-    return UnicycleStabilizer(GOAL, WHERE, **{"soft": 0.0, "fastest": (1e9, 1e9), **settings})
+    return UnicycleStabilizer(GOAL, WHERE, **{"ramp_time": 0.0, "max_speed": (1e9, 1e9), **settings})
 
 
 def seen(x, y, turn, v2=(0.0, 0.0)):
@@ -82,7 +82,7 @@ def test_a_unicycle_that_heads_for_its_goal_has_no_gap_in_its_law(alpha):
 
 def test_a_unicycle_slows_its_whole_motion_down_to_its_limits():
     """By one factor, so that its path is the one without limits; the rate is exact there too."""
-    free, held, step = unicycle(), unicycle(fastest=(0.3, 0.7)), 1e-5
+    free, held, step = unicycle(), unicycle(max_speed=(0.3, 0.7)), 1e-5
     state = DrivingState(0.0, False, False)
     for x, y, turn, speed, spin in np.random.default_rng(4).uniform(
         [-1.5, -0.2, -0.4, -1, -1], [-0.2, 0.2, 0.4, 1, 1], (8, 5)
@@ -101,7 +101,7 @@ def test_a_unicycle_slows_its_whole_motion_down_to_its_limits():
 
 def test_a_unicycle_takes_up_speed_softly():
     """In proportion to the time since it set out, until that is over; what it asks for then is the law's alone."""
-    soft, at_once = unicycle(soft=0.75), unicycle()
+    soft, at_once = unicycle(ramp_time=0.75), unicycle()
     here, state = seen(-1.0, 0.3, 0.2, (0.3, -0.4)), DrivingState(2.0, False, False)
     full = at_once.step(2.0, here, state)[0]
     for share in (0.0, 0.25, 0.5, 0.999):
@@ -117,7 +117,7 @@ def test_a_unicycle_takes_up_speed_softly():
 
 def test_a_unicycle_waits_until_it_may_begin():
     """At that time and not before; what it aims at is said all the while, in the places that are its own."""
-    stabilizer = unicycle(begin=1.5, soft=1.0)
+    stabilizer = unicycle(begin=1.5, ramp_time=1.0)
     here = seen(-1.0, 0.3, 0.2)
     state = stabilizer.initial_state(here)
     assert state == (None, False, False)
@@ -135,16 +135,16 @@ def test_a_unicycle_waits_until_it_may_begin():
         "begin": 1.5,
         "k": 0.5,
         "rate": 1.5,
-        "close": 2e-3,
-        "soft": 1.0,
-        "fastest": [1e9, 1e9],
+        "tolerance": 2e-3,
+        "ramp_time": 1.0,
+        "max_speed": [1e9, 1e9],
     }
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_unicycle_rests_below_its_limit_and_wakes_at_twice_that(backwards):
     """Distance, heading and motion each; pushed away it sets out again at that time, the way its goal lies."""
-    stabilizer = unicycle(close=0.01, soft=1.0)
+    stabilizer = unicycle(tolerance=0.01, ramp_time=1.0)
     drives, rests = DrivingState(0.0, False, backwards), DrivingState(3.0, True, backwards)
     inside, outside = 0.0099, 0.0101
     for at, rest in (
@@ -200,7 +200,7 @@ def test_a_unicycle_turns_about_where_that_halves_what_its_angles_cost():
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_unicycle_at_its_goal_turns_only(backwards):
     """Nearer than half of ``close``; up to there it drives, and the line of sight turns as it would at ``close``."""
-    stabilizer, close = unicycle(close=0.1), 0.1
+    stabilizer, close = unicycle(tolerance=0.1), 0.1
     state = DrivingState(0.0, False, backwards)
     for turn in (0.5, -0.5):
         target, _ = stabilizer.step(1.0, seen(0.03, 0.0396, turn, (0.2, 0.3)), state)
@@ -227,12 +227,14 @@ def test_a_unicycle_at_its_goal_turns_only(backwards):
     [
         ({"k": 0.0}, "needs 0 < k < rate, found 0 and 1.5"),
         ({"k": 1.5}, "needs 0 < k < rate, found 1.5 and 1.5"),
-        ({"close": 0.0}, r"found 0, 1 and \(1.0, 1.0\)"),
-        ({"soft": -1e-9}, r"found 0.002, -1e-09 and \(1.0, 1.0\)"),
-        ({"fastest": (0.0, 1.0)}, r"found 0.002, 1 and \(0.0, 1.0\)"),
+        ({"tolerance": 0.0}, r"found 0, 1 and \(1.0, 1.0\)"),
+        ({"ramp_time": -1e-9}, r"found 0.002, -1e-09 and \(1.0, 1.0\)"),
+        ({"max_speed": (0.0, 1.0)}, r"found 0.002, 1 and \(0.0, 1.0\)"),
     ],
 )
 def test_a_unicycle_at_the_edge_of_what_makes_sense(settings, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
         UnicycleStabilizer(GOAL, WHERE, **settings)
-    assert UnicycleStabilizer(GOAL, WHERE, k=1e-9, soft=0.0, close=1e-9, fastest=(1e-9, 1e-9)).soft == 0.0
+    assert (
+        UnicycleStabilizer(GOAL, WHERE, k=1e-9, ramp_time=0.0, tolerance=1e-9, max_speed=(1e-9, 1e-9)).ramp_time == 0.0
+    )

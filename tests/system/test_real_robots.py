@@ -158,7 +158,7 @@ def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
 
 def test_the_position_tracker_holds_too():
     reduced, q0, x2, held = held_tiago()
-    tracker = PositionTracker(Hold(x2), held=held)
+    tracker = PositionTracker(Hold(x2), gravity_compensation=held)
     measurement = reduced.measure(q0, np.zeros(reduced.r), integrals=x2)
     command, _ = tracker.step(0.0, measurement, tracker.initial_state(measurement))
     np.testing.assert_allclose(command.F, held, atol=1e-9)
@@ -174,8 +174,8 @@ def test_scaled_gains_adapt_as_fast_as_asked():
     ("option", "words"),
     [
         (
-            "controller={type: redundancy, tracker: computed_torque, held: true}",
-            "controller.held: is not available with tracker 'computed_torque'",
+            "controller={type: redundancy, tracker: computed_torque, gravity_compensation: true}",
+            "controller.gravity_compensation: is not available with tracker 'computed_torque'",
         ),
         ("controller={type: redundancy, preset: paper, adaptation: 3}", "controller.adaptation: belongs to the preset"),
     ],

@@ -9,10 +9,11 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.planning import Hold
 from rnc_pin.scenario.builder import build_reduced, build_task
+from rnc_pin.scenario.controllers import ControllerContext, build_controller
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.json_schema import schema
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.schema.controllers import TYPES, Context
+from rnc_pin.scenario.schema.controllers import TYPES
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
@@ -28,7 +29,7 @@ NEEDED = {
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
     "tracker": "computed_torque",
-    "held": False,
+    "gravity_compensation": False,
     "adaptation": 3.0,
     "bandwidth": 20.0,
     "inertia_bound": 90.0,
@@ -124,7 +125,7 @@ def test_what_a_controller_is_built_from_cannot_be_changed():
     q0 = reduced.robot.configuration(given.initial.q)
     x1, x2 = reduced.outputs(q0)
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
-    context = Context(
+    context = ControllerContext(
         reduced=reduced,
         task=task,
         **{name: Hold(start) for name, start in starts.items()},
@@ -134,9 +135,9 @@ def test_what_a_controller_is_built_from_cannot_be_changed():
     )
     with pytest.raises(dataclasses.FrozenInstanceError):
         context.given = ()
-    first, second = given.controller.build(context), given.controller.build(context)
+    first, second = build_controller(given.controller, context), build_controller(given.controller, context)
     assert first.controller is not second.controller
     np.testing.assert_array_equal(first.controller.gains.k, second.controller.gains.k)
     assert first.warnings == second.warnings == ()
     with pytest.raises(rnc.ConfigurationError, match=r"reference.redundant: is not followed by .* 'redundancy'; contr"):
-        given.controller.build(dataclasses.replace(context, given=("redundant",)))
+        build_controller(given.controller, dataclasses.replace(context, given=("redundant",)))

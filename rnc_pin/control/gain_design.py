@@ -1,11 +1,14 @@
-"""Gains of the trackers (8)-(9) and (10): from the paper, from a bound on H, or scaled to H over a region.
+"""Design of gains: of the trackers (8)-(9) and (10), and of the outer loops. Python and scenario files both use it.
 
-Only ``scaled`` reads an inertia. ``normalised`` needs a bound on H from the user; ``paper`` needs nothing.
+There are three presets. ``paper`` has the numbers of the paper. ``normalised`` needs a bound on H from the user.
+``scaled`` reads H over a region of configurations. Only this design reads an inertia, and only beforehand.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,11 +17,41 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 
 Gain = float | np.ndarray
+Preset = Literal["paper", "normalised", "scaled"]
 
-FASTEST = 0.2
+MAX_RATE_TIMES_PERIOD = 0.2
 """Largest product of a closed-loop rate and the sampling period that the sampled tracker tolerates."""
-LATEST = np.pi / 4
+MAX_RATE_TIMES_DELAY = np.pi / 4
 """Largest product of a closed-loop rate and the age of the feedback signal: half of pi / 2."""
+
+
+class OuterGains(NamedTuple):
+    """Gains of the loops over the trackers. They do not depend on the inertia."""
+
+    k3: float = 2.0
+    """Gain on vertical outputs (12) [1/s]."""
+    k4: float = 10.0
+    """Rate at which a steering angle follows its desired value [1/s]; several times k3."""
+    k21: float = 2.0
+    """Gain on primary outputs [1/s]; zero for the paper, which uses x21d_dot in open loop."""
+    alpha: float = 20.0
+    """Adaptation gain of parameter estimates (20)."""
+    k: float = 0.4
+    """Decay rate of a platform's distance to its goal [1/s]; several times slower than its tracker."""
+    rate: float = 1.0
+    """Decay rate of a platform's angles [1/s]."""
+    tolerance: float = 2e-3
+    """Distance [m] and heading error [rad] below which a platform rests."""
+    max_speed: tuple[float, float] = (1.0, 1.0)
+    """Largest forward speed [m/s] and yaw rate [rad/s] of a platform."""
+
+
+OUTER_GAINS: dict[Preset, OuterGains] = {
+    "paper": OuterGains(k21=0.0, alpha=1.0, k=0.1, rate=0.2, tolerance=0.02, max_speed=(0.3, 0.3)),
+    "normalised": OuterGains(),
+    "scaled": OuterGains(),
+}
+"""Gains of the outer loops by preset."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +73,7 @@ class VelocityGains:
 
     def describe(self) -> Description:
         """The numbers by name."""
-        return {"k": listed(self.k), "beta": listed(self.beta), "sigma": self.sigma, **_zone(self.dead_zone)}
+        return _describe(self)
 
     @classmethod
     def paper(cls) -> VelocityGains:
@@ -49,7 +82,7 @@ class VelocityGains:
 
     @classmethod
     def normalised(
-        cls, bound: Gain, bandwidth: float = 4.0, sigma: float = 0.1, adaptation: float = 1.0
+        cls, bound: Gain | None, bandwidth: float = 4.0, sigma: float = 0.1, adaptation: float = 1.0
     ) -> VelocityGains:
         """Return gains ``K = bandwidth D`` from a known bound ``H <= D = diag(bound)`` only.
 
@@ -57,7 +90,8 @@ class VelocityGains:
         adaptation has not learnt yet. As ``e^T K e = bandwidth e^T D e >= bandwidth e^T H e``, the error decays at
         ``bandwidth`` or faster wherever the bound holds. Adaptation with ``beta = adaptation K`` preserves this
         (Lemma 3). The fastest rate is ``bandwidth D / H``, for the lightest motion. Consider a bandwidth of 4/s, twice
-        the outer loop's, and a sampling period of 2 ms. The product of rate and period reaches ``FASTEST`` if H is 25
+        the outer loop's, and a sampling period of 2 ms. The product of rate and period reaches
+        ``MAX_RATE_TIMES_PERIOD`` if H is 25
         times less than its bound. Adaptation makes the loop unstable if H is 125 times less.
 
         Args:
@@ -89,15 +123,15 @@ class VelocityGains:
         """Return diagonal gains ``K = bandwidth diag(H)`` for the inertia over a region.
 
         The method reads the model's inertia once, beforehand; the controller never reads it. The closed velocity loop
-        has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below ``FASTEST``) and fast for
-        the outer loop (at least ``slowest``). These limits are a window for the bandwidth; the default is its upper
-        end.
+        has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below
+        ``MAX_RATE_TIMES_PERIOD``) and fast for the outer loop (at least ``slowest``). These limits are a window for the
+        bandwidth; the default is its upper end.
 
         A delay limits the rates too. The applied force is ``delay`` old, plus half a sample on average for the hold.
         With ``age = delay + dt / 2``, ``edot = -rate e(t - age)`` has solutions ``exp(s t)`` with
         ``s = -rate exp(-s age)``. The first solutions cross the imaginary axis at ``rate age = pi / 2``. The rates stay
-        below half of that, ``LATEST = pi / 4``. The other half of the phase is for the outer loop and for adaptation,
-        which takes ``atan(beta / k / rate)``.
+        below half of that, ``MAX_RATE_TIMES_DELAY = pi / 4``. The other half of the phase is for the outer loop and
+        for adaptation, which takes ``atan(beta / k / rate)``.
 
         Args:
             reduced: the model.
@@ -117,15 +151,15 @@ class VelocityGains:
         """
         _check_delay(delay)
         H = reduced.inertia(np.atleast_2d(configurations))
-        diagonal, spread = _scaled(H if outputs is None else H[:, outputs][:, :, outputs])
-        fastest = min(FASTEST / dt, LATEST / (delay + dt / 2))
-        low, high = slowest * float(spread.max()), fastest * float(spread.min())
+        diagonal, eigenvalues = _normalise_inertia(H if outputs is None else H[:, outputs][:, :, outputs])
+        max_rate = min(MAX_RATE_TIMES_PERIOD / dt, MAX_RATE_TIMES_DELAY / (delay + dt / 2))
+        low, high = slowest * float(eigenvalues.max()), max_rate * float(eigenvalues.min())
         if low > high:
             raise InfeasibleError(
                 f"no velocity gains suit this region: closed-loop rates of at least {slowest:g}/s need a bandwidth of "
                 f"{low:.3g} rad/s, sampling every {dt:g} s{_late(delay)} allows {high:.3g}; sample faster or keep "
                 "clear of configurations where the inertia is so uneven "
-                f"(eigenvalues {spread.min():.3g} to {spread.max():.3g})"
+                f"(eigenvalues {eigenvalues.min():.3g} to {eigenvalues.max():.3g})"
             )
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
@@ -155,14 +189,7 @@ class PositionGains:
 
     def describe(self) -> Description:
         """The numbers by name."""
-        return {
-            "k1": listed(self.k1),
-            "k2": listed(self.k2),
-            "gamma": self.gamma,
-            "beta": listed(self.beta),
-            "sigma": self.sigma,
-            **_zone(self.dead_zone),
-        }
+        return _describe(self)
 
     @classmethod
     def paper(cls) -> PositionGains:
@@ -170,7 +197,7 @@ class PositionGains:
         return cls()
 
     @classmethod
-    def normalised(cls, bound: Gain, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1) -> PositionGains:
+    def normalised(cls, bound: Gain | None, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1) -> PositionGains:
         """Return gains from a known bound ``H <= D = diag(bound)`` only.
 
         With ``k1 = kappa1 D, k2 = kappa2 D`` every motion of ``H = D / rho``, rho at least 1, has the polynomial
@@ -225,11 +252,11 @@ class PositionGains:
             ConfigurationError: the delay is negative.
         """
         _check_delay(delay)
-        diagonal, spread = _scaled(inertia)
-        square = gamma / (dt + 2.0 * delay) * float(spread.min())
+        diagonal, eigenvalues = _normalise_inertia(inertia)
+        square = gamma / (dt + 2.0 * delay) * float(eigenvalues.min())
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
-        if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(spread.max()):
+        if kappa1 <= 0 or square < (4.0 * rate) ** 2 * float(eigenvalues.max()):
             raise InfeasibleError(
                 f"no position gains suit this region: sampling every {dt:g} s{_late(delay)} allows oscillations of "
                 f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs "
@@ -238,17 +265,119 @@ class PositionGains:
         return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
 
 
-def _positive(bound: Gain) -> np.ndarray:
+def design_velocity_gains(
+    reduced: ReducedModel,
+    configurations: np.ndarray,
+    dt: float,
+    *,
+    preset: Preset = "scaled",
+    outputs: np.ndarray | None = None,
+    inertia_bound: Gain | None = None,
+    bandwidth: float | None = None,
+    adaptation: float | None = None,
+    delay: float | None = None,
+    overrides: Mapping[str, Gain | None] | None = None,
+) -> VelocityGains:
+    """Return the gains of a velocity tracker: those of a preset, or overrides in their place.
+
+    Args:
+        reduced: the model; only "scaled" reads its inertia.
+        configurations: region of the motion, (count, nq), e.g. of a kinematic roll-out of the reference.
+        dt: sampling period [s].
+        preset: "paper", "normalised" or "scaled".
+        outputs: indices of the reducing outputs of these gains; all by default.
+        inertia_bound: for "normalised": a number, or one for each of these outputs.
+        bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
+        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; 1 by default.
+        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
+        overrides: fields of ``VelocityGains`` by name, in place of those of the preset; None leaves the preset's.
+
+    Raises:
+        InfeasibleError: no gains fit both the inertia and the sampling.
+        ConfigurationError: an argument is not valid, or "normalised" has no bound.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce()
+        >>> q0 = robot.configuration({"joint_2": 1.8})
+        >>> gains = rnc.control.design_velocity_gains(reduced, q0, 0.002, overrides={"sigma": 0.0})
+        >>> gains.k.shape, gains.sigma
+        ((3,), 0.0)
+    """
+    if preset == "paper":
+        gains = VelocityGains.paper()
+    elif preset == "normalised":
+        gains = VelocityGains.normalised(inertia_bound)
+    else:
+        gains = VelocityGains.scaled(
+            reduced,
+            configurations,
+            dt,
+            bandwidth,
+            outputs=outputs,
+            adaptation=1.0 if adaptation is None else adaptation,
+            delay=0.0 if delay is None else delay,
+        )
+    return _override(gains, overrides)
+
+
+def design_position_gains(
+    inertia: Callable[[np.ndarray], np.ndarray],
+    configurations: np.ndarray,
+    dt: float,
+    *,
+    preset: Preset = "scaled",
+    inertia_bound: Gain | None = None,
+    delay: float | None = None,
+    overrides: Mapping[str, Gain | None] | None = None,
+) -> PositionGains:
+    """Return the gains of a position tracker: those of a preset, or overrides in their place.
+
+    Args:
+        inertia: function that returns the inertia (..., k, k) of the outputs at configurations (..., nq). Only
+            "scaled" calls it.
+        configurations: region of the motion, (..., nq).
+        dt: sampling period [s].
+        preset: "paper", "normalised" or "scaled".
+        inertia_bound: for "normalised": a number, or one for each of these outputs.
+        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
+        overrides: fields of ``PositionGains`` by name, in place of those of the preset; None leaves the preset's.
+
+    Raises:
+        InfeasibleError: sampling is too slow for these rates.
+        ConfigurationError: an argument is not valid, or "normalised" has no bound.
+    """
+    if preset == "paper":
+        gains = PositionGains.paper()
+    elif preset == "normalised":
+        gains = PositionGains.normalised(inertia_bound)
+    else:
+        gains = PositionGains.scaled(inertia(configurations), dt, delay=0.0 if delay is None else delay)
+    return _override(gains, overrides)
+
+
+_Gains = TypeVar("_Gains", VelocityGains, PositionGains)
+
+
+def _override(gains: _Gains, overrides: Mapping[str, Gain | None] | None) -> _Gains:
+    return replace(gains, **{name: value for name, value in (overrides or {}).items() if value is not None})  # type: ignore[arg-type]
+
+
+def _positive(bound: Gain | None) -> np.ndarray:
     """Return a bound on the inertia as an array; raise an error if it is not positive."""
+    if bound is None:
+        raise ConfigurationError("the preset 'normalised' needs an inertia_bound, a bound on the reduced inertia")
     values = np.asarray(bound, dtype=float)
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
     return values
 
 
-def _zone(dead_zone: Gain) -> Description:
-    """Description of a dead zone, if there is one."""
-    return {"dead_zone": listed(dead_zone)} if np.any(dead_zone) else {}
+def _describe(gains: VelocityGains | PositionGains) -> Description:
+    """The gains by name; the dead zone only if there is one."""
+    names = [each.name for each in fields(gains) if each.name != "dead_zone" or np.any(gains.dead_zone)]
+    return {name: listed(getattr(gains, name)) for name in names}
 
 
 def _check_delay(delay: float) -> None:
@@ -260,7 +389,7 @@ def _late(delay: float) -> str:
     return f" with a delay of {delay:g} s" if delay else ""
 
 
-def _scaled(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _normalise_inertia(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Typical diagonal D (k,) of inertia matrices H (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
     H = 0.5 * (H + H.mT)  # an effective inertia need not be symmetric
     entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from rnc_pin.control import Combined, JointLimits, Posture, Secondary, SingularityDistance
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.task import Task
-from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Strict
 
 
@@ -50,18 +45,7 @@ class SecondarySettings(Strict):
     """Stay away from singular configurations."""
 
     @model_validator(mode="after")
-    def _something(self) -> SecondarySettings:
+    def _check_any(self) -> SecondarySettings:
         if (self.posture, self.joint_limits, self.singularity) == (None, None, None):
             raise ValueError("expected at least one of posture, joint_limits, singularity; {} takes their defaults")
         return self
-
-    def build(self, reduced: ReducedModel, task: Task, reference: Reference) -> Secondary:
-        parts: list[Secondary] = []
-        if self.posture is not None:
-            parts.append(Posture(task, reference, np.array(self.posture.k)))
-        if self.joint_limits is not None:
-            limits = self.joint_limits
-            parts.append(JointLimits(reduced, task, np.array(limits.k), limits.margin, limits.joints))
-        if self.singularity is not None:
-            parts.append(SingularityDistance(reduced, task, np.array(self.singularity.k)))
-        return Combined(parts)

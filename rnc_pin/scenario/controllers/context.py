@@ -1,0 +1,152 @@
+"""Inputs and result of building a controller, and the checks that builders share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from functools import singledispatch
+from typing import Literal
+
+import numpy as np
+
+from rnc_pin.analysis import Grip
+from rnc_pin.control import Controller, PositionGains, SlitheringReference, VelocityGains
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io.json import Json
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import Task
+from rnc_pin.planning import Reference
+from rnc_pin.scenario.schema.controllers import (
+    AdaptationSettings,
+    ControllerSettings,
+    GainSetting,
+    InertiaBoundSettings,
+)
+from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
+
+MIN_SINGULAR_VALUE = 0.01
+"""Smallest singular value below which a warning is given."""
+
+
+@dataclass(frozen=True)
+class ControllerContext:
+    """Inputs for building a controller.
+
+    Attributes:
+        reduced: the model.
+        task: roles of the outputs.
+        primary, redundant, vertical: references of the task's outputs; constant at the start if not given.
+        given: names of the references that the scenario gives.
+        q0: initial configuration, (nq,).
+        v2_0: initial reduced velocity, (r,); None for rest.
+        grip: friction of the wheels on the ground, if the scenario gives it.
+        simulation: duration and steps.
+        preflight: action if a singular configuration is ahead.
+        slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
+        monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
+    """
+
+    reduced: ReducedModel
+    task: Task
+    primary: Reference
+    redundant: Reference
+    vertical: Reference
+    given: tuple[str, ...]
+    q0: np.ndarray
+    simulation: SimulationSettings
+    preflight: Literal["warn", "refuse"] = "warn"
+    slithering: SlitheringReference | None = None
+    monitored: tuple[np.ndarray, Reference] | None = None
+    v2_0: np.ndarray | None = None
+    grip: Grip | None = None
+
+    @property
+    def horizon(self) -> float:
+        """Time until all references are constant, plus 1 s, at most the duration of the simulation [s]."""
+        longest = max(reference.duration for reference in (self.primary, self.redundant, self.vertical)) + 1.0
+        return min(self.simulation.duration, longest)
+
+
+@dataclass(frozen=True)
+class BuiltController:
+    """Controller, with the warnings of the check before the run.
+
+    Attributes:
+        controller: ready to run.
+        warnings: messages for the user.
+        notes: entries for the record of the run.
+        time_scale: factor by which the references must be slowed down so that no wheel slips.
+    """
+
+    controller: Controller
+    warnings: tuple[str, ...] = ()
+    notes: Mapping[str, Json] = field(default_factory=dict)
+    time_scale: float = 1.0
+
+
+@singledispatch
+def build_type(settings: ControllerSettings, context: ControllerContext) -> BuiltController:
+    """Build the controller of one type. Each type registers its builder."""
+    raise NotImplementedError(f"no builder is registered for {type(settings).__name__}")
+
+
+def sized_gain(name: str, value: GainSetting, size: int) -> float | np.ndarray | None:
+    """Return a gain of the settings after a check of its length; None if it is not given.
+
+    Raises:
+        ConfigurationError: the number of values is not ``size``.
+    """
+    if isinstance(value, list) and len(value) != size:
+        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+    return np.array(value) if isinstance(value, list) else value
+
+
+def tracker_gains(
+    settings: ControllerSettings, kind: type[VelocityGains | PositionGains], size: int
+) -> dict[str, float | np.ndarray | None]:
+    """Return the gains of a tracker that the settings give, by name; None for others."""
+    names = [each.name for each in fields(kind) if each.name in type(settings).model_fields]
+    return {name: sized_gain(name, getattr(settings, name), size) for name in names}
+
+
+def inertia_bound(settings: InertiaBoundSettings, r: int) -> np.ndarray | None:
+    """Return the inertia bound of each reducing output, (r,); None without one.
+
+    Raises:
+        ConfigurationError: the number of values is not r.
+    """
+    bound = sized_gain("inertia_bound", settings.inertia_bound, r)
+    return None if bound is None else np.broadcast_to(np.asarray(bound, dtype=float), (r,))
+
+
+def holding_force(settings: AdaptationSettings, context: ControllerContext) -> np.ndarray | None:
+    """Return the reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
+    if not settings.gravity_compensation:
+        return None
+    rest = np.zeros(context.reduced.r)
+    return context.reduced.inverse_dynamics(context.q0, rest, rest)
+
+
+def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
+    """Return the reduced velocity (r,) from rates by name of the reducing outputs; other rates are zero.
+
+    Raises:
+        ConfigurationError: no reducing output has this name.
+    """
+    names = reduced.reducing.names
+    v2 = np.zeros(reduced.r)
+    for name, rate in rates.items():
+        if name not in names:
+            raise ConfigurationError(f"{key}: no reducing output '{name}'{nearest(name, names)}")
+        v2[names.index(name)] = rate
+    return v2
+
+
+@contextmanager
+def at_key(key: str) -> Iterator[None]:
+    """Prepend the key of a part of the scenario to errors."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise type(error)(f"{key}: {error}") from None

@@ -1,0 +1,193 @@
+"""Builders of kinematic controllers over a velocity tracker: adaptive (10), or computed torque."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from rnc_pin.control import (
+    Combined,
+    ComputedTorque,
+    JointLimits,
+    KinematicController,
+    Posture,
+    ReducingOutputController,
+    RedundancyController,
+    Secondary,
+    SingularityDistance,
+    SteeringController,
+    VelocityGains,
+    VelocityTracker,
+    design_velocity_gains,
+)
+from rnc_pin.control.gain_design import OUTER_GAINS
+from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.model.task import Task
+from rnc_pin.planning import Joined, Reference, ReferencePoint
+from rnc_pin.scenario.controllers.context import (
+    MIN_SINGULAR_VALUE,
+    BuiltController,
+    ControllerContext,
+    at_key,
+    build_type,
+    holding_force,
+    inertia_bound,
+    sized_gain,
+    tracker_gains,
+)
+from rnc_pin.scenario.schema.controllers import (
+    Class1Settings,
+    ReducingOutputsSettings,
+    RedundancySettings,
+    SteeringSettings,
+    UncertainRedundancySettings,
+    VelocityTrackerSettings,
+)
+from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
+from rnc_pin.simulation import margins_along
+
+_ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
+
+
+@build_type.register
+def _redundancy(settings: RedundancySettings, context: ControllerContext) -> BuiltController:
+    secondary = None
+    if settings.secondary is not None:
+        try:
+            check_freedom(context.task)
+            secondary = _secondary(settings.secondary, context)
+        except RncError as error:
+            raise ConfigurationError(f"controller.secondary: {error}") from None
+    return _track(settings, context, _class_1(settings, context, secondary), context.task)
+
+
+@build_type.register
+def _uncertain_redundancy(settings: UncertainRedundancySettings, context: ControllerContext) -> BuiltController:
+    return _track(settings, context, _class_1(settings, context), context.task)
+
+
+@build_type.register
+def _steering(settings: SteeringSettings, context: ControllerContext) -> BuiltController:
+    kinematic = SteeringController(
+        context.reduced,
+        context.task,
+        context.primary,
+        context.slithering or context.vertical,
+        k3=_outer_gain(settings, "k3", len(context.task.vertical)),
+        k4=OUTER_GAINS[settings.preset].k4 if settings.k4 is None else settings.k4,
+        k21=_outer_gain(settings, "k21", len(context.task.primary)),
+        monitored=context.monitored,
+    )
+    return _track(settings, context, kinematic)
+
+
+@build_type.register
+def _reducing_outputs(settings: ReducingOutputsSettings, context: ControllerContext) -> BuiltController:
+    task = context.task
+    reference = _Reordered(
+        Joined([context.primary, context.redundant]), np.argsort(np.concatenate([task.primary, task.redundant]))
+    )
+    gain = sized_gain("k21", settings.k21, task.r)
+    k2 = {} if gain is None else {"k2": gain}
+    return _track(
+        settings, context, ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
+    )
+
+
+def _class_1(
+    settings: Class1Settings, context: ControllerContext, secondary: Secondary | None = None
+) -> RedundancyController:
+    """Build controller (12).
+
+    Raises:
+        ConfigurationError: the task does not fit, or the reference has a trailer.
+    """
+    if context.slithering is not None:
+        raise ConfigurationError("reference.path.trailer: needs the controller type 'steering'")
+    return RedundancyController(
+        context.task,
+        context.primary,
+        context.vertical,
+        k3=_outer_gain(settings, "k3", len(context.task.vertical)),
+        k21=_outer_gain(settings, "k21", len(context.task.primary)),
+        secondary=secondary,
+    )
+
+
+def _outer_gain(settings: VelocityTrackerSettings, name: str, size: int) -> float | np.ndarray:
+    """Outer gain of the settings, or of their preset."""
+    given = sized_gain(name, getattr(settings, name), size)
+    return cast(float, getattr(OUTER_GAINS[settings.preset], name)) if given is None else given
+
+
+def _track(
+    settings: VelocityTrackerSettings,
+    context: ControllerContext,
+    kinematic: KinematicController,
+    task: Task | None = None,
+) -> BuiltController:
+    """Check the reference and build the velocity tracker under a kinematic controller.
+
+    Args:
+        settings: settings of the tracker.
+        context: inputs for building the controller.
+        kinematic: computes the rates of the reducing outputs.
+        task: task whose A4 the kinematic controller inverts, if any.
+
+    Raises:
+        InfeasibleError: no gains fit the motion, or it is near a singular configuration and preflight refuses that.
+    """
+    reduced, q0 = context.reduced, context.q0
+    margins = margins_along(reduced, kinematic, q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
+    time_scale = 1.0 if margins.grip is None else margins.grip.slower
+    complaints = tuple(margins.complaints(MIN_SINGULAR_VALUE))
+    if complaints and context.preflight == "refuse":
+        raise InfeasibleError("; ".join(complaints))
+    if settings.tracker == "computed_torque":
+        gain = sized_gain("k", settings.k, reduced.r)
+        k = {} if gain is None else {"k": gain}
+        return BuiltController(ComputedTorque(reduced, kinematic, **k), complaints, time_scale=time_scale)
+    # The results of a run are useful even if it ends in a singular configuration.
+    region = margins.q if margins.singular is None else q0[None]
+    with at_key("controller"):
+        gains = design_velocity_gains(
+            reduced,
+            region,
+            context.simulation.dt,
+            preset=settings.preset,
+            inertia_bound=inertia_bound(settings, reduced.r),
+            bandwidth=settings.bandwidth,
+            adaptation=settings.adaptation,
+            delay=settings.delay,
+            overrides=tracker_gains(settings, VelocityGains, reduced.r),
+        )
+    tracker = VelocityTracker(kinematic, gains, holding_force(settings, context))
+    return BuiltController(tracker, complaints, time_scale=time_scale)
+
+
+def _secondary(settings: SecondarySettings, context: ControllerContext) -> Secondary:
+    """Build the secondary objectives."""
+    reduced, task = context.reduced, context.task
+    parts: list[Secondary] = []
+    if settings.posture is not None:
+        parts.append(Posture(task, context.redundant, np.array(settings.posture.k)))
+    if settings.joint_limits is not None:
+        limits = settings.joint_limits
+        parts.append(JointLimits(reduced, task, np.array(limits.k), limits.margin, limits.joints))
+    if settings.singularity is not None:
+        parts.append(SingularityDistance(reduced, task, np.array(settings.singularity.k)))
+    return Combined(parts)
+
+
+class _Reordered:
+    """Reference with its outputs in another order."""
+
+    def __init__(self, reference: Reference, order: np.ndarray) -> None:
+        self._reference, self._order = reference, order
+        self.size, self.duration = reference.size, reference.duration
+
+    def at(self, t: float) -> ReferencePoint:
+        point = self._reference.at(t)
+        return ReferencePoint(*(each[self._order] for each in point))
