@@ -1,116 +1,178 @@
 """Mutation score: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
 
-Cosmic Ray makes the mutants, of a copy of the tree. The tests are run once as they are, which says how long each takes
-and which lines it goes through (pytest-cov); then each mutant of a line meets the tests that go through it, those of
-its module by turns with the shortest of each file, until one fails or ``--patience`` is over, in a fork of a process
-that has the libraries loaded. All mutants of six packages would take a day on two cores: of the modules that are given
-as many are drawn as ``--sample`` says, with a seed. Survivors are printed as differences, to be killed by an assertion
-or found equivalent by a reader.
+Cosmic Ray makes and tests the mutants, in copies of the tree. One run without a mutant measures the duration of each
+test and the lines that it executes (pytest-cov). Each mutant meets the tests that execute its line: first those of its
+module, then those of its package, the shortest first, for at most ``--patience`` seconds. The survivors are printed as
+differences. Assertions should kill them, unless a reader finds them equivalent.
 """
 
 from __future__ import annotations
 
 import argparse
-import difflib
+import math
 import os
 import random
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from xml.etree import ElementTree
 
 from cosmic_ray.commands.init import init
-from cosmic_ray.mutating import mutate_code
-from cosmic_ray.plugins import get_operator
+from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_db import WorkDB, use_db
-from cosmic_ray.work_item import MutationSpec
+from cosmic_ray.work_item import MutationSpec, TestOutcome, WorkerOutcome, WorkResult
 from coverage import CoverageData
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.covered_lines import ROOT, TESTS, Lines, TimedTest, lowest, modules
-from benchmarks.forked_tests import Trial, survivors
-
+ROOT = Path(__file__).parents[1]
 COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "README.md", "examples", "CHANGELOG.md")
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
-SAME = "core/ReplaceBinaryOperator_BitOr_"  # of annotations, which nobody evaluates
+# Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
+TESTS = (
+    *(f"tests/{name}" for name in PACKAGES), "tests/loop", "tests/simulation/test_simulate.py",
+    "tests/simulation/test_integrators.py", "tests/robots/test_single_joint.py", "tests/robots/test_vehicles.py",
+    "tests/system/test_regular_motion.py", "tests/test_printing.py",
+)  # fmt: skip
+IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
+START_UP = 60.0  # [s] that pytest and its imports may take
+
+
+def modules(paths: list[str]) -> list[Path]:
+    """Python files below the paths, relative to the root."""
+    found = [sorted((ROOT / path).rglob("*.py")) if (ROOT / path).is_dir() else [ROOT / path] for path in paths]
+    return [each.relative_to(ROOT) for group in found for each in group if each.name != "__init__.py"]
 
 
 def mutants(paths: list[Path]) -> list[MutationSpec]:
-    """All of them that could make a difference, in the order of the text."""
+    """All mutants of the modules that can make a difference, in the order of the text."""
     with use_db(":memory:", WorkDB.Mode.create) as session:
         init(paths, session, {})
         made = [item.mutations[0] for item in session.work_items]
-    made = [each for each in made if not each.operator_name.startswith(SAME)]
+    made = [each for each in made if not each.operator_name.startswith(IN_ANNOTATIONS)]
     return sorted(made, key=lambda each: (each.module_path, each.start_pos, each.operator_name, each.occurrence))
 
 
-def run_once(tree: Path, files: list[str], jobs: int) -> None:
-    """The tests as they are, with what they go through."""
-    command = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
-    workers = ["-n", str(jobs)] if jobs > 1 else []
-    ran = subprocess.run([sys.executable, "-m", "pytest", *command.split(), *workers, *files], cwd=tree, check=False)
-    if ran.returncode:
-        raise SystemExit("the tests fail without a mutant")
+def durations(report: Path) -> dict[str, float]:
+    """Duration of each test [s], from a JUnit report."""
+    return {
+        f"{case.attrib['classname'].replace('.', '/')}.py::{case.attrib['name']}": float(case.attrib["time"])
+        for case in ElementTree.parse(report).iter("testcase")
+    }
 
 
-def trial(mutant: MutationSpec, tests: list[TimedTest], patience: float) -> Trial:
-    """A mutant, and as many of its tests as are over in time."""
+def tests_of(
+    module: Path, line: int, contexts: Mapping[int, list[str]], seconds: Mapping[str, float], patience: float
+) -> list[str]:
+    """Tests that execute a line, in the order in which a mutant meets them.
+
+    Args:
+        module: path of the module from the root.
+        line: line of the module.
+        contexts: tests of each executed line, as coverage.py records them; "" is the import of the module.
+        seconds: duration of each test [s].
+        patience: largest duration of all tests [s]; the first test may take longer.
+    """
+    # A statement of several lines is recorded at its first line.
+    executed = max((each for each, names in contexts.items() if each <= line and names), default=0)
+    found = {name.rpartition("|")[0] for name in contexts.get(executed, ())} - {""}
+    if not found and "" in contexts.get(executed, ()):
+        found = {name.rpartition("|")[0] for names in contexts.values() for name in names} - {""} or set(seconds)
+    package = module.parent.relative_to("rnc_pin") if module.parts[0] == "rnc_pin" else module.parent
+    own = (f"tests/{package}/test_{module.stem}.py::", f"tests/{package}/")
+
+    def order(name: str) -> tuple[bool, bool, float]:
+        return not name.startswith(own[0]), not name.startswith(own[1]), seconds.get(name, 1.0)
+
     chosen, total = [], 0.0
-    for test in tests:
-        total += test.seconds
+    for name in sorted(found, key=order):
+        total += seconds.get(name, 1.0)
         if chosen and total > patience:
             break
-        chosen.append(test.name)
-    operator = get_operator(mutant.operator_name)(**(mutant.operator_args or {}))
-    text = mutate_code(mutant.module_path.read_text(), operator, mutant.occurrence)
-    return Trial(mutant.module_path, text, chosen, 3.0 * min(total, patience) + 60.0)
+        chosen.append(name)
+    return chosen
 
 
-def difference(made: Trial) -> str:
-    """The mutated lines, as in a patch."""
-    texts = [each.splitlines() for each in (made.module.read_text(), made.text)]
-    return "\n".join(difflib.unified_diff(*texts, str(made.module), str(made.module), n=1, lineterm=""))
+def outcomes(
+    drawn: list[tuple[MutationSpec, list[str]]], tree: Path, timeout: float, jobs: int
+) -> Iterator[tuple[MutationSpec, WorkResult]]:
+    """Test mutants, ``jobs`` at a time, each process in its own copy of the tree."""
+    with ProcessPoolExecutor(jobs, initializer=_enter_copy, initargs=(tree,)) as pool:
+        running = {pool.submit(_test, mutant, tests, timeout): mutant for mutant, tests in drawn}
+        for each in as_completed(running):
+            yield running[each], each.result()
+
+
+def _enter_copy(tree: Path) -> None:
+    own = tree.parent / str(os.getpid())
+    shutil.copytree(tree, own)
+    os.chdir(own)
+    os.environ["PYTHONPATH"] = str(own)
+
+
+def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> WorkResult:
+    if not tests:
+        return WorkResult(
+            test_outcome=TestOutcome.SURVIVED, diff="no test executes this line", worker_outcome=WorkerOutcome.NO_TEST
+        )
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:cov", *tests]
+    return mutate_and_test([mutant], shlex.join(command), timeout)
+
+
+def lower_bound(killed: int, drawn: int) -> float:
+    """Smallest score of all mutants, with a confidence of 95 % (Wilson)."""
+    z, share = 1.645, killed / drawn
+    middle = share + z * z / (2 * drawn)
+    return (middle - z * math.sqrt(share * (1 - share) / drawn + z * z / (4 * drawn**2))) / (1 + z * z / drawn)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="How many small wrongs the tests notice.")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("paths", nargs="*", default=[f"rnc_pin/{name}" for name in PACKAGES])
-    parser.add_argument("--sample", type=int, help="how many mutants are drawn; all by default")
+    parser.add_argument("--sample", type=int, help="number of random mutants; all by default")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--patience", type=float, default=60.0, help="of tests that a mutant meets [s]")
+    parser.add_argument("--patience", type=float, default=60.0, help="duration of the tests of one mutant [s]")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--tests", nargs="*", default=TESTS, help="files or folders")
+    parser.add_argument("--tests", nargs="*", default=TESTS, help="files and folders of tests")
     given = parser.parse_args()
-    paths = list(modules(given.paths))
+    paths = modules(given.paths)
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder).resolve()
+        tree = Path(folder).resolve() / "tree"
         for name in COPIED:
-            source = ROOT / name
-            (shutil.copytree if source.is_dir() else shutil.copy2)(source, tree / name)
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, tree / name)
         os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
         os.chdir(tree)
-        sys.path.insert(0, str(tree))
-        run_once(tree, list(given.tests), given.jobs)
-        data = CoverageData(str(tree / ".coverage"))
+        options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
+        workers = ["-n", str(given.jobs)] if given.jobs > 1 else []
+        command = [sys.executable, "-m", "pytest", *options.split(), *workers, *given.tests]
+        if subprocess.run(command, check=False).returncode:
+            raise SystemExit("the tests fail without a mutant")
+        seconds, data, every = durations(tree / "tests.xml"), CoverageData(str(tree / ".coverage")), mutants(paths)
         data.read()
-        lines, every = Lines(tree, data.contexts_by_lineno), mutants(paths)
-        drawn = random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
+        contexts = {path: data.contexts_by_lineno(str(tree / path)) for path in paths}
+        drawn = [
+            (each, tests_of(each.module_path, each.start_pos[0], contexts[each.module_path], seconds, given.patience))
+            for each in random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
+        ]
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
-        trials = (trial(each, lines.through(each.module_path, each.start_pos[0]), given.patience) for each in drawn)
-        for ended, (made, survived) in enumerate(survivors(trials, given.jobs), 1):
-            done = score[made.module.parent.name]
-            done[0], done[1] = done[0] + (not survived), done[1] + 1
+        for mutant, result in outcomes(drawn, tree, 3.0 * given.patience + START_UP, given.jobs):
+            if result.test_outcome is TestOutcome.INCOMPETENT:
+                raise SystemExit(f"{mutant.module_path}:{mutant.start_pos[0]}: {result.output}")
+            survived = result.test_outcome is TestOutcome.SURVIVED
+            for name in (mutant.module_path.parent.name, "all"):
+                score[name][0] += not survived
+                score[name][1] += 1
             if survived:
-                print(f"survives {len(made.tests)} tests:\n{difference(made)}\n", flush=True)
-            print(f"{ended} of {len(drawn)}: {sum(each[0] for each in score.values())} killed", file=sys.stderr)
-    table = Table("package", "mutants drawn", "killed", "share", title=f"of {len(every)} mutants")
-    for name, (killed, count) in [*sorted(score.items()), ("all", [sum(x) for x in zip(*score.values(), strict=True)])]:
-        table.add_row(name, str(count), str(killed), f"{100 * killed / count:.1f} %")
-    Console().print(table)
-    print(f"with 95 % confidence at least {100 * lowest(killed, count):.1f} % of all")
+                print(f"survives:\n{result.diff}\n", flush=True)
+            print("{} of {} killed".format(*score["all"]), file=sys.stderr)
+    for name, (killed, count) in sorted(score.items()):
+        print(f"{name}: {killed} of {count} killed, {100 * killed / count:.1f} %")
+    print(f"all {len(every)} mutants: at least {100 * lower_bound(*score['all']):.1f} %, with 95 % confidence")
 
 
 if __name__ == "__main__":

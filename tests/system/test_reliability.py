@@ -8,8 +8,8 @@ import tracemalloc
 import pytest
 
 from benchmarks import campaign, plants, soak
-from benchmarks.covered_lines import ROOT
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, one, prepared, reference
+from places import ROOT
 from rnc_pin.scenario.run import execute, plan
 
 
