@@ -22,7 +22,6 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from importlib.util import find_spec
 from io import BytesIO
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -213,7 +212,7 @@ def sources(folder: Path) -> dict[str, list[bytes]]:
             (shipped_directory() / f"{name}.urdf").read_bytes() for name in ("mobile_manipulator", "chaplygin_sleigh")
         ],
         "xacro": [_XACRO.encode()],
-        "MJCF": [_MJCF.encode(), *([_SHORT_MJCF.encode()] if find_spec("mujoco") else [])],
+        "MJCF": [_MJCF.encode(), _SHORT_MJCF.encode()],
         "scenario": [find_scenario(name).read_bytes() for name in scenarios],
         "run": [(folder / "source.npz").read_bytes()],
         **{kind: contents for kind, (_, contents) in MESHES.items()},

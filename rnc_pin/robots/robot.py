@@ -176,7 +176,7 @@ class Robot(NamedModel, SummaryMixin):
         package_dirs: Sequence[str | Path] = (),
         snap: bool = True,
     ) -> Robot:
-        """Load an MJCF (MuJoCo) file.
+        """Load an MJCF file, compiled by MuJoCo: ``pip install 'rnc_pin[mujoco]'``.
 
         Bodies, joints, inertias, geometry, damping, armature and gravity are read. Joints without an actuator
         have an effort limit of zero. Contacts and sensors are not read. ``mimics`` lists the equalities of joints,
@@ -192,7 +192,8 @@ class Robot(NamedModel, SummaryMixin):
             snap: replace rounded axes of joints and orientations of bodies by exact ones, as for a URDF.
 
         Raises:
-            ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot.
+            ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot; or
+                MuJoCo is not installed.
         """
         path = urdf_files.find_mjcf(path)
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)

@@ -368,7 +368,7 @@ FILES = {
     "MJCF joint twice": (
         on_mjcf(),
         {"robot.xml": mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>')},
-        ["robot.xml", "duplicate joint 'wheel_left_joint'"],
+        ["robot.xml", "repeated name 'wheel_left_joint' in joint"],
     ),
     "MJCF joint of an unknown type": (
         on_mjcf(),

@@ -1,14 +1,16 @@
-"""Meshes of MJCF: read by ``mesh_formats``; neither Pinocchio's parser nor MuJoCo opens mesh files."""
+"""Meshes of an MJCF: read by ``mesh_formats``, so that MuJoCo opens no file."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import (
     FARTHEST,
@@ -19,116 +21,109 @@ from rnc_pin.robots.sources.mesh_formats import (
     convex_hull,
     read_mesh,
 )
-from rnc_pin.robots.sources.mesh_shapes import MOST_TOGETHER, LoadedMesh, MeshShapes, put_in
+from rnc_pin.robots.sources.mesh_shapes import MOST_TOGETHER, LoadedMesh, MeshShapes
 
-_KEPT = ("name", "class", "scale", "refpos", "refquat", "inertia", "maxhullvert")
-_SIZED = ("size", "fromto", "density", "mesh", "fitscale")
+_KEPT = ("class", "scale", "inertia", "maxhullvert")
+_STAND_IN = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"  # corners of a tetrahedron
+_MESH = 7  # type of a shape
+_MOVED = {"refpos", "refquat"}
+_USUAL = {"scale": "1 1 1", "refpos": "0 0 0", "refquat": "1 0 0 0"}
 
 
-class MjcfMeshes:
-    """Meshes of a file, removed from it. Pinocchio receives a ball without mass in place of each.
+class MeshAssets:
+    """Meshes of a file. MuJoCo is given a tetrahedron for each, and the triangles of those that have mass.
 
     Args:
-        root: root element of the file, with explicit defaults and absolute mesh folder; changed in place.
+        root: root element of the file, with absolute paths of meshes; changed in place.
         path: path of the file.
+
+    Raises:
+        ModelError: the scale of a mesh is not valid.
     """
 
     def __init__(self, root: ElementTree.Element, path: Path) -> None:
-        compiler = root.find("compiler")
-        settings = {} if compiler is None else compiler.attrib
-        self._path, self._folder = path, Path(settings.get("meshdir", path.parent))
-        self._stripped = settings.get("strippath") == "true"
-        self._assets: dict[str, ElementTree.Element] = {}
-        self._geoms: dict[str, str] = {}  # Pinocchio's name of a shape to the name of its mesh
-        for assets in root.findall("asset"):
-            for mesh in assets.findall("mesh"):
-                self._assets[mesh_name(mesh)] = mesh
-                assets.remove(mesh)
-        for body in root.iter("body"):
-            for k, geom in enumerate(body.findall("geom")):
-                if geom.get("type") == "mesh":
-                    self._geoms[geom.get("name") or f"{body.get('name')}Geom_{k}"] = geom.get("mesh", "")
-        for geom in root.iter("geom"):
-            if geom.get("type") == "mesh":
-                for key in _SIZED:
-                    geom.attrib.pop(key, None)
-                geom.attrib.update(type="sphere", size="1", mass="0")
+        self._path = path
+        self._all_weigh = any(each.get("inertiafromgeom") == "true" for each in root.findall("compiler"))
+        self._attributes: dict[str, dict[str, str]] = {}
+        for mesh in root.findall("asset/mesh"):
+            name = mesh.get("name") or Path(mesh.get("file", "")).stem
+            if _numbers(mesh.attrib, "scale", 3) is None:
+                raise ModelError(f"{path}: mesh '{name}': scale takes three numbers, found '{mesh.get('scale')}'")
+            self._attributes[name] = dict(mesh.attrib)
+            kept = {key: mesh.attrib[key] for key in _KEPT if key in mesh.attrib}
+            mesh.attrib.clear()
+            mesh.attrib.update(kept, name=name, vertex=_STAND_IN)
 
-    def put_in(self, geometry: pin.GeometryModel) -> None:
-        """Assign the meshes to the shapes of a geometry model.
+    def put_in(self, spec: Any) -> None:
+        """Put triangles into a ``mujoco.MjSpec``, for the meshes that determine a mass or the size of a shape.
 
         Raises:
-            ModelError: unknown mesh, or a mesh that cannot be used.
+            ModelError: such a mesh cannot be used.
+        """
+        bodies = [body for body in spec.bodies if self._all_weigh or not body.explicitinertial]
+        needed = {geom.meshname for body in bodies[1:] for geom in body.geoms}
+        needed |= {geom.meshname for geom in spec.geoms if geom.type != _MESH}
+        count, flat = 0, set[str]()
+        for mesh in spec.meshes:
+            if mesh.name not in needed:
+                continue
+            try:
+                found = self._read(mesh.name)
+                count += len(found.triangles)
+                if count > MOST_TOGETHER:
+                    raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
+                if _is_flat(found, np.array(mesh.scale)):
+                    flat.add(mesh.name)
+            except MeshError as error:
+                raise ModelError(f"{self._path}: mesh '{mesh.name}': {error}") from None
+            mesh.uservert, mesh.userface = found.vertices.ravel(), found.triangles.ravel()
+        for geom in spec.geoms:
+            if geom.meshname in flat:  # MuJoCo builds convex hulls of colliding meshes; a flat mesh has none
+                geom.contype = geom.conaffinity = 0
+
+    def load(self, uses: Iterable[tuple[str, np.ndarray]]) -> Iterator[LoadedMesh]:
+        """Yield the meshes of a robot, given by name and scale (3,).
+
+        Raises:
+            ModelError: a mesh cannot be used.
         """
         shapes, read = MeshShapes(), dict[str, Mesh]()
-        meshes: dict[str, LoadedMesh] = {}
-        for shape in geometry.geometryObjects:
-            name = self._geoms.get(shape.name)
-            if name is None:
-                continue
-            asset = self._assets.get(name)
-            if asset is None:
-                raise ModelError(f'{self._path}: <geom mesh="{name}">: no such mesh{nearest(name, self._assets)}')
+        for name, factors in uses:
+            scale = " ".join(map(repr, factors.tolist()))
+            said = self._attributes[name]
             try:
-                meshes[shape.name] = self._load(name, asset, shapes, read)
+                if "file" in said and not _MOVED & set(said):
+                    yield shapes.load(Path(said["file"]), scale)
+                    continue
+                if name not in read:
+                    read[name] = self._read(name)
+                yield shapes.make(read[name], scale)
             except MeshError as error:
                 raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
-        put_in(geometry, meshes)
 
-    def _load(self, name: str, asset: ElementTree.Element, shapes: MeshShapes, read: dict[str, Mesh]) -> LoadedMesh:
-        file, scale = asset.get("file"), asset.get("scale")
-        if file:
-            return shapes.load(self._folder / (Path(file).name if self._stripped else file), scale)
-        if name not in read:
-            read[name] = _own_triangles(asset)
-        return shapes.make(read[name], scale)
-
-
-def mesh_name(mesh: ElementTree.Element) -> str:
-    """Name of a mesh; by default the name of its file."""
-    return mesh.get("name") or Path(mesh.get("file", "")).stem
+    def _read(self, name: str) -> Mesh:
+        said = self._attributes[name]
+        mesh = read_mesh(Path(said["file"])) if "file" in said else _inline_triangles(said)
+        if not _MOVED & set(said):
+            return mesh
+        place, turn = _numbers(said, "refpos", 3), _numbers(said, "refquat", 4)
+        if place is None or turn is None or not turn.any():
+            raise MeshError("refpos takes three numbers, refquat four that are not all zero")
+        rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()
+        return checked_mesh((mesh.vertices - place) @ rotation, mesh.triangles)
 
 
-def write_out(root: ElementTree.Element, path: Path) -> None:
-    """Replace every mesh file by checked triangles, so that MuJoCo opens no file.
-
-    Args:
-        root: root element of a description with absolute mesh paths; changed in place.
-        path: path of the description, for messages.
-
-    Raises:
-        ModelError: a mesh cannot be used.
-    """
-    count, flat = 0, set[str]()
-    for mesh in root.findall("asset/mesh"):
-        try:
-            file = mesh.get("file")
-            found = read_mesh(Path(file)) if file else _own_triangles(mesh)
-            count += len(found.triangles)
-            if count > MOST_TOGETHER:
-                raise MeshError(f"more than {MOST_TOGETHER:,} triangles in the meshes of the robot")
-            if _is_flat(found, read_numbers(mesh.get("scale", "1 1 1"))):
-                flat.add(mesh_name(mesh))
-        except MeshError as error:
-            raise ModelError(f"{path}: mesh '{mesh_name(mesh)}': {error}") from None
-        mesh.set("name", mesh_name(mesh))
-        for key in set(mesh.attrib) - set(_KEPT):
-            del mesh.attrib[key]
-        mesh.set("vertex", " ".join(map(repr, found.vertices.ravel().tolist())))
-        mesh.set("face", " ".join(map(str, found.triangles.ravel().tolist())))
-    for geom in root.iter("geom"):
-        if geom.get("mesh") in flat:  # MuJoCo builds convex hulls of colliding meshes; a flat mesh has none
-            geom.attrib.update(contype="0", conaffinity="0")
+def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
+    numbers = read_numbers(attributes.get(key, _USUAL[key]))
+    return numbers if numbers is not None and numbers.size == count else None
 
 
-def _is_flat(mesh: Mesh, scale: np.ndarray | None) -> bool:
+def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:
     """True if a mesh is in a plane.
 
     Raises:
-        MeshError: its scale is invalid.
+        MeshError: its scale puts vertices too far away.
     """
-    if scale is None or scale.shape != (3,):
-        raise MeshError("scale takes three numbers")
     with np.errstate(over="ignore", under="ignore"):
         vertices = mesh.vertices * scale
     if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
@@ -140,14 +135,14 @@ def _is_flat(mesh: Mesh, scale: np.ndarray | None) -> bool:
     return False
 
 
-def _own_triangles(mesh: ElementTree.Element) -> Mesh:
-    """Return the inline triangles of an element, or the convex hull if it has only points.
+def _inline_triangles(attributes: Mapping[str, str]) -> Mesh:
+    """Return the triangles in a description, or the convex hull if it has only points.
 
     Raises:
         MeshError: no points, or they are not well formed.
     """
-    points = read_numbers(mesh.get("vertex", ""))
-    corners = read_numbers(mesh.get("face", ""))
+    points = read_numbers(attributes.get("vertex", ""))
+    corners = read_numbers(attributes.get("face", ""))
     if points is None or corners is None or points.size % 3 or corners.size % 3 or (corners % 1).any():
         raise MeshError("vertex and face take three numbers per entry")
     if not points.size:

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
 PRECISION = 2e-6
 """Relative error of any number in a file, from single precision or unit conversions."""
@@ -154,3 +155,22 @@ class Roundings:
             f"{' and '.join(counts)} {verb} rounded in the file and {taken} "
             f"(largest change {self.largest:.0e} rad, {self.where}); snap=False keeps them"
         )
+
+
+def snap_mjcf(root: ElementTree.Element) -> list[str]:
+    """Replace rounded axes of joints and quaternions of bodies by exact ones, and angles of bodies given in radians.
+
+    Returns:
+        Texts on the changes; each can follow the file name.
+    """
+    roundings = Roundings()
+    units = [each.attrib["angle"] for each in root.findall("compiler") if "angle" in each.attrib]
+    exact = {"joint": {"axis": roundings.direction}, "body": {"quat": roundings.direction}}
+    if units[-1:] == ["radian"]:
+        exact["body"]["euler"] = roundings.angles_of
+    for element in root.iter():
+        for key, make in exact.get(element.tag, {}).items():
+            if key in element.attrib:
+                element.set(key, make(element.attrib[key], f"{element.tag} '{element.get('name', '')}'"))
+    words = roundings.words()
+    return [words] if words else []

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.sources.plain_mjcf import WORLD
 from rnc_pin.scenario.draft.joints import body_frame, sliding_axis, turning_axis
 from rnc_pin.scenario.draft.shapes import Shape, shapes
 from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
@@ -115,9 +114,7 @@ class RobotAtStart:
         frames = [
             str(frame.name)
             for frame in self.robot.model.frames
-            if frame.parentJoint == self.root
-            and frame.type == pin.FrameType.BODY
-            and frame.name not in ("universe", *([] if self.is_urdf else [WORLD]))
+            if frame.parentJoint == self.root and frame.type == pin.FrameType.BODY and frame.name != "universe"
         ]
         if "base_link" in frames:
             return "base_link"

@@ -196,7 +196,6 @@ MJCF = (
         "<compiler assetdir='../private'/><asset><mesh name='m' file='secret.obj'/></asset>",
         "<compiler meshdir='linked'/><asset><mesh name='m' file='secret.obj'/></asset>",
         "<compiler meshdir='../private' strippath='true'/><asset><mesh name='m' file='robot/secret.obj'/></asset>",
-        "<default><mesh file='../private/secret.obj'/></default><asset><mesh name='m'/></asset>",
         "<asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' file='../private/secret.obj'/></asset>",
         "<asset><mesh name='m' file='own.obj'/><hfield name='h' size='1 1 1 1' file='../private/secret.obj'/></asset>",
         "<compiler texturedir='../private'/><asset><mesh name='m' file='own.obj'/><texture name='t' type='2d' "
@@ -207,8 +206,14 @@ def test_an_mjcf_names_no_file_elsewhere(head, tree):
     path = write(tree / "robot/r.xml", MJCF.format(head=head.format(tree=tree)))
     with pytest.raises(rnc.ModelError, match=REFUSED):
         rnc.Robot.from_mjcf(path)
-    if "hfield" not in head:  # Pinocchio reads none
+    if "hfield" not in head:  # none is read
         assert vertices(rnc.Robot.from_mjcf(path, package_dirs=[tree / "private"])) == 4
+
+
+def test_a_default_of_an_mjcf_names_no_file(tree):
+    head = "<default><mesh file='../private/secret.obj'/></default><asset><mesh name='m'/></asset>"
+    with pytest.raises(rnc.ModelError, match=r"unrecognized attribute: 'file' \(element 'mesh'\)"):
+        rnc.Robot.from_mjcf(write(tree / "robot/r.xml", MJCF.format(head=head)))
 
 
 @pytest.mark.parametrize(

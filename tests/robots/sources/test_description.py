@@ -107,7 +107,7 @@ def test_meshes_of_an_mjcf_are_found_from_anywhere(tmp_path, monkeypatch):
 
 def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_path):
     joint = '<joint joint1="elbow" joint2="shoulder" polycoef="0.1 -2 0 0 0"/>'
-    more = f'<equality>{joint}<connect body1="one" body2="two"/><tendon tendon1="t"/></equality>'
+    more = f'<equality>{joint}<connect body1="one" body2="two" anchor="0 0 0"/><tendon tendon1="t"/></equality>'
     with pytest.warns(rnc.ModelWarning, match="<equality><tendon> is left out"):
         robot = rnc.Robot.from_mjcf(write(tmp_path / "arm.xml", mjcf(more=more)))
     assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)

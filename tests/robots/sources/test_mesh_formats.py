@@ -224,18 +224,11 @@ def test_all_meshes_together_are_bounded(tmp_path, monkeypatch):
 def test_pinocchio_and_mujoco_are_given_no_files_of_meshes(tmp_path, monkeypatch):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is an optional extra and not installed")
     given = []
-    build, compiled, drawn = pin.buildGeomFromUrdfString, mujoco.MjModel.from_xml_string, pin.buildGeomFromMJCF
+    build, read = pin.buildGeomFromUrdfString, mujoco.MjSpec.from_string
     monkeypatch.setattr(
         pin, "buildGeomFromUrdfString", lambda model, text, *more: given.append(text) or build(model, text, *more)
     )
-    monkeypatch.setattr(
-        pin,
-        "buildGeomFromMJCF",
-        lambda model, file, *more: given.append(Path(file).read_text()) or drawn(model, file, *more),
-    )
-    monkeypatch.setattr(
-        mujoco.MjModel, "from_xml_string", lambda text, *more: given.append(text) or compiled(text, *more)
-    )
+    monkeypatch.setattr(mujoco.MjSpec, "from_string", lambda text, *more: given.append(text) or read(text, *more))
     write(tmp_path / "m.stl", solid.binary_stl())
     (tmp_path / "r.urdf").write_text(solid.urdf(["m.stl"]))
     (tmp_path / "r.xml").write_text(solid.mjcf("m.stl"))
@@ -243,7 +236,7 @@ def test_pinocchio_and_mujoco_are_given_no_files_of_meshes(tmp_path, monkeypatch
         (shape,) = robot.visual_model.geometryObjects
         assert shape.geometry.num_tris == len(solid.TRIANGLES)
         assert shape.meshPath == str(tmp_path / "m.stl")
-    assert len(given) == 3
+    assert len(given) == 2
     assert not any("m.stl" in text for text in given)
 
 
@@ -261,8 +254,9 @@ def test_mjcf_shapes_are_those_of_pinocchios_own_parser(tmp_path):
     (tmp_path / "parts").mkdir()
     write(tmp_path / "parts/m.obj", solid.obj())
     geoms = (
-        '<geom type="mesh" mesh="m" pos="1 2 3" quat="0.5 0.5 0.5 0.5" contype="0" conaffinity="0"/><geom type="box" size="1 1 1"/>'
-        '<geom name="named" type="mesh" mesh="n" rgba="1 0 0 1"/><geom type="mesh" mesh="n" group="3"/>'
+        '<geom type="mesh" mesh="m" rgba="1 1 0 0.5" pos="1 2 3" quat="0.5 0.5 0.5 0.5" contype="0" conaffinity="0"/>'
+        '<geom type="box" size="1 1 1" rgba="0.1 0.2 0.3 1"/>'
+        '<geom name="named" type="mesh" mesh="n" rgba="1 0 0 1"/><geom type="mesh" mesh="n" group="3" rgba="0 1 0 1"/>'
     )
     text = mjcf('<mesh file="m.obj"/><mesh name="n" file="m.obj" scale="1 -2 3"/>', geoms)
     robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", text))
@@ -337,7 +331,7 @@ def test_a_flat_shell_weighs_without_a_hull(collides, tmp_path):
 
 def test_a_mesh_that_an_mjcf_does_not_have_is_named(tmp_path):
     path = write(tmp_path / "r.xml", mjcf(f'<mesh name="n" vertex="{TETRAHEDRON}"/>'))
-    with pytest.raises(rnc.ModelError, match="no such mesh"):
+    with pytest.raises(rnc.ModelError, match="mesh 'm' not found in geom 0; expected one of: a, j, main, n"):
         _ = rnc.Robot.from_mjcf(path).visual_model
 
 

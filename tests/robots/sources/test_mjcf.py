@@ -147,18 +147,12 @@ def test_files_of_folders_that_are_named_are_read(folder):
     assert [shape.meshPath for shape in robot.visual_model.geometryObjects if shape.meshPath.endswith(".obj")]
 
 
-@pytest.mark.parametrize(
-    ("text", "tag"),
-    [
-        (BODY.format("", "<frame><geom size='1'/></frame>"), "<frame>"),
-        (BODY.format("", "<replicate count='5'><body/></replicate>"), "<replicate>"),
-        (BODY.format('<include file="parts/defaults.xml"/>', ""), '<include file="parts/defaults.xml">'),
-    ],
-)
-def test_without_mujoco_it_is_refused_by_name(text, tag, folder, monkeypatch):
+def test_without_mujoco_no_mjcf_is_read(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(rnc.ModelError, match=f"{tag} is not read without MuJoCo: pip install"):
-        rnc.Robot.from_mjcf(written(folder, text))
+    with pytest.raises(
+        rnc.ModelError, match=r"robot.xml: MJCF is not read without MuJoCo: pip install 'rnc_pin\[mujoco\]'"
+    ):
+        rnc.Robot.from_mjcf(written(tmp_path, BODY.format("", "")))
 
 
 def test_mujoco_leaves_no_log_where_the_program_was_started(folder, monkeypatch):
@@ -283,7 +277,7 @@ def test_sites_are_where_mujoco_has_them(turn, angle, tmp_path):
         ("", '<geom type="box" mesh="wedge"/>'),
     ],
 )
-def test_what_meshes_weigh(head, body, folder, monkeypatch):
+def test_what_meshes_weigh(head, body, folder):
     """To Pinocchio's parser each weighs a kilogram."""
     asset = '<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
     path = written(
@@ -291,9 +285,6 @@ def test_what_meshes_weigh(head, body, folder, monkeypatch):
         f'<mujoco>{asset}{head}<worldbody><body name="b"><joint axis="1 2 3"/>{body}</body></worldbody></mujoco>',
     )
     same_machine(path)
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(rnc.ModelError, match=r"the mass of <geom .* in body 'b' is not read without MuJoCo: pip"):
-        rnc.Robot.from_mjcf(path)
     path.write_text(path.read_text().replace("</body>", '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'))
     assert rnc.Robot.from_mjcf(path).model.inertias[1].mass == 1
 
@@ -324,26 +315,16 @@ def test_a_coupling_is_of_what_joints_have_moved(compiler, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "flag", ['boundmass="1"', 'boundinertia="1"', 'balanceinertia="true"', 'inertiafromgeom="true"']
-)
-def test_inertias_that_mujoco_changes_are_not_read_without_it(flag, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(rnc.ModelError, match=f"<compiler {flag}> is not read without MuJoCo: pip install"):
-        rnc.Robot.from_mjcf(written(tmp_path, BODY.format(f"<compiler {flag}/>", "")))
-    usual = '<compiler boundmass="0" balanceinertia="false" inertiafromgeom="auto"/>'
-    assert rnc.Robot.from_mjcf(written(tmp_path, BODY.format(usual, ""))).nv == 1
-
-
-@pytest.mark.parametrize(
     "text",
     [
-        f'<default><geom name="{"x" * 100_000}"/></default><worldbody><body><joint/>{1000 * "<geom/>"}</body></worldbody>',
-        f'<default><geom name="{"x" * 1_000_000}"/>{100 * "<default/>"}</default><worldbody><body/></worldbody>',
+        f'<default><geom material="{"x" * 100_000}"/></default><worldbody><body><joint/><geom/></body></worldbody>',
+        f'<default><geom material="{"x" * 1_000_000}"/>{100 * "<default/>"}</default><worldbody><body/></worldbody>',
+        f'<worldbody><replicate count="9999"><body childclass="{"x" * 1_000_000}"/></replicate></worldbody>',
     ],
-    ids=["elements", "classes"],
+    ids=["elements", "classes", "replicate"],
 )
-def test_defaults_stand_for_no_more_than_a_file_may_be(text, tmp_path):
-    with pytest.raises(rnc.ModelError, match=r"with its defaults longer than 67,108,864 characters"):
+def test_what_is_repeated_stands_for_no_more_than_a_file_may_be(text, tmp_path):
+    with pytest.raises(rnc.ModelError, match=r"<(geom|body)>: (material|childclass) is longer than 1,000 characters"):
         rnc.Robot.from_mjcf(written(tmp_path, f"<mujoco>{text}</mujoco>"))
 
 
@@ -360,16 +341,16 @@ def test_defaults_stand_for_no_more_than_a_file_may_be(text, tmp_path):
             "planar",
             "base='planar' would move body 'a', which has 1 joint of its own: take the file's own base",
         ),
-        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "duplicate body 'a'"),
+        (f'<body name="a">{SWINGING}<body name="a">{SWINGING}</body></body>', None, "repeated name 'a' in body"),
         (
             '<body><joint/><geom type="capsule" size="0.1" pos="0 0 1" fromto="0 0 0 1 2 3"/></body>',
             None,
-            "Both pos and fromto",
+            "both pos and fromto",
         ),
         (
             '<body><joint class="main"/><geom class="mian" size="1"/></body>',
             None,
-            "<geom class=\"mian\">: no such <default>; did you mean 'main'",
+            r"unknown default class name 'mian' \(element 'geom'\); did you mean 'main'",
         ),
     ],
 )
@@ -379,6 +360,65 @@ def test_what_is_no_one_machine_is_refused(world, base, words, tmp_path):
         rnc.Robot.from_mjcf(path, base)
 
 
-def test_what_only_pictures_are_in_needs_no_mujoco(folder, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert rnc.Robot.from_mjcf(written(folder, BODY.format("", "<frame><light/></frame>"))).nv == 1
+def test_a_mesh_without_mass_is_read_when_it_is_drawn(folder):
+    """Meshes are slow to read, and a run without pictures needs none."""
+    asset = '<compiler meshdir="parts"/><asset><mesh name="wedge" file="wedge.obj"/></asset>'
+    body = '<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="wedge"/></body>'
+    robot = rnc.Robot.from_mjcf(written(folder, f"<mujoco>{asset}<worldbody>{body}</worldbody></mujoco>"))
+    (folder / "parts" / "wedge.obj").write_text("v 0 0 0\n")
+    with pytest.raises(rnc.ModelError, match=r"robot.xml: mesh 'wedge': "):
+        _ = robot.visual_model
+
+
+@pytest.mark.parametrize("weighed", [False, True], ids=["drawn", "weighed"])
+def test_a_mesh_with_a_pose_of_its_own_is_drawn_where_mujoco_has_it(weighed, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+    inertial = "" if weighed else '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    path = written(
+        folder,
+        '<mujoco><compiler meshdir="parts"/><asset><mesh name="m" file="wedge.obj" refpos="1 2 3" refquat="1 2 0 1" '
+        f'scale="1 2 3"/></asset><worldbody><body><joint axis="1 2 3"/>{inertial}<geom type="mesh" mesh="m" pos="1 0 0" '
+        'euler="10 20 30"/></body></worldbody></mujoco>',
+    )
+    robot, theirs = same_machine(path), mujoco.MjModel.from_xml_path(str(path))
+    (shape,) = robot.visual_model.geometryObjects
+    data = mujoco.MjData(theirs)
+    mujoco.mj_forward(theirs, data)
+    points = np.array(shape.geometry.vertices()) @ shape.placement.rotation.T + shape.placement.translation
+    turned = theirs.mesh_vert @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
+    np.testing.assert_allclose(np.sort(points, axis=0), np.sort(turned, axis=0), atol=1e-6)
+
+
+def test_bodies_and_shapes_stay_where_mujoco_would_discard_them(tmp_path):
+    seen = '<geom name="seen" size="1" contype="0" conaffinity="0" mass="1"/>'
+    body = f'<body>{SWINGING}<body name="tool" pos="0 0 1">{seen}</body></body>'
+    compiler = '<compiler fusestatic="true" discardvisual="true"/>'
+    robot = same_machine(written(tmp_path, f"<mujoco>{compiler}<worldbody>{body}</worldbody></mujoco>"))
+    assert robot.model.existFrame("tool")
+    assert "seen" in [shape.name for shape in robot.visual_model.geometryObjects]
+
+
+def test_a_joint_that_moves_no_mass_can_be_locked(tmp_path):
+    """MuJoCo alone would refuse the file."""
+    plain = rnc.Robot.from_mjcf(written(tmp_path, BODY.format("", '<body name="c"/>')))
+    path = written(tmp_path, BODY.format("", '<body name="c"><joint name="idle"/></body>'))
+    with pytest.raises(rnc.ModelError, match="joint 'idle' moves no mass"):
+        rnc.Robot.from_mjcf(path)
+    assert rnc.Robot.from_mjcf(path, lock={"idle": 0.0}).model.inertias[1] == plain.model.inertias[1]
+
+
+def test_mujoco_is_given_no_plugins_sensors_or_pictures(tmp_path, monkeypatch):
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+    given, read = [], mujoco.MjSpec.from_string
+    monkeypatch.setattr(mujoco.MjSpec, "from_string", lambda text, *more: given.append(text) or read(text, *more))
+    head = (
+        '<extension><plugin plugin="any.plugin"/></extension><asset><texture name="t" type="2d" file="t.png"/>'
+        '<material name="m" texture="t"/><model name="other" file="other.xml"/></asset><sensor><plugin name="s" '
+        'plugin="any.plugin"/></sensor><actuator><plugin joint="j" plugin="any.plugin"/></actuator>'
+    )
+    (tmp_path / "other.xml").write_text("<mujoco/>")
+    path = written(tmp_path, BODY.format(head, '<geom size="1" material="m"/><plugin plugin="x"/>'))
+    assert rnc.Robot.from_mjcf(path).model.upperEffortLimit[0] > 0
+    assert len(given) == 1
+    assert not any(word in given[0] for word in ("plugin", "texture", "sensor", "other"))

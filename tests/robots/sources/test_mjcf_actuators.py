@@ -7,9 +7,10 @@ from rnc_pin.scenario.files import read_yaml
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
 ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
-  <body pos="0 0 .4"><joint name="b" axis="0 1 0"/>{GEOM}
+  <site name="p"/><body pos="0 0 .4"><joint name="b" axis="0 1 0"/>{GEOM}<site name="q"/>
     <body pos="0 0 .4"><joint name="c" axis="0 1 0"/>{GEOM}</body></body></body></worldbody>
-  <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed><spatial name="s"/></tendon>
+  <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed>
+  <spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>
   <actuator>{{}}</actuator></mujoco>"""
 
 
@@ -28,13 +29,17 @@ def write(path, text):
         ('<general tendon="t"/>', "a"),
         ('<general tendon="s"/><motor joint="a"/>', ""),  # the joints of a path are not told
         ('<motor site="thruster"/>', ""),
-        ('<motor joint="nobody"/>', ""),
     ],
 )
 def test_joints_without_an_actuator_have_no_effort(actuators, passive, tmp_path):
     robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format(actuators)))
     limits = dict(zip(robot.joint_names, robot.model.upperEffortLimit, strict=True))
     assert "".join(name for name, limit in limits.items() if limit == 0) == passive
+
+
+def test_an_actuator_of_an_unknown_joint_is_refused(tmp_path):
+    with pytest.raises(rnc.ModelError, match=r"unknown transmission target 'aa' .*; did you mean 'a'"):
+        rnc.Robot.from_mjcf(write(tmp_path / "r.xml", ARM.format('<motor joint="aa"/>')))
 
 
 CAR = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>

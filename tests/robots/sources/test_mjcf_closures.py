@@ -74,9 +74,9 @@ def test_loops_that_are_not_active_or_moved_by_a_user_are_none(tmp_path):
 @pytest.mark.parametrize(
     ("equality", "words"),
     [
-        ('<connect body1="b" body2="d" anchor="0 0 0"/>', "no body 'd'"),
-        ('<weld site1="s" site2="r"/>', "no site 'r'"),
-        ('<connect body1="b" anchor="0 0"/>', "anchor takes 3 finite numbers"),
+        ('<connect body1="b" body2="d" anchor="0 0 0"/>', "unknown element 'd' in equality .*expected one of: a, "),
+        ('<weld site1="s" site2="r"/>', "unknown element 'r' in equality"),
+        ('<connect body1="b" anchor="0 0"/>', "<connect>: anchor takes 3 finite numbers"),
         ('<weld body1="b" relpose="0 0 nan 1 0 0 0"/>', "relpose takes 7 finite numbers"),
     ],
 )

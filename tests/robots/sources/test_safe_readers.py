@@ -243,8 +243,11 @@ def mjcf(body, head=""):
         (mjcf(f'{HINGE}{GEOM}<composite type="cable" count="5 1 1"/>'), "<composite> is not supported"),
         (mjcf(f'<joint name="j" damping="-1"/>{GEOM}'), "damping of joint 'j' is negative"),
         (mjcf(f'<joint name="j" range="2 1"/>{GEOM}'), "range of joint 'j' has a lower limit above the upper"),
-        (mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'), "more than one <inertial>"),
-        (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "settotalmass takes a number"),
+        (
+            mjcf(HINGE + 2 * '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'),
+            "unique element 'inertial' found 2 times",
+        ),
+        (mjcf(HINGE + GEOM, '<compiler settotalmass="much"/>'), "<compiler>: settotalmass takes 1 finite number"),
         (mjcf(HINGE.replace('"j"', '"universe"') + GEOM), "a joint cannot be called 'universe'"),  # ended the process
         (mjcf(f'<body pos="1\xa00 0">{HINGE}{GEOM}</body>'), "pos takes 3 finite numbers"),
     ],
