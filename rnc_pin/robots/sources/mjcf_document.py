@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError
-from rnc_pin.io.safe_read import LARGEST, is_file
+from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots.sources.containment import AllowedFolders
 from rnc_pin.robots.sources.description import parse_xml, read_numbers
 
@@ -83,7 +84,7 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolde
         if not name:
             continue
         place = path.parent / folders.get(asset.tag, folders["mesh"]) / (Path(name).name if stripped else name)
-        if asset.tag == "mesh" or is_file(place):
+        if asset.tag == "mesh" or os.path.isfile(place):
             asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
 
 
@@ -92,7 +93,7 @@ def _own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Pa
         found = allowed.admit(file, where)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
-    if not is_file(found):
+    if not os.path.isfile(found):
         raise ModelError(f"{path}: {where}: no {'mesh' if where.startswith('<mesh') else 'file'} '{found}'")
     if found.stat().st_size > LARGEST:
         raise ModelError(f"{path}: {where}: '{found}' is larger than {LARGEST:,} bytes")
