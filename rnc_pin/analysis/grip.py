@@ -102,7 +102,15 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        state, T = self._reduced.at(q, v2), np.asarray(T, dtype=float)
+        return self.used_at(self._reduced.at(q, v2), np.asarray(T, dtype=float))
+
+    def used_at(self, state: StateEvaluation, T: Array) -> Float[Array, "*batch w"]:
+        """Return the shares of ``used`` at states that are already evaluated.
+
+        Args:
+            state: states (...,) of the model.
+            T: inputs of the actuators (..., p).
+        """
         forces = self._along(state.contact_forces(T))
         allowed = self.friction * self._upwards(state, T)
         return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
@@ -118,8 +126,8 @@ class Grip:
         Raises:
             ConstraintError: no inputs give these accelerations.
         """
-        reduced = self._reduced
-        return self.used(q, v2, reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot)))
+        state = self._reduced.at(q, v2)
+        return self.used_at(state, state.allocate(state.inverse_dynamics(v2_dot)))
 
     def lift_off(self, times: Array, q: Array, v2: Array, v2_dot: Array) -> LiftOff | None:
         """Return the first contact, casters included, that a motion lifts off the ground; None if none lifts off.

@@ -1,12 +1,14 @@
 """Simulation of controllers in closed loop with a plant."""
 
+from rnc_pin.deprecation import former_exports
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
-from rnc_pin.simulation.gripping import GripNeeded, grip_along, within_grip
-from rnc_pin.simulation.preflight import Margin, Margins, margins_along, preflight
+from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
+from rnc_pin.simulation.preflight import Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
+from rnc_pin.simulation.rollout_evaluation import Margin, RolloutEvaluation
 from rnc_pin.simulation.run_info import (
     Columns,
     Outcome,
@@ -25,7 +27,7 @@ from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
     "Columns",
-    "GripNeeded",
+    "FrictionDemand",
     "Margin",
     "Margins",
     "Observer",
@@ -35,6 +37,7 @@ __all__ = [
     "Provenance",
     "ReducedPlant",
     "Rollout",
+    "RolloutEvaluation",
     "RunInfo",
     "Sample",
     "SimulationOptions",
@@ -55,3 +58,5 @@ __all__ = [
     "tuned_tracker",
     "within_grip",
 ]
+
+__getattr__ = former_exports(__name__, {"GripNeeded": "FrictionDemand"})

@@ -7,32 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.analysis import Grip, LiftOff, lift_off_along
-from rnc_pin.control import KinematicController, RedundancyController
+from rnc_pin.analysis import Grip, LiftOff, NormalForces
+from rnc_pin.control import KinematicController
 from rnc_pin.errors import ConstraintError, DivergenceError, SimulationError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
-from rnc_pin.simulation.gripping import GripNeeded, grip_along, rates_along
-from rnc_pin.simulation.rollout import kinematic_rollout
+from rnc_pin.simulation.friction_demand import FrictionDemand, friction_demand
+from rnc_pin.simulation.rollout import Rollout, class_1_controller, kinematic_rollout
+from rnc_pin.simulation.rollout_evaluation import Margin, RolloutEvaluation
 
-_K3 = 2.0
 _FEWEST = 5  # smallest number of configurations for accelerations by differences
-
-
-@dataclass(frozen=True)
-class Margin:
-    """Smallest singular value along a reference.
-
-    Attributes:
-        value: smallest singular value of the stack E with unit rows, or of A4.
-        time: time of the minimum [s].
-        q: configuration (nq,) of the minimum.
-    """
-
-    value: float
-    time: float
-    q: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -55,7 +40,7 @@ class Margins:
     singular: SimulationError | None
     time: np.ndarray
     q: np.ndarray
-    grip: GripNeeded | None = None
+    grip: FrictionDemand | None = None
     lift_off: LiftOff | None = None
 
     def complaints(self, threshold: float = 0.01) -> list[str]:
@@ -110,8 +95,8 @@ def preflight(
         >>> round(margins.stack.value, 3), round(margins.stack.time, 1)  # smallest singular value, and its time
         (0.025, 4.0)
     """
-    controller = RedundancyController(task, reference.primary, reference.vertical, k3=_K3, k21=_K3)
-    return margins_along(reduced, controller, q0, reference.duration if duration is None else duration, dt, task, grip)
+    duration = reference.duration if duration is None else duration
+    return margins_along(reduced, class_1_controller(task, reference), q0, duration, dt, task, grip)
 
 
 def margins_along(
@@ -137,30 +122,26 @@ def margins_along(
     Raises:
         SingularityError: the initial configuration is singular.
     """
-    singular: SimulationError | None = None
-    try:
-        times, path = kinematic_rollout(reduced, controller, q0, duration, dt)
-    except (SingularityError, DivergenceError) as error:
-        if error.trajectory is None:
-            raise
-        singular = error
-        times, path = error.trajectory.time, error.trajectory.q
-
-    def smallest(values: np.ndarray) -> Margin:
-        index = int(np.argmin(values))
-        return Margin(float(values[index]), float(times[index]), path[index])
-
-    margin = None
-    if task is not None:
-        A4 = reduced.at(path).A_star[:, task.vertical][:, :, task.redundant]
-        margin = smallest(np.linalg.svd(A4, compute_uv=False)[:, -1])
-    needed, lifted = None, None
-    if singular is None and len(path) >= _FEWEST:
+    rollout, singular = _rollout_until_singular(reduced, controller, q0, duration, dt)
+    along, demand, lift_off = RolloutEvaluation(reduced, *rollout), None, None
+    A4 = None if task is None else along.A4_margin(task)
+    if singular is None and len(rollout.q) >= _FEWEST:
         if grip is not None:
-            needed = grip_along(reduced, grip, times, path)
-            lifted = needed.lift_off
+            demand = friction_demand(along, grip)
+            lift_off = demand.lift_off
         else:
             with suppress(ConstraintError):  # forces are unknown if the actuators cannot produce the motion
-                lifted = lift_off_along(reduced, times[1:-1], *rates_along(reduced, times, path))
-    stack = smallest(np.asarray(reduced.smallest_singular_value(path)))
-    return Margins(stack, margin, singular, times, path, needed, lifted)
+                lift_off = along.lift_off(NormalForces(reduced))
+    return Margins(along.stack_margin(), A4, singular, rollout.time, rollout.q, demand, lift_off)
+
+
+def _rollout_until_singular(
+    reduced: ReducedModel, controller: KinematicController, q0: np.ndarray, duration: float, dt: float
+) -> tuple[Rollout, SimulationError | None]:
+    """Return the roll-out, and the error that ended it early, if any."""
+    try:
+        return kinematic_rollout(reduced, controller, q0, duration, dt), None
+    except (SingularityError, DivergenceError) as error:
+        if not isinstance(error.trajectory, Rollout):
+            raise
+        return error.trajectory, error

@@ -6,10 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.protocol import KinematicController
+from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.task import Task
+from rnc_pin.planning import TaskReference
 from rnc_pin.simulation.ending import run_error
+
+_OUTER_GAIN = 2.0  # [1/s]
 
 
 class Rollout(NamedTuple):
@@ -74,3 +78,8 @@ def kinematic_rollout(
         failure.trajectory = Rollout(np.array(times), np.stack(path))
         raise failure  # noqa: B904 (run_error sets the cause)
     return Rollout(np.array(times), np.stack(path))
+
+
+def class_1_controller(task: Task, reference: TaskReference) -> RedundancyController:
+    """Return the kinematic controller that follows a reference by default."""
+    return RedundancyController(task, reference.primary, reference.vertical, k3=_OUTER_GAIN, k21=_OUTER_GAIN)

@@ -75,8 +75,8 @@ def test_a_reference_that_needs_more_than_the_grip_is_told_by_how_much(sleigh):
     needed = grip_along(sleigh, grip, *rolled_out(sleigh, turn()))
     rate = 1.5 / 2.0 * 15 / 8
     assert needed.used >= rate**2 / (0.1 * G) * 0.99
-    np.testing.assert_allclose(needed.slower, np.sqrt(needed.used), rtol=1e-6)
-    slowed = grip_along(sleigh, grip, *rolled_out(sleigh, Slowed(turn(), needed.slower)))
+    np.testing.assert_allclose(needed.time_scale, np.sqrt(needed.used), rtol=1e-6)
+    slowed = grip_along(sleigh, grip, *rolled_out(sleigh, Slowed(turn(), needed.time_scale)))
     np.testing.assert_allclose(slowed.used, 1.0, rtol=2e-2)
     assert "times the grip that 'sleigh' has" in needed.complaints()[0]
     assert not slowed.complaints() or slowed.used < 1.02
@@ -120,8 +120,8 @@ def test_a_second_factor_is_asked_of_the_slowed_reference(sleigh):
         follow = rnc.control.ReducingOutputController(sleigh, primary)
         return grip_along(sleigh, grip, *rnc.kinematic_rollout(sleigh, follow, q0, primary.duration, dt))
 
-    first = needed(reference.primary, 0.02).slower
-    second = needed(Slowed(reference.primary, first), 0.02 * first).slower
+    first = needed(reference.primary, 0.02).time_scale
+    second = needed(Slowed(reference.primary, first), 0.02 * first).time_scale
     assert second > 1.001
     slowed = within_grip(
         sleigh, task, reference, q0, grip, controller=lambda r: rnc.control.ReducingOutputController(sleigh, r.primary)

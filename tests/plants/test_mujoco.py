@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.plants import Machine
+from rnc_pin.plants import Plant
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
@@ -119,7 +119,7 @@ def driven(reduced, q0, v2_0, T, duration, **settings):
     """A plant and the exact motion of the reduced model: (plant, difference of q, difference of v)."""
     exact = rnc.free_motion(reduced, q0, v2_0, duration, duration / 10, T)
     plant = MuJoCoPlant(reduced, MuJoCoSettings(**settings), q0)
-    assert isinstance(plant, Machine)
+    assert isinstance(plant, Plant)
     plant.reset(q0, reduced.velocity(q0, v2_0))
     plant.apply(np.zeros(reduced.p) if T is None else T)
     plant.advance(duration)
