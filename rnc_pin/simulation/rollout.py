@@ -8,7 +8,9 @@ import numpy as np
 
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.admission import vector
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
 from rnc_pin.simulation.ending import run_error
@@ -52,25 +54,28 @@ def kinematic_rollout(
         >>> path[-1, :2].round(2)  # the platform reacts to the arm
         array([-0.47,  0.5 ])
     """
-    integrator = LieRungeKutta4(reduced.robot)
-    r = reduced.r
+    integrator, r = LieRungeKutta4(reduced.robot), reduced.r
     q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
     state = target.initial_state(reduced.measure(q, v2, y))
     times, path = [0.0], [q]
 
-    def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        here = reduced.at(p, v2)
+    def velocity(here: StateEvaluation, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         desired = target.step(t, here.measure(integrals), state)[0].v2
         return here.configuration.velocity(desired), desired
+
+    def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return velocity(reduced.at(p, v2), integrals)
 
     try:
         for sample in range(1, round(duration / dt) + 1):
             # Targets use v2 only for their rates, so the last known v2 is sufficient.
-            measured, state_next = target.step(t, reduced.measure(q, v2, y), state)
-            v2 = measured.v2
-            q, y = integrator.step(rate, q, y, dt)
+            here = reduced.at(q, v2)
+            command, next_state = target.step(t, here.measure(y), state)
+            v2 = vector(command.v2, r, "v2")
+            first = velocity(StateEvaluation(here.configuration, v2=v2), y)
+            q, y = integrator.step(rate, q, y, dt, first)
             q = reduced.assembly.project(q)
-            state, t = state_next, sample * dt
+            state, t = next_state, sample * dt
             times.append(t)
             path.append(q)
     except Exception as error:
