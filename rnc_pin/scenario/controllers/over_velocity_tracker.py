@@ -141,7 +141,7 @@ def _track(
     """
     reduced, q0 = context.reduced, context.q0
     margins = margins_along(reduced, kinematic, q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
-    time_scale = 1.0 if margins.grip is None else margins.grip.slower
+    time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
     complaints = tuple(margins.complaints(MIN_SINGULAR_VALUE))
     if complaints and context.preflight == "refuse":
         raise InfeasibleError("; ".join(complaints))
