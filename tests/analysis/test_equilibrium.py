@@ -1,12 +1,27 @@
 """Equilibria: against closed forms, under constraints, with few actuators."""
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.linalg
+import scipy.optimize
 
 import rnc_pin as rnc
+import systems
+from rnc_pin.analysis.equilibrium import _Search
 from systems import ALL, four_bar, random_states
-from textbook_systems import acrobot, wheeled_pendulum
+from textbook_systems import (
+    RESTING,
+    SPEED,
+    G,
+    acrobot,
+    angle_of,
+    hanging_chain,
+    sideways_pendulum,
+    wheeled_pendulum,
+)
 
 
 def check(reduced, found):
@@ -110,3 +125,298 @@ def test_a_loop_that_stays_open_is_said():
     guess = robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 2.2})
     with pytest.raises(rnc.ConstraintError, match=r"and closure_x\(coupler_tip, rocker_tip\) is left 0\.\d+ from zero"):
         rnc.equilibrium(system.reduce([rnc.JointPosition("crank")]), guess, hold=["crank", "rocker"])
+
+
+def test_a_fast_turn_is_steady_too():
+    """Whoever stands 0.45 m above the axle is thrown out, until weight and centrifugal force balance."""
+    reduced = wheeled_pendulum()
+    v2 = np.array([0.0, 0.0, 7.0])
+    found = rnc.equilibrium(reduced, reduced.robot.configuration({"pitch": 1.2}), v2=v2)
+    np.testing.assert_allclose(reduced.forward_dynamics(found.q, v2, found.T), 0, atol=1e-7)
+    assert found.residual < 1e-7
+
+
+@pytest.mark.parametrize(("guess", "hold"), [((0.5, 0.9, -0.4), ()), ((-0.6, 0.3, 1.4), ()), ((0.5, 0.9, -0.4), (1,))])
+def test_of_a_surface_of_equilibria_the_nearest_is_found(guess, hold):
+    """A chain with a free first hinge rests with its centre of mass below that: the rest is a constrained minimum."""
+    reduced = hanging_chain(["hinge_1", "hinge_2"])
+    found = rnc.equilibrium(reduced, guess, hold=[f"hinge_{k}" for k in hold])
+
+    def across(q):
+        return np.array([2.5, 1.5, 0.5]) @ np.sin(np.cumsum(q))
+
+    kept = [{"type": "eq", "fun": lambda q, k=k: q[k] - guess[k]} for k in hold]
+    expected = scipy.optimize.minimize(
+        lambda q: np.sum((q - guess) ** 2),
+        guess,
+        constraints=[{"type": "eq", "fun": across}, *kept],
+        options={"ftol": 1e-14},
+        method="SLSQP",
+    )
+    np.testing.assert_allclose(found.q, expected.x, atol=1e-5)
+    np.testing.assert_allclose(across(found.q), 0, atol=1e-9)
+    q = np.cumsum(found.q)  # weights below a hinge, with their levers
+    expected_T = [G * (1.5 * np.sin(q[1]) + 0.5 * np.sin(q[2])), G * 0.5 * np.sin(q[2])]
+    np.testing.assert_allclose(found.T, expected_T, atol=1e-8)
+
+
+def test_of_inputs_that_hold_the_smallest_are_taken():
+    """Three drives on two hinges, of unlike inertias."""
+    B = np.array([[1.0, 0.5, -2.0], [0.0, 1.0, 3.0]])
+    reduced = hanging_chain(B, 2)
+    found = rnc.equilibrium(reduced, [0.4, -1.1])
+    np.testing.assert_array_equal(found.q, [0.4, -1.1])
+    needed = G * np.array([1.5 * np.sin(0.4) + 0.5 * np.sin(-0.7), 0.5 * np.sin(-0.7)])
+    np.testing.assert_allclose(found.T, np.linalg.pinv(B) @ needed, atol=1e-9)
+    assert found.residual < 1e-9
+
+
+def test_what_does_not_rest_says_by_how_much():
+    """All joints held but one that cannot help: the rate of the last hinge, to three digits."""
+    reduced = hanging_chain([], 2)
+    q = np.array([0.2, 1.9])
+    rates = reduced.forward_dynamics(q, np.zeros(2), np.zeros(0))
+    worst = int(np.argmax(np.abs(rates)))
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.equilibrium(reduced, q, hold=["hinge_0", "hinge_1"])
+    assert str(told.value) == (
+        "no equilibrium found near the guess: at best the rate of "
+        f"'{reduced.reducing.names[worst]}' changes by {rates[worst]:.3g} a second"
+    )
+
+
+def test_a_gap_that_stays_is_told_in_metres():
+    """Every joint of an open loop held: the larger of the distances of its ends, and the row it is of."""
+    robot = systems.four_bar().robot
+    closure = rnc.LoopClosure("coupler_tip", "rocker_tip", "point")
+    reduced = rnc.NonholonomicSystem(robot, [closure]).reduce([rnc.JointPosition("crank")])
+    for crank, rocker in ((1.0, 2.2), (0.2, 1.5)):
+        q = robot.configuration({"crank": crank, "coupler": -0.4, "rocker": rocker})
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        a, b = (data.oMf[robot.frame_id(name)] for name in ("coupler_tip", "rocker_tip"))
+        gap = np.abs(a.rotation.T @ (b.translation - a.translation))[[0, 2]]
+        assert np.ptp(gap) > 0.01
+        with pytest.raises(rnc.ConstraintError) as told:
+            rnc.equilibrium(reduced, q, hold=robot.joint_names)
+        said = f"closure_{'xz'[int(np.argmax(gap))]}(coupler_tip, rocker_tip) is left {gap.max():.3g} from zero"
+        assert str(told.value).endswith(f", and {said}")
+
+
+def driven_bicycle():
+    """One that nothing keeps upright."""
+    robot = systems.bicycle().robot
+    wheels = [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)]
+    return rnc.NonholonomicSystem(robot, wheels, ["rear_wheel"]).reduce()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [wheeled_pendulum, lambda: hanging_chain(["hinge_1", "hinge_2"]), systems.four_bar, driven_bicycle],
+    ids=["pendulum on wheels", "chain", "four-bar", "bicycle"],
+)
+def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
+    """Far from one, moving, loops open: forces that inputs do not reach vanish to first order, and so do gaps."""
+    reduced = make()
+    model, generator = reduced.robot.model, np.random.default_rng(5)
+    q = reduced.robot.random_configuration(generator, 0.4)
+    v2, free = 0.6 * generator.normal(size=reduced.r), np.ones(reduced.n, dtype=bool)
+    free[-1] = False
+    search = _Search(reduced, v2, free, q)
+    here = search._at(q)
+    state = reduced.at(q, v2)
+    scale = 1 / np.sqrt(np.diag(state.H))
+    influence = scale[:, None] * state.input_matrix
+    np.testing.assert_allclose(influence.T @ here.force, 0, atol=1e-9)  # T leaves the least
+    np.testing.assert_allclose(here.force, scale * (state.H @ here.v2_dot), atol=1e-9)
+    np.testing.assert_allclose(here.v2_dot, reduced.forward_dynamics(q, v2, here.T), atol=1e-9)
+    step, basis = search._newton(here)
+    unreached = scipy.linalg.null_space(influence.T)
+
+    def left(p):
+        moved = reduced.at(p, v2)
+        force = unreached.T @ (scale * (moved.H @ moved.v2_dot(here.T)))
+        return np.concatenate([force, reduced.assembly.residual(p)[reduced.assembly.leading]])
+
+    assert np.abs(left(q)).max() > 0.1
+    h = 1e-5
+
+    def along(way):
+        return (left(pin.integrate(model, q, h * way)) - left(pin.integrate(model, q, -h * way))) / (2 * h)
+
+    np.testing.assert_allclose(along(step), -left(q), atol=1e-5 * (1 + np.abs(left(q)).max()))
+    assert step[-1] == 0.0
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
+    for way in basis.T:
+        np.testing.assert_allclose(along(way), 0, atol=1e-5)
+    assert basis.shape[1] == reduced.n - 1 - len(left(q))
+    np.testing.assert_allclose(basis.T @ step, 0, atol=1e-9)  # no longer than it has to be
+
+
+def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
+    """A little further on it is brought down; of the whole gravity, sideways too."""
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, near).q, near)
+    found = rnc.equilibrium(reduced, far)
+    assert abs(found.q[0]) < 1e-3 * far[0]
+    assert found.residual < 1e-3 * 0.35 * 1e-10 * RESTING
+
+
+def test_one_part_in_ten_to_the_nine_is_accepted_where_nothing_can_move():
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-9 * RESTING)]) for share in (0.97, 1.03))
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, near, ["hinge_0"]).q, near)
+    with pytest.raises(rnc.ConstraintError, match=r"rate of 'hinge_0' changes by -1\.13e-09 a second$"):
+        rnc.equilibrium(reduced, far, ["hinge_0"])
+
+
+def test_a_hinge_that_turns_under_gravity_is_no_steady_motion():
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.equilibrium(sideways_pendulum(), [0.0], v2=[SPEED])
+    assert str(told.value) == (
+        "no steady motion found near the guess: at best the shape variable 'hinge_0' moves by 0.7 a second"
+    )
+
+
+@pytest.mark.parametrize(("gap", "closed"), [(0.97e-9, True), (1.03e-9, False), (2e-3, False)])
+def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
+    """Every joint held: it rests, whatever its ends do, to a nanometre."""
+    reduced = four_bar()
+    robot = reduced.robot
+    q = reduced.assembled(robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}), hold=["crank"])
+    data, step = robot.model.createData(), 1e-6
+
+    def ends(rocker):
+        p = np.array([q[0], q[1], q[2] + rocker])
+        pin.framesForwardKinematics(robot.model, data, p)
+        first, second = (data.oMf[robot.frame_id(name)] for name in ("coupler_tip", "rocker_tip"))
+        return p, np.abs(first.rotation.T @ (second.translation - first.translation)).max()
+
+    open_q, found = ends(gap * step / ends(step)[1])
+    if gap < 1e-6:
+        assert found == pytest.approx(gap, rel=1e-3)
+    if closed:
+        np.testing.assert_array_equal(rnc.equilibrium(reduced, open_q, robot.joint_names).q, open_q)
+        return
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.equilibrium(reduced, open_q, robot.joint_names)
+    assert "closure_" in str(told.value)
+    assert str(told.value).endswith(f"(coupler_tip, rocker_tip) is left {found:.3g} from zero")
+
+
+def test_two_motors_on_one_hinge_share_its_load():
+    """In proportion to their gears; a hinge without one hangs."""
+    reduced = hanging_chain(np.array([[0.0, 0.0], [1.0, 2.0]]), 2)
+    found = rnc.equilibrium(reduced, [0.2, 1.0])
+    needed = G * 0.5 * np.sin(found.q.sum())
+    assert 1.5 * np.sin(found.q[0]) + 0.5 * np.sin(found.q.sum()) == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(found.T, [0.2 * needed, 0.4 * needed], rtol=1e-8)
+
+
+@pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])
+def test_a_motor_without_strength_is_none(gear, holds):
+    reduced = hanging_chain(np.diag([1.0, gear]), 2)
+    guess = np.array([0.9, -0.4])
+    found = rnc.equilibrium(reduced, guess)
+    if holds:
+        np.testing.assert_array_equal(found.q, guess)
+        assert found.T[1] == pytest.approx(0.5 * G * np.sin(0.5) / gear, rel=1e-6)
+    else:  # the second link hangs down
+        assert found.q.sum() == pytest.approx(0, abs=1e-9)
+
+
+def test_a_grain_of_dust_hangs_too():
+    """Its forces are ten million times smaller than those of the other pendulum, in roots of the inertias."""
+    model = pin.Model()
+    model.name = "pendulums"
+    for k, mass in enumerate((1.0, 1e-14)):
+        joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), f"hinge_{k}")
+        inertia = pin.Inertia(mass, np.array([0.0, 0.0, -0.5]), 0.1 * mass * np.eye(3))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
+    found = rnc.equilibrium(reduced, [0.6, -0.9])
+    np.testing.assert_allclose(found.q, 0.0, atol=1e-8)
+
+
+def search_from(reduced, guess):
+    guess = np.asarray(guess, float)
+    return _Search(reduced, np.zeros(reduced.r), np.ones(reduced.n, dtype=bool), guess)
+
+
+def test_rows_that_say_nothing_take_no_direction_away():
+    """Of a pendulum on wheels without motors only the pitch matters: eight directions keep it."""
+    reduced = wheeled_pendulum(())
+    pitch = reduced.robot.velocity_indices("pitch").start
+    search = search_from(reduced, reduced.robot.configuration({"pitch": 0.3, "root_joint": (1.0, 2.0, 0.5)}))
+    step, basis = search._newton(search._at(search._guess))
+    assert basis.shape == (reduced.n, reduced.n - 1)
+    np.testing.assert_allclose(basis[pitch], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.delete(step, pitch), 0.0, atol=1e-9)
+    assert step[pitch] == pytest.approx(-np.tan(0.3), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("step", "limited"),
+    [([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0])],
+)
+def test_no_step_is_longer_than_three_tenths(step, limited):
+    search = search_from(hanging_chain([], 2), [0.1, 0.2])
+    np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
+
+
+@pytest.fixture
+def way(monkeypatch):
+    """Points at which steps were computed, with these, and how many configurations were looked at."""
+    seen, newton, at = {"points": [], "looks": 0}, _Search._newton, _Search._at
+
+    def recorded(self, here):
+        found = newton(self, here)
+        seen["points"].append((here, found[0]))
+        return found
+
+    def counted(self, q, v2=None):
+        seen["looks"] += 1
+        return at(self, q, v2)
+
+    monkeypatch.setattr(_Search, "_newton", recorded)
+    monkeypatch.setattr(_Search, "_at", counted)
+    return seen
+
+
+@pytest.mark.parametrize("guess", [(2.6382, 0.1483, -2.6641), (-0.3365, -2.6001, -0.4021)])
+def test_every_step_leads_nearer_and_is_as_long_as_it_may(way, guess):
+    """Newton's, limited, and halved as long as it leads away."""
+    reduced = four_bar()
+    search = search_from(reduced, guess)
+    end = search.any_near()
+    points = [*way["points"], (end, None)]
+    shorter = 0
+    for (here, step), (after, _) in pairwise(points):
+        assert after.left < here.left
+        step = step * min(1.0, 0.3 / np.abs(step).max())
+        while search._at(here.q + step).left >= here.left:
+            step, shorter = step / 2, shorter + 1
+        np.testing.assert_allclose(after.q, here.q + step, rtol=1e-12)
+    assert shorter > 0
+
+
+def test_the_search_ends_where_it_need_not_go_on(way):
+    """What is held up as it stands takes one look, and one step that is none."""
+    reduced, guess = hanging_chain(["hinge_0", "hinge_1"], 2), [0.4, -1.1]
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, guess).q, guess)
+    assert (way["looks"], len(way["points"])) == (1, 1)
+
+
+def test_the_search_ends_where_it_cannot_go_on(way):
+    """A link that is held cannot come nearer: that is said after one step and its halves."""
+    with pytest.raises(rnc.ConstraintError):
+        rnc.equilibrium(hanging_chain([], 1), [0.4], hold=["hinge_0"])
+    assert len(way["points"]) == 1
+    assert way["looks"] < 20
+
+
+def test_a_way_back_that_gets_lost_is_not_taken():
+    """From here the way towards the guess wanders off what rests."""
+    found = rnc.equilibrium(hanging_chain(["hinge_1", "hinge_2"]), (1.4, -2.56, -0.65))
+    assert found.residual < 1e-7

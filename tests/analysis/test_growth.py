@@ -10,7 +10,20 @@ import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.growth import MARGIN, _rest, generic_growth, grow
-from textbook_systems import sliders_with_rows, tractor_trailers
+from systems import (
+    fire_truck,
+    free_flying_panda,
+    leaning_wheel,
+    random_states,
+    space_robot,
+    tiago,
+)
+from textbook_systems import (
+    sliders_with_rows,
+    tractor_trailers,
+    unicycle,
+    unicycle_with_trailers,
+)
 
 # ---------------------------------------------------------------------- the bracket of a joint's own axes
 
@@ -277,3 +290,62 @@ def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
     assert agreeing[0][0].vector == (2, 3, 4, 5, 6, 7)
     assert evidence.agreeing >= 3
     assert sum(count for _, count in evidence.others) == evidence.samples - evidence.agreeing > 0
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (unicycle, (2, 3)),
+        (fire_truck, (3, 5, 6)),
+        (space_robot, (3, 4)),
+        (lambda: unicycle_with_trailers(1), (2, 3, 4)),
+        (lambda: unicycle_with_trailers(2), (2, 3, 4, 5)),
+        (lambda: unicycle_with_trailers(3), (2, 3, 4, 5, 6)),
+        (leaning_wheel, (3, 4, 5)),  # the height above the plane is holonomic
+        (free_flying_panda, (7, 10)),  # linear momentum is holonomic: the centre of mass stays
+        (tiago, (12, 13, 14)),  # the difference of the wheels' angles is the heading
+    ],
+    ids=["unicycle", "fire truck", "space robot", "1 trailer", "2 trailers", "3 trailers", "disk", "panda", "tiago"],
+)
+def test_growth_vector(make, expected):
+    reduced = make()
+    q, _ = random_states(reduced, 1, seed=11)[0]
+    assert growth_vector(reduced, q) == expected
+
+
+def test_first_bracket_is_the_commutator_of_flows():
+    """Independent of any formula: along r1, r2, back along r1, back along r2."""
+    from rnc_pin.integrators import LieRungeKutta4
+
+    for reduced in (unicycle(), leaning_wheel()):
+        model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
+        q, _ = random_states(reduced, 1, seed=12)[0]
+        h = 3e-3
+
+        def flow(p, column, time, reduced=reduced, integrator=integrator):
+            field = np.eye(reduced.r)[column]
+            return integrator.step(lambda s, y: (reduced.terms(s, field).v, y), p, np.zeros(1), time)[0]
+
+        end = q
+        for column, duration in ((0, h), (1, h), (0, -h), (1, -h)):
+            end = flow(end, column, duration)
+        commutator = pin.difference(model, q, end) / h**2
+        R = reduced.terms(q, np.zeros(reduced.r)).R
+        from rnc_pin.analysis.frame_bracket import frame_bracket
+
+        along_0, along_1 = reduced.basis_rate(q, R.T[:2])[1]
+        bracket = along_0[:, 1] - along_1[:, 0] + frame_bracket(model)(R[:, 0], R[:, 1])
+        np.testing.assert_allclose(commutator, bracket, atol=0.02 * (1 + np.abs(bracket).max()))
+
+
+def test_brackets_of_a_spherical_joint_are_those_of_rotations():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    generator = np.random.default_rng(1)
+    x, y = generator.normal(size=(2, 5, 3))
+    np.testing.assert_allclose(frame_bracket(model)(x, y), np.cross(x, y))
+    composite = pin.JointModelComposite(pin.JointModelRUBX())
+    composite.addJoint(pin.JointModelRUBY())
+    model.addJoint(0, composite, pin.SE3.Identity(), "hinges")
+    with pytest.raises(rnc.ConstraintError, match="no Lie bracket is known for a joint of type JointModelComp"):
+        frame_bracket(model)

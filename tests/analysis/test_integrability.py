@@ -3,13 +3,24 @@
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import integrability
 from rnc_pin.analysis.growth import Growth
 from rnc_pin.analysis.integrability import Combination, _pivots
-from textbook_systems import rail_sliders
+from systems import (
+    free_flying_panda,
+    leaning_wheel,
+    random_states,
+)
+from textbook_systems import (
+    planar_model,
+    rail_sliders,
+    unicycle,
+)
+from tolerances import ROUNDING
 
 
 def contact_rows(*parts):
@@ -140,3 +151,162 @@ def test_rows_next_to_each_other_are_no_pair(share, chosen):
     space = np.array([[3.0, 0.0], [5 * np.cos(angle), 5 * np.sin(angle)], [0.0, 0.2], [1.0, 1.0]])
     assert _pivots(space, np.arange(4), 2) == chosen
     assert _pivots(space, np.array([3, 1, 0, 2]), 2) == [3, 1]
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (2.0, "first - 2.5 second"),
+        (-2.0, "first + 2.5 second"),
+        (5.0, "first - second"),
+    ],
+)
+def test_a_combination_of_rows_as_they_are_is_put_in_words(share, words):
+    """Rows ``5 b + dw`` and ``k b + 3 dw`` with a contact form b: what is left of b is the differential of w."""
+
+    def contact(q):
+        return np.array([-q[1], q[0], 1.0, 0.0])
+
+    def rows(q):
+        return np.stack([5 * contact(q) + [0, 0, 0, 1], share * contact(q) + [0, 0, 0, 3]])
+
+    def rows_dot(q, v):
+        rate = np.array([-v[1], v[0], 0.0, 0.0])
+        return np.stack([5 * rate, share * rate])
+
+    system = rnc.NonholonomicSystem(rail_sliders(4), [rnc.Pfaffian(rows, rows_dot, ["first", "second"])])
+    reduced = system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    found = integrability(reduced, np.random.default_rng(0).normal(size=(3, 4)))
+    assert found.growth_vector == (2, 3)
+    assert found.nonholonomic == ("first", "second")
+    (combination,) = found.combinations
+    assert combination.constant
+    assert str(combination) == words
+    report = rnc.analyze(reduced, samples=8)
+    assert report.integrable_combinations == (words,)
+    assert not report.completely_nonholonomic
+
+
+def two_upright_wheels():
+    """Wheels of radius 0.1 at 0.3 either side of a planar base, every row written down by hand.
+
+    Of the two rolling rows, ``u + 0.3 w = 0.1 right`` and ``u - 0.3 w = 0.1 left``, the difference is
+    ``d(0.6 yaw - 0.1 (right - left)) = 0``.
+    """
+    model, joint = planar_model("differential drive")
+    for name, y in (("left", 0.3), ("right", -0.3)):
+        wheel = model.addJoint(joint, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.0, y, 0.1])), name)
+        model.appendBodyToJoint(wheel, pin.Inertia(0.5, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"{name}_hub", wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    wheels = [rnc.RollingWheel(f"{name}_hub", 0.1) for name in ("left", "right")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), wheels, ["left", "right"])
+    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
+
+
+def bead(curve_slope):
+    """A bead on a wire y = f(x) in the plane: ``dy = f'(x) dx``, which is df."""
+    model = pin.Model()
+    model.name = "bead"
+    first = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
+    second = model.addJoint(first, pin.JointModelPY(), pin.SE3.Identity(), "y")
+    model.appendBodyToJoint(second, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    slope, curvature = curve_slope
+    wire = rnc.Pfaffian(
+        lambda q: np.array([[-slope(q[0]), 1.0]]), lambda q, v: np.array([[-curvature(q[0]) * v[0], 0.0]]), ["wire"]
+    )
+    return rnc.NonholonomicSystem(rnc.Robot(model), [wire], ["x"]).reduce([rnc.JointPosition("x")])
+
+
+def three_sliders(rows, rows_dot, names):
+    """Three prismatic joints with rows of one's own, coordinates (x, y, z)."""
+    model = pin.Model()
+    model.name = "sliders"
+    parent = 0
+    for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("z", pin.JointModelPZ())):
+        parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.Pfaffian(rows, rows_dot, names)], ["x", "y"])
+
+
+def sorted_rows(reduced, seed=13):
+    return integrability(reduced, np.stack([q for q, _ in random_states(reduced, 3, seed=seed)]))
+
+
+def test_a_unicycle_has_no_integrable_row():
+    found = sorted_rows(unicycle())
+    assert found.nonholonomic == ("no_side_slip(body.y)",)
+    assert found.integrable == found.combinations == ()
+
+
+def test_the_difference_of_two_wheels_is_the_heading():
+    reduced = two_upright_wheels()
+    found = sorted_rows(reduced)
+    assert found.growth_vector == (2, 3, 4)
+    assert found.integrable == ()
+    assert len(found.nonholonomic) == 3
+    (combination,) = found.combinations
+    assert str(combination) == "rolling(left_hub) - rolling(right_hub)"
+    assert combination.constant
+    # The combination of rows is the differential that was written down: constant, in (x, y, yaw, left, right).
+    names = reduced.constraints.names
+    c = np.array([combination.coefficients.get(name, 0.0) for name in names])
+    for q, _ in random_states(reduced, 4, seed=14):
+        row = c @ reduced.stacked_rows(q)[: reduced.m]
+        assert np.abs(row / row[2] - np.array([0, 0, 0.6, 0.1, -0.1]) / 0.6).max() < ROUNDING
+
+
+def test_a_bead_on_a_rail_is_integrable():
+    for curve in ((np.cos, lambda x: -np.sin(x)), (lambda x: 0.5, lambda x: 0.0)):
+        found = sorted_rows(bead(curve))
+        assert found.growth_vector == (1,)
+        assert found.integrable == ("wire",)
+        assert [str(each) for each in found.combinations] == ["wire"]
+
+
+def test_a_single_row_is_integrable_exactly_if_frobenius_says_so():
+    """``dz = y dx + s x dy``: the differential of x y for s = 1, the contact form of Brockett for s = -1."""
+    for s, expected, growth in ((1.0, ("row",), (2,)), (-1.0, (), (2, 3))):
+        system = three_sliders(
+            lambda q, s=s: np.array([[-q[1], -s * q[0], 1.0]]),
+            lambda q, v, s=s: np.array([[-v[1], -s * v[0], 0.0]]),
+            ["row"],
+        )
+        found = sorted_rows(system.reduce([rnc.JointPosition("x"), rnc.JointPosition("y")]))
+        assert (found.integrable, found.growth_vector) == (expected, growth)
+
+
+def test_an_integrable_combination_with_varying_coefficients_is_named_so():
+    """Rows ``a`` and ``b`` with ``a - x b = dz - 2 dw`` in four sliders: neither is integrable, that combination is."""
+    model = pin.Model()
+    model.name = "sliders"
+    parent = 0
+    for k in range(4):
+        parent = model.addJoint(
+            parent, pin.JointModelPX() if k % 2 else pin.JointModelPY(), pin.SE3.Identity(), f"s{k}"
+        )
+        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+
+    def rows(q):
+        x, y = q[:2]
+        b = np.array([-y, x, 1.0, 0.0])  # contact form in (x, y, z)
+        return np.stack([np.array([0.0, 0.0, 1.0, -2.0]) + x * b, b])
+
+    def rows_dot(q, v):
+        b, b_dot = np.array([-q[1], q[0], 1.0, 0.0]), np.array([-v[1], v[0], 0.0, 0.0])
+        return np.stack([v[0] * b + q[0] * b_dot, b_dot])
+
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.Pfaffian(rows, rows_dot, ["a", "b"])])
+    found = sorted_rows(system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")]))
+    assert found.growth_vector == (2, 3)
+    assert found.nonholonomic == ("a", "b")
+    (combination,) = found.combinations
+    assert not combination.constant
+    assert set(combination.coefficients) == {"a", "b"}
+    assert str(combination) == "a combination of a, b whose coefficients vary"
+
+
+def test_height_of_a_rolling_disk_and_centre_of_mass_of_a_free_robot_are_integrable():
+    assert sorted_rows(leaning_wheel()).integrable == ("vertical(disk)",)
+    assert sorted_rows(leaning_wheel()).nonholonomic == ("rolling(disk)", "lateral(disk)")
+    found = sorted_rows(free_flying_panda())
+    assert found.integrable == tuple(f"momentum(root_joint)[{k}]" for k in range(3))

@@ -4,7 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import rnc_pin as rnc
+from rnc_pin.analysis import lemma_1_residuals
 from systems import ALL, random_states, reacting, without_outputs
+from textbook_systems import rail_sliders
 from tolerances import CONSTRAINT, FINITE_DIFFERENCE, KKT, LEMMA_1, ROUNDING
 
 STATES = 6
@@ -189,3 +192,83 @@ def test_batch_is_the_same_as_one_by_one(reduced, states):
                 continue
             assert whole[name][i].shape == value.shape
             assert_close(whole[name][i], value, ROUNDING)
+
+
+def slides(A, A_dot, mu=None, mu_dot=None):
+    """Unit masses, of which the last moves at ``A(q) v2 + mu(q)``."""
+    moves = () if mu is None else (lambda q: np.array([mu(q)]), lambda q, v: np.array([mu_dot(q, v)]))
+    row = rnc.Pfaffian(
+        lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-A_dot(q, v)), 0.0]]), ["row"], *moves
+    )
+    return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+
+
+def slopes(q):
+    return np.array([np.sin(3.0 * q[1]), 2.0 * q[0] * q[2]])
+
+
+def right_rate(q, v):
+    return np.array([3.0 * np.cos(3.0 * q[1]) * v[1], 2.0 * (q[0] * v[2] + q[2] * v[0])])
+
+
+def wrong_rate(q, v):
+    """Too fast, and not linear in the velocity."""
+    return (1.2 + 0.1 * v @ v) * right_rate(q, v)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("step", [5e-4, 0.05])
+def test_residuals_of_lemma_1_are_those_of_the_slides(moving, step):
+    """``R = [1; A]``, so that ``H = 1 + A^T A`` and ``V = A^T Adot``, whatever is said to be the rate of A."""
+
+    def mu(q):
+        return moving * (0.4 + q[1])
+
+    def mu_dot(q, v):
+        return moving * v[1]
+
+    reduced = slides(slopes, wrong_rate, *((mu, mu_dot) if moving else ()))
+    configurations = np.random.default_rng(5).normal(size=(4, 3))
+    seed = 11
+    found = lemma_1_residuals(reduced, configurations, seed, step)
+    draws = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
+
+    def H(q):
+        return np.eye(2) + np.outer(slopes(q), slopes(q))
+
+    def V(q, v2):
+        v = np.array([*v2, slopes(q) @ v2 + mu(q)])
+        return v, np.outer(slopes(q), wrong_rate(q, v))
+
+    rate, linear, ratio = [], [], []
+    for q, v2 in zip(configurations, draws, strict=True):
+        (v, here), (_, doubled), (_, rest) = V(q, v2), V(q, 2 * v2), V(q, 0 * v2)
+        speed = np.linalg.norm(v)
+        size = np.abs(H(q)).max() * speed + np.abs(here).max()
+        h = step / speed
+        H_dot = (H(q - 2 * h * v) - 8 * H(q - h * v) + 8 * H(q + h * v) - H(q + 2 * h * v)) / (12 * h)
+        rate.append(np.abs(H_dot - here - here.T).max() / size)
+        linear.append(np.abs(doubled - 2 * here + rest).max() / size)
+        values = np.linalg.eigvalsh(H(q))
+        ratio.append(values[0] / values[-1])
+    assert found["Hdot - V - V^T"] == pytest.approx(max(rate), rel=1e-9)
+    assert found["V linear"] == pytest.approx(max(linear), rel=1e-9)
+    assert found["smallest eigenvalue of H"] == pytest.approx(min(ratio), rel=1e-9)
+    assert max(found["A R"], found["H - H^T"]) < 1e-14
+    if step < 1e-3:
+        usual = lemma_1_residuals(reduced, configurations, seed)
+        assert usual == pytest.approx(found, rel=1e-12)
+
+
+def test_lemma_1_holds_of_slides():
+    """And of a body without constraints, whose H does not change."""
+    found = lemma_1_residuals(slides(slopes, right_rate), np.random.default_rng(5).normal(size=(4, 3)))
+    assert max(found[name] for name in ("A R", "H - H^T", "Hdot - V - V^T", "V linear")) < 1e-9
+    free = rnc.NonholonomicSystem(rail_sliders(1), []).reduce([rnc.JointPosition("s0")])
+    assert lemma_1_residuals(free, np.zeros((1, 1))) == {
+        "A R": 0.0,
+        "H - H^T": 0.0,
+        "Hdot - V - V^T": 0.0,
+        "V linear": 0.0,
+        "smallest eigenvalue of H": 1.0,
+    }

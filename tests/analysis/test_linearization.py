@@ -8,8 +8,19 @@ import scipy.linalg
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.differences import gradient
-from systems import ALL, random_states
-from textbook_systems import vertical_disk, wheeled_pendulum
+from systems import ALL, four_bar, random_states
+from textbook_systems import (
+    SIZE,
+    SPEED,
+    angle_of,
+    linear,
+    planar_model,
+    rail_sliders,
+    sideways_pendulum,
+    unicycle,
+    vertical_disk,
+    wheeled_pendulum,
+)
 
 DIFFERENCES = 1e-8  # eighth-order differences of the dynamics themselves, relative
 STEP = 1e-3
@@ -159,3 +170,171 @@ def test_what_cannot_be_linearised_is_refused(call, error, words):
 
 def _tipped(reduced):
     return reduced.robot.configuration({"pitch": 0.3})
+
+
+def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
+    """Of the whole gravity and the square of the speed."""
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-8 * SIZE)]) for share in (0.97, 1.03))
+    v2 = [SPEED]
+    found = rnc.linearize(reduced, near, v2, [])
+    np.testing.assert_allclose(found.A, [[0.0, 1.0], [-1 / angle_of(1.0), 0.0]], rtol=1e-6, atol=1e-9)
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, far, v2, [])
+    assert str(told.value) == (
+        "not an equilibrium and not a steady motion: under T = [] "
+        f"the rate of 'hinge_0' changes by {-1.03e-8 * SIZE:.3g} a second"
+    )
+
+
+def test_a_state_of_nothing_is_refused():
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
+    with pytest.raises(rnc.InputError) as told:
+        rnc.linearize(reduced, np.zeros(2), coordinates=[], rates=[])
+    assert str(told.value) == "coordinates and rates are both empty: the state needs at least one entry"
+    assert rnc.linearize(reduced, np.zeros(2), coordinates=[]).state_names == ("s0", "s1")
+
+
+def test_coordinates_next_to_each_other_are_not_independent():
+    """``s0`` and ``s0 + small s1``: singular values are next to sqrt(2) and small / sqrt(2)."""
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
+    for small, said in ((0.97 * 2e-10, True), (1.03 * 2e-10, False)):
+        J = np.array([[1.0, 0.0], [1.0, small]])
+        pair = rnc.Output(lambda q, J=J: J @ q, lambda q, J=J: J, lambda q, v: np.zeros((2, 2)), ["one", "two"])
+        words = ""
+        try:
+            rnc.linearize(reduced, np.zeros(2), coordinates=[pair])
+        except rnc.ConstraintError as error:  # so near each other, what they say of the rest is rounded
+            words = str(error)
+        assert (words == "coordinates one, two are not independent under the constraints") == said
+
+
+CENTER = np.array([3.0, 2.0])
+
+
+def round_a_center():
+    """Distance from a point, and heading against the bearing from there; rows in the body's own axes."""
+
+    def parts(q):
+        (x, y), (c, s) = q[:2] - CENTER, q[2:]
+        ahead, beside = x * c + y * s, y * c - x * s
+        return ahead, beside, np.hypot(x, y)
+
+    def value(q):
+        ahead, beside, rho = parts(q)
+        return np.array([rho, np.arctan2(-beside, ahead)])
+
+    def rows(q):
+        ahead, beside, rho = parts(q)
+        return np.array([[ahead / rho, beside / rho, 0.0], [beside / rho**2, -ahead / rho**2, 1.0]])
+
+    def rows_dot(q, v):
+        ahead, beside, rho = parts(q)
+        ahead_dot, beside_dot = v[0] + v[2] * beside, v[1] - v[2] * ahead
+        rho_dot = (ahead * ahead_dot + beside * beside_dot) / rho
+        first = np.array([ahead_dot, beside_dot, 0.0]) / rho - np.array([ahead, beside, 0.0]) * rho_dot / rho**2
+        second = np.array([beside_dot, -ahead_dot, 0.0]) - 2 * np.array([beside, -ahead, 0.0]) * rho_dot / rho
+        return np.stack([first, second / rho**2])
+
+    return rnc.Output(value, rows, rows_dot, ["rho", "phi"])
+
+
+def test_a_circle_in_coordinates_that_do_not_move():
+    """``rho' = u cos(phi)``, ``phi' = w - u sin(phi) / rho`` of a unicycle; its rates in another order."""
+    reduced, speed, turn = unicycle(), 6.0, 4.0
+    rho = speed / turn
+    q = reduced.robot.configuration(
+        {"root_joint": (3.0, 2.0 - rho, 0.0)}
+    )  # heading along x, to the left of its bearing
+    found = rnc.linearize(reduced, q, [speed, turn], coordinates=[round_a_center()], rates=["body_yaw", "body_speed_x"])
+    assert found.state_names == ("rho", "phi", "body_yaw_dot", "body_speed_x")
+    A = np.zeros((4, 4))
+    A[0, 1], A[1, 0], A[1, 2], A[1, 3] = -speed, speed / rho**2, 1.0, -1.0 / rho
+    np.testing.assert_allclose(found.A, A, atol=1e-8)
+    np.testing.assert_allclose(found.B, [[0, 0], [0, 0], [0, 1 / 0.1], [1 / 1.0, 0]], atol=1e-9)
+    moved = reduced.robot.configuration({"root_joint": (3.0, 2.0 - rho - 0.1, 0.2)})
+    np.testing.assert_allclose(found.deviation(moved, [6.3, 3.9]), [0.1, 0.2, -0.1, 0.3], atol=1e-12)
+
+
+def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
+    """In a turn, of ``y' = u sin(yaw)`` the heading is missing; where the body is along x is not."""
+    reduced = unicycle()
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, reduced.robot.configuration(), [0.5, 2.0], coordinates=[rnc.FramePosition("body", "y")])
+    missing = "not a closed system: the motion of body_y, body_speed_x, body_yaw also depends on 'root_joint[2]'"
+    assert str(told.value) == missing
+
+
+def test_of_coordinates_that_move_the_fastest_is_named():
+    reduced = unicycle()
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.3)})
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, q, [1.0, 0.0], coordinates=[rnc.FrameYaw("body"), rnc.FramePosition("body", "yx")])
+    assert str(told.value) == "coordinate 'body_x' moves in this motion: leave it out of the coordinates"
+
+
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
+    """Or of one a second; slower ones rest."""
+    reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
+    limit = 1e-8 * (1.0 + speed) / speed
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
+    found = rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    np.testing.assert_allclose(found.A[:2, :2], [[0.0, 0.0], [speed, 0.0]], atol=1e-12)  # y' = u sin(yaw)
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 1.03 * limit)})
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    assert str(told.value) == "coordinate 'body_y' moves in this motion: leave it out of the coordinates"
+
+
+def test_a_loop_has_the_coordinates_that_it_leaves():
+    """The crank alone: differences of its acceleration, over configurations at which the loop is closed."""
+    reduced = four_bar()
+    guess = reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5})
+
+    def closed(crank):
+        return reduced.assembled(np.array([crank, *guess[1:]]), hold=["crank"])
+
+    q = closed(1.0)
+    found = rnc.linearize(reduced, q, coordinates=["crank"])
+    assert abs(found.T[0]) > 0.1
+    h, rest = 1e-4, np.zeros(1)
+    ahead, behind = (reduced.forward_dynamics(closed(1.0 + sign * h), rest, found.T)[0] for sign in (1, -1))
+    np.testing.assert_allclose(found.A, [[0.0, 1.0], [(ahead - behind) / (2 * h), 0.0]], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(found.B, [[0.0], [1 / reduced.inertia(q)[0, 0]]], rtol=1e-9)
+    moved = closed(1.3)
+    np.testing.assert_allclose(found.deviation(moved, [0.7]), [0.3, 0.7], atol=1e-12)
+
+
+def test_inputs_that_hold_are_the_smallest():
+    """Three drives for two velocities, on a slope."""
+    model, _ = planar_model()
+    model.gravity.linear = np.array([-2.0, 0.0, 0.0])
+    slope = rnc.Robot(model)
+    B = np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    reduced = rnc.NonholonomicSystem(slope, [rnc.NoSideSlip("body")], B).reduce(
+        [rnc.FrameSpeed("body"), rnc.FrameYaw("body")]
+    )
+    found = rnc.linearize(reduced, slope.configuration())
+    np.testing.assert_allclose(found.T, [0.4, 0.8, 0.0], atol=1e-12)  # 2 N in all
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, slope.configuration(), T=[0.0, 0.0, 0.05])
+    assert str(told.value) == (
+        "not an equilibrium and not a steady motion: under T = [0. 0. 0.05] "
+        "the rate of 'body_speed_x' changes by -2 a second"
+    )
+
+
+def test_eigenvalues_stand_by_real_part_and_then_by_imaginary_part():
+    A = np.zeros((5, 5))
+    A[:2, :2], A[2:4, 2:4], A[4, 4] = [[-1, 3], [-3, -1]], [[-1, 2], [-2, -1]], -4
+    np.testing.assert_allclose(linear(A, np.zeros((5, 1))).eigenvalues, [-4, -1 - 3j, -1 - 2j, -1 + 2j, -1 + 3j])
+
+
+def test_a_loop_has_no_more_coordinates_than_freedoms():
+    reduced = four_bar()
+    found = rnc.equilibrium(reduced, reduced.assembled(reduced.robot.configuration({"crank": 1.0})), hold=["crank"])
+    one = rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank"])
+    assert one.A.shape == (2, 2)
+    with pytest.raises(rnc.ConstraintError, match="coordinates crank, rocker are not independent under"):
+        rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank", "rocker"])

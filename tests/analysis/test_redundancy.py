@@ -1,11 +1,23 @@
 """Classes and reports of systems written down row by row, beside what they have to be."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.analysis import boundedness, classify, lemma_1_residuals
-from textbook_systems import planar_model, prismatic, rail_sliders, sliders_with_rows
+from rnc_pin.analysis import classify
+from rnc_pin.analysis.redundancy import _decide, _full_row_rank
+from systems import (
+    fire_truck,
+    space_robot,
+)
+from textbook_systems import (
+    planar_model,
+    prismatic,
+    sliders_with_rows,
+    turreted,
+    unicycle,
+)
 
 # ---------------------------------------------------------------------- classes of redundancy
 
@@ -126,66 +138,144 @@ def test_how_a5_depends_on_x22_is_its_partial_derivative():
     assert found.evidence.A5_along_x22 == pytest.approx(0.5 * 1.1 * np.abs(np.cos(configurations @ along)).max())
 
 
-# ---------------------------------------------------------------------- the report
+@pytest.mark.parametrize("size", [0.5, 1.0, 20.0])
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_part_in_ten_to_the_nine_of_the_largest_entry_moves_nothing(size, share):
+    """Or of one, where all are smaller."""
+    weak = share * 1e-9 * max(1.0, size)
+    reduced = sliders_with_rows(lambda q: [[size, weak], [0.3, 0.4]])
+    task = rnc.Task.of(reduced, ["s0"], ["s1"])
+    found = classify(reduced, task, np.random.default_rng(0).normal(size=(3, 4)))
+    assert found.tracked == (("s3",) if share < 1 else ("s2", "s3"))
+    left = weak if share < 1 else 0.0
+    assert pytest.approx(left) == found.evidence.A6
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-4, 1e7])
+def test_rows_are_of_full_rank_to_a_part_in_a_million(unit):
+    """At more than nine of ten configurations."""
+
+    def matrices(*shares):
+        return unit * np.stack([[[0.0, 1.0, 0.0], [0.0, 0.0, share * 1e-6]] for share in shares])
+
+    assert not _full_row_rank(matrices(0.97))
+    assert _full_row_rank(matrices(1.03))
+    assert not _full_row_rank(matrices(*[1.03] * 9, 0.97))
+    assert _full_row_rank(matrices(*[1.03] * 10, 0.97))
+    assert not _full_row_rank(matrices(1.03).mT)
+    assert not _full_row_rank(0 * matrices(1.03))
+
+
+def test_the_space_robot_is_class_1():
+    report = rnc.analyze(space_robot(), primary=["tip_x", "tip_y"], redundant=["joint_1"])
+    assert report.redundancy_class == "1"
+    assert report.redundancy.tracked == ("platform",)
+    assert report.completely_nonholonomic
+
+
+def test_the_fire_truck_is_class_2s_not_2():
+    """The paper says 2; the rate of the rear steering moves nothing, its angle does."""
+    report = rnc.analyze(fire_truck(), redundant=["rear_steering"])
+    assert report.redundancy_class == "2s"
+    assert report.redundancy.evidence.A4_singular_values == (0.0, 0.0)
+    assert report.redundancy.evidence.steering > 0.1
+    assert report.redundancy.tracked == ("trailer_yaw",)
+    assert report.redundancy.driven == ("tractor_x", "tractor_y", "tractor_yaw")
+
+
+def test_a_unicycle_with_a_turret_is_class_2():
+    """The turret's own heading is tracked by its joint, position by the base alone: A6 = 0, A5 free of x22."""
+    reduced = turreted()
+    report = rnc.analyze(reduced, redundant=["turret"])
+    assert report.redundancy_class == "2"
+    assert report.redundancy.tracked == ("gun_yaw",)
+
+
+def test_nothing_redundant_is_no_class_and_says_why():
+    report = rnc.analyze(unicycle())
+    assert report.redundancy_class is None
+    assert report.redundancy.reason == "no redundant output"
 
 
 @pytest.mark.parametrize(
-    ("B", "rank", "missing"),
+    ("along", "expected"),
     [
-        ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], 3, ()),
-        ([[1, 0], [0, 1], [0, 0]], 2, ("s2",)),
-        ([[0, 0], [2, 0], [0, 3]], 2, ("s0",)),
-        ([[1, 1], [1, 1], [0, 0]], 1, ("s0", "s1", "s2")),
-        ([[1, 0], [1, 0], [0, 5]], 2, ("s0", "s1")),
-        ([[0.0], [0.0], [0.0]], 0, ("s0", "s1", "s2")),
+        ((0, 0, 0, 0), "2"),
+        ((0, 0, 1, 0), "2"),  # on x21
+        ((0, 1, 0, 0), "2"),  # on x12
+        ((1, 0, 0, 0), "2"),  # on x11, which x22 moves: the paper asks for A5(x11, x12, x21)
+        ((0, 0, 0, 1), None),  # on x22
+        ((1, 0, 0, -1), None),  # on x11 - x22, which x22 does not change under the constraints
+        ((1, 1, 1, 0.2), None),
     ],
 )
-@pytest.mark.parametrize("unit", [1e-7, 1.0, 1e7])
-def test_forces_that_are_missing(B, rank, missing, unit):
-    """Where q1 is positive one more is, so that this is no worst sample."""
-    B, more = unit * np.array(B, float), np.array([[3.0, 1.0, 0.0], [0.0, 2.0, 1.0], [1.0, 0.0, 1.0]])
-
-    def drives(q):
-        return np.hstack([B, unit * more * (q[1] > 0)])
-
-    reduced = rnc.NonholonomicSystem(rail_sliders(3), [], drives).reduce([rnc.JointPosition(f"s{k}") for k in range(3)])
-    report = rnc.analyze(reduced, samples=12)
-    assert (report.actuation_rank, report.unactuated) == (rank, missing)
+def test_class_2_asks_for_an_A5_without_x22_and_lets_it_depend_on_all_else(along, expected):
+    along = np.array(along, dtype=float)
+    reduced = prismatic(lambda q: 1 + 0.5 * np.sin(along @ q), lambda q: 0.5 * np.cos(along @ q) * along)
+    found = rnc.analyze(reduced, ["x21"], ["x22"], samples=16).redundancy
+    assert found.redundancy_class == expected
+    assert (found.tracked, found.driven) == (("x11",), ("x12",))
+    assert (found.evidence.A5_along_x22 > 0.01 * abs(along[3])) == (along[3] != 0)
+    assert ("A5 depends on x22" in found.reason) == (expected is None)
 
 
-def test_a_report_is_of_the_samples_it_says():
-    """Those that its seed draws; Lemma 1 and the class are judged on the better half."""
-    wall = -0.5
+def test_class_2_is_denied_where_a5_depends_on_the_redundant_output():
+    """A slide that goes as ``sin(turret)`` times the speed: the turret moves no position, but says where it goes."""
+    model, joint = planar_model("slide")
+    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
+    slide = model.addJoint(joint, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    for each in (turret, slide):
+        model.appendBodyToJoint(each, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
 
-    def coordinate(q):
-        if q[0] < wall:
-            raise rnc.SingularityError("behind the wall", q=q, condition=np.inf, rows=("ahead",))
-        return q[:1]
+    def follows(share):
+        """The slide's rate is ``share + sin(turret)`` of the speed, or the share alone."""
+        alone = share > 0
+        return rnc.Pfaffian(
+            lambda q: np.array([[share + (0 if alone else np.sin(q[4])), 0, 0, 0, -1.0]]),
+            lambda q, v: np.array([[0 if alone else np.cos(q[4]) * v[3], 0, 0, 0, 0.0]]),
+            ["follows"],
+        )
 
-    def rows(q):
-        coordinate(q)
-        return np.array([[q[2], -q[3], 0.0]])
+    found = {}
+    for share in (0.0, 0.7):
+        system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body"), follows(share)])
+        reduced = system.reduce(
+            [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
+            [rnc.JointPosition("slide"), rnc.FrameYaw("gun")],
+        )
+        found[share] = rnc.analyze(reduced, redundant=["turret"], samples=8).redundancy
+    assert found[0.7].redundancy_class == "2"
+    assert found[0.0].redundancy_class is None
+    assert "A5 depends on x22" in found[0.0].reason
 
-    ahead = rnc.Output(coordinate, rows, lambda q, v: np.array([[-q[3] * v[2], -q[2] * v[2], 0.0]]), ["ahead"])
-    model, _ = planar_model()
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(3)[:, :1])
-    reduced = system.reduce([ahead, rnc.FrameYaw("body")], [rnc.FramePosition("body", "y")])
-    seed, samples, generator = 5, 21, np.random.default_rng(5)
-    drawn = np.stack([reduced.random_configuration(generator) for _ in range(samples)])
-    regular = drawn[drawn[:, 0] >= wall]
-    conditions = np.array([reduced.condition(q) for q in regular])
-    good = regular[conditions <= np.median(conditions)]
-    report = rnc.analyze(reduced, redundant=["body_yaw"], samples=samples, seed=seed)
-    assert 0 < samples - len(regular) < samples
-    assert (report.samples, report.singular_samples) == (samples, samples - len(regular))
-    assert report.condition == pytest.approx(
-        {"min": conditions.min(), "median": np.median(conditions), "max": conditions.max()}
-    )
-    assert report.lemma1 == pytest.approx(lemma_1_residuals(reduced, good, seed))
-    assert report.lemma1_holds
-    task = rnc.Task.of(reduced, ["ahead"], ["body_yaw"])
-    assert report.redundancy == classify(reduced, task, good, seed)
-    assert (report.n, report.r, report.p, report.rank) == (3, 2, 1, 1)
-    assert (report.actuation_rank, report.unactuated) == (1, ("body_yaw",))
-    assert report.completely_nonholonomic
-    assert report.lemma1_bounds.H.max == pytest.approx(boundedness(reduced, regular).H.max)
+
+ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
+NONE = np.zeros((3, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("A4", "steering", "moved", "A5_depends", "expected"),
+    [
+        (NONE, ONES, [], False, ("2s", "its value steers")),
+        (NONE, TALL, [], False, (None, "do not steer A3 v21 either")),
+        (NONE, 0 * ONES, [], False, (None, "do not steer A3 v21 either")),
+        (TALL, ONES, [True, True], False, (None, "2 vertical outputs moved by 1 redundant one: too few")),
+        (0 * ONES, ONES, [True], False, (None, "A4 has not full row rank")),
+        (ONES, ONES, [True], True, ("1", "A4 has full row rank")),
+        (WIDE, ONES, [True], True, ("1", "some freedom is left")),
+        (WIDE, ONES, [True, False], False, (None, "1 vertical output moved by 2 redundant ones: class 2")),
+        (ONES, ONES, [True, False], True, (None, "A5 depends on x22")),
+        (ONES, ONES, [True, False], False, ("2", "A5 independent of x22")),
+    ],
+)
+def test_a_class_is_what_its_blocks_say(A4, steering, moved, A5_depends, expected):
+    found, reason = _decide(A4, steering, np.array(moved, dtype=bool), A5_depends)
+    assert found == expected[0]
+    assert expected[1] in reason
+
+
+def test_more_rows_than_columns_have_no_full_row_rank():
+    matrices = np.random.default_rng(0).normal(size=(5, 3, 2))
+    assert not _full_row_rank(matrices)
+    assert _full_row_rank(matrices.mT)

@@ -5,9 +5,8 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
-from rnc_pin.analysis import integrability
-from systems import four_bar
-from textbook_systems import linear, planar_model, rail_sliders, unicycle
+from rnc_pin.analysis.linearization import Linearization
+from textbook_systems import linear
 
 # ---------------------------------------------------------------------- the regulator
 
@@ -143,163 +142,122 @@ def test_a_cost_that_is_negative_by_rounding_is_none():
     np.testing.assert_allclose(K, [[1.0, np.sqrt(1 / 9 + 2.0)]], rtol=1e-6)
 
 
-# ---------------------------------------------------------------------- linear models
+NOT_REACHED = "the actuators u0 do not control a mode that is not stable: it moves "
+COSTS_NOTHING = "state_cost: a mode that is not stable has zero cost: it moves "
 
 
-CENTER = np.array([3.0, 2.0])
+def told(system, *costs):
+    with pytest.raises(rnc.ConstraintError) as raised:
+        rnc.lqr(system, *costs)
+    return str(raised.value)
 
 
-def round_a_center():
-    """Distance from a point, and heading against the bearing from there; rows in the body's own axes."""
-
-    def parts(q):
-        (x, y), (c, s) = q[:2] - CENTER, q[2:]
-        ahead, beside = x * c + y * s, y * c - x * s
-        return ahead, beside, np.hypot(x, y)
-
-    def value(q):
-        ahead, beside, rho = parts(q)
-        return np.array([rho, np.arctan2(-beside, ahead)])
-
-    def rows(q):
-        ahead, beside, rho = parts(q)
-        return np.array([[ahead / rho, beside / rho, 0.0], [beside / rho**2, -ahead / rho**2, 1.0]])
-
-    def rows_dot(q, v):
-        ahead, beside, rho = parts(q)
-        ahead_dot, beside_dot = v[0] + v[2] * beside, v[1] - v[2] * ahead
-        rho_dot = (ahead * ahead_dot + beside * beside_dot) / rho
-        first = np.array([ahead_dot, beside_dot, 0.0]) / rho - np.array([ahead, beside, 0.0]) * rho_dot / rho**2
-        second = np.array([beside_dot, -ahead_dot, 0.0]) - 2 * np.array([beside, -ahead, 0.0]) * rho_dot / rho
-        return np.stack([first, second / rho**2])
-
-    return rnc.Output(value, rows, rows_dot, ["rho", "phi"])
+@pytest.mark.parametrize("fast", [0.3, 3.0])
+def test_what_fades_by_itself_need_not_be_reached(fast):
+    """Faster than a hundred thousandth of the largest entry of A, or of one a second."""
+    limit = 1e-5 * max(1.0, fast)
+    B = [[0.0], [1.0]]
+    assert told(linear(np.diag([-0.97 * limit, -fast]), B), 1.0) == NOT_REACHED + "x0"
+    K = rnc.lqr(linear(np.diag([-1.03 * limit, -fast]), B), 1.0)
+    np.testing.assert_allclose(K, [[0.0, np.sqrt(fast**2 + 1.0) - fast]], atol=1e-9)
 
 
-def test_a_circle_in_coordinates_that_do_not_move():
-    """``rho' = u cos(phi)``, ``phi' = w - u sin(phi) / rho`` of a unicycle; its rates in another order."""
-    reduced, speed, turn = unicycle(), 6.0, 4.0
-    rho = speed / turn
-    q = reduced.robot.configuration(
-        {"root_joint": (3.0, 2.0 - rho, 0.0)}
-    )  # heading along x, to the left of its bearing
-    found = rnc.linearize(reduced, q, [speed, turn], coordinates=[round_a_center()], rates=["body_yaw", "body_speed_x"])
-    assert found.state_names == ("rho", "phi", "body_yaw_dot", "body_speed_x")
-    A = np.zeros((4, 4))
-    A[0, 1], A[1, 0], A[1, 2], A[1, 3] = -speed, speed / rho**2, 1.0, -1.0 / rho
-    np.testing.assert_allclose(found.A, A, atol=1e-8)
-    np.testing.assert_allclose(found.B, [[0, 0], [0, 0], [0, 1 / 0.1], [1 / 1.0, 0]], atol=1e-9)
-    moved = reduced.robot.configuration({"root_joint": (3.0, 2.0 - rho - 0.1, 0.2)})
-    np.testing.assert_allclose(found.deviation(moved, [6.3, 3.9]), [0.1, 0.2, -0.1, 0.3], atol=1e-12)
+@pytest.mark.parametrize("fast", [0.3, 3.0])
+def test_what_grows_slowly_has_to_cost_something(fast):
+    """What grows faster is stopped at any cost."""
+    limit = 1e-5 * max(1.0, fast)
+    B = np.eye(2)
+    message = told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0])
+    assert message == COSTS_NOTHING + "x0"
+    K = rnc.lqr(linear(np.diag([1.03 * limit, -fast]), B), [0.0, 1.0])
+    np.testing.assert_allclose(K[0], [2 * 1.03 * limit, 0.0], rtol=1e-3, atol=1e-9)
 
 
-def test_a_coordinate_in_the_world_does_not_turn_with_the_body():
-    """In a turn, of ``y' = u sin(yaw)`` the heading is missing; where the body is along x is not."""
-    reduced = unicycle()
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.linearize(reduced, reduced.robot.configuration(), [0.5, 2.0], coordinates=[rnc.FramePosition("body", "y")])
-    missing = "not a closed system: the motion of body_y, body_speed_x, body_yaw also depends on 'root_joint[2]'"
-    assert str(told.value) == missing
+@pytest.mark.parametrize(("size", "unit"), [(1.0, 1.0), (1.0, 1e5), (40.0, 1.0)])
+def test_inputs_reach_a_mode_to_a_part_in_a_million(size, unit):
+    """``x0' = b u``, ``x1' = size (-x1 + u)``: of ``[[0, b], [-1, 1]]`` the singular values have the product b."""
+
+    def system(b):
+        return linear(size * np.diag([0.0, -1.0]), unit * np.array([[b], [1.0]]))
+
+    limit = np.sqrt(2) * 1e-6
+    assert told(system(0.97 * limit), 1.0) == NOT_REACHED + "x0"
+    K = rnc.lqr(system(1.03 * limit), 1.0, unit**2)
+    assert np.linalg.eigvals(system(1.03 * limit).A - system(1.03 * limit).B @ K).real.max() < 0
 
 
-def test_of_coordinates_that_move_the_fastest_is_named():
-    reduced = unicycle()
-    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.3)})
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.linearize(reduced, q, [1.0, 0.0], coordinates=[rnc.FrameYaw("body"), rnc.FramePosition("body", "yx")])
-    assert str(told.value) == "coordinate 'body_x' moves in this motion: leave it out of the coordinates"
+@pytest.mark.parametrize("unit", [1.0, 1e-4, 1e6])
+def test_a_mode_costs_nothing_below_a_part_in_a_million(unit):
+    system = linear(np.diag([0.0, -1.0]), np.eye(2))
+    assert told(system, unit * np.diag([0.97e-6, 1.0]), unit) == COSTS_NOTHING + "x0"
+    K = rnc.lqr(system, unit * np.diag([1.03e-6, 1.0]), unit)
+    np.testing.assert_allclose(K, np.diag([np.sqrt(1.03e-6), np.sqrt(2.0) - 1.0]), rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.parametrize("speed", [0.5, 3.0])
-def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
-    """Or of one a second; slower ones rest."""
-    reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
-    limit = 1e-8 * (1.0 + speed) / speed
-    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
-    found = rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
-    np.testing.assert_allclose(found.A[:2, :2], [[0.0, 0.0], [speed, 0.0]], atol=1e-12)  # y' = u sin(yaw)
-    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 1.03 * limit)})
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
-    assert str(told.value) == "coordinate 'body_y' moves in this motion: leave it out of the coordinates"
-
-
-def test_a_loop_has_the_coordinates_that_it_leaves():
-    """The crank alone: differences of its acceleration, over configurations at which the loop is closed."""
-    reduced = four_bar()
-    guess = reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5})
-
-    def closed(crank):
-        return reduced.assembled(np.array([crank, *guess[1:]]), hold=["crank"])
-
-    q = closed(1.0)
-    found = rnc.linearize(reduced, q, coordinates=["crank"])
-    assert abs(found.T[0]) > 0.1
-    h, rest = 1e-4, np.zeros(1)
-    ahead, behind = (reduced.forward_dynamics(closed(1.0 + sign * h), rest, found.T)[0] for sign in (1, -1))
-    np.testing.assert_allclose(found.A, [[0.0, 1.0], [(ahead - behind) / (2 * h), 0.0]], rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(found.B, [[0.0], [1 / reduced.inertia(q)[0, 0]]], rtol=1e-9)
-    moved = closed(1.3)
-    np.testing.assert_allclose(found.deviation(moved, [0.7]), [0.3, 0.7], atol=1e-12)
-
-
-def test_inputs_that_hold_are_the_smallest():
-    """Three drives for two velocities, on a slope."""
-    model, _ = planar_model()
-    model.gravity.linear = np.array([-2.0, 0.0, 0.0])
-    slope = rnc.Robot(model)
-    B = np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    reduced = rnc.NonholonomicSystem(slope, [rnc.NoSideSlip("body")], B).reduce(
-        [rnc.FrameSpeed("body"), rnc.FrameYaw("body")]
-    )
-    found = rnc.linearize(reduced, slope.configuration())
-    np.testing.assert_allclose(found.T, [0.4, 0.8, 0.0], atol=1e-12)  # 2 N in all
-    with pytest.raises(rnc.ConstraintError) as told:
-        rnc.linearize(reduced, slope.configuration(), T=[0.0, 0.0, 0.05])
-    assert str(told.value) == (
-        "not an equilibrium and not a steady motion: under T = [0. 0. 0.05] "
-        "the rate of 'body_speed_x' changes by -2 a second"
+@pytest.mark.parametrize(("part", "names"), [(0.097, "x0"), (0.103, "x0, x1")])
+def test_states_that_a_mode_hardly_moves_are_not_named(part, names):
+    assert told(linear(np.zeros((2, 2)), [[part], [-1.0]]), 1.0) == NOT_REACHED + names
+    assert told(linear(np.zeros((2, 2)), np.eye(2)), np.array([[part**2, -part], [-part, 1.0]])).endswith(
+        f"it moves {names}"
     )
 
 
-def test_eigenvalues_stand_by_real_part_and_then_by_imaginary_part():
-    A = np.zeros((5, 5))
-    A[:2, :2], A[2:4, 2:4], A[4, 4] = [[-1, 3], [-3, -1]], [[-1, 2], [-2, -1]], -4
-    np.testing.assert_allclose(linear(A, np.zeros((5, 1))).eigenvalues, [-4, -1 - 3j, -1 - 2j, -1 + 2j, -1 + 3j])
+@pytest.mark.parametrize("unit", [1.0, 1e-14])
+def test_a_weight_is_negative_beyond_rounding(unit):
+    """A part in ten to the twelve of the largest entry."""
+    system = linear([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]])
+    with pytest.raises(rnc.ConfigurationError) as raised:
+        rnc.lqr(system, unit * np.array([3.0, -1.03 * 3e-12]), unit)
+    assert str(raised.value) == "state_cost: no weight may be negative"
+    K = rnc.lqr(system, unit * np.array([3.0, -0.97 * 3e-12]), unit)
+    np.testing.assert_allclose(K, [[np.sqrt(3.0), np.sqrt(2 * np.sqrt(3.0))]], rtol=1e-6)
 
 
-# ---------------------------------------------------------------------- integrable combinations
+@pytest.mark.parametrize("cost", ["heavy", ["a", "b"], [[1.0], [1.0, 2.0]]])
+def test_costs_are_numbers(cost):
+    with pytest.raises(rnc.ConfigurationError) as raised:
+        rnc.lqr(linear(np.zeros((2, 2)), np.eye(2)), cost)
+    assert str(raised.value) == f"state_cost: expected numbers, found {cost!r}"
 
 
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (2.0, "first - 2.5 second"),
-        (-2.0, "first + 2.5 second"),
-        (5.0, "first - second"),
-    ],
-)
-def test_a_combination_of_rows_as_they_are_is_put_in_words(share, words):
-    """Rows ``5 b + dw`` and ``k b + 3 dw`` with a contact form b: what is left of b is the differential of w."""
+def test_nothing_feeds_back_to_no_actuators():
+    assert told(linear([[1.0]], np.zeros((1, 0))), 1.0) == "a regulator needs at least one actuator, found none"
 
-    def contact(q):
-        return np.array([-q[1], q[0], 1.0, 0.0])
 
-    def rows(q):
-        return np.stack([5 * contact(q) + [0, 0, 0, 1], share * contact(q) + [0, 0, 0, 3]])
+def test_inputs_of_unlike_weights_share_a_state_in_proportion_to_what_they_do_for_it():
+    """``x' = a x + b1 u1 + b2 u2``: gains are ``b_i p / r_i``, with ``2 a p - p^2 (b1^2 / r1 + b2^2 / r2) + q = 0``."""
+    a, b, r, q = 0.3, np.array([2.0, -0.7]), np.array([5.0, 0.04]), 1.7
+    s = np.sum(b**2 / r)
+    p = (a + np.sqrt(a**2 + q * s)) / s
+    expected = b * p / r
+    np.testing.assert_allclose(rnc.lqr(linear([[a]], [b]), q, {"u0": r[0], "u1": r[1]})[:, 0], expected, rtol=1e-10)
 
-    def rows_dot(q, v):
-        rate = np.array([-v[1], v[0], 0.0, 0.0])
-        return np.stack([5 * rate, share * rate])
 
-    system = rnc.NonholonomicSystem(rail_sliders(4), [rnc.Pfaffian(rows, rows_dot, ["first", "second"])])
-    reduced = system.reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
-    found = integrability(reduced, np.random.default_rng(0).normal(size=(3, 4)))
-    assert found.growth_vector == (2, 3)
-    assert found.nonholonomic == ("first", "second")
-    (combination,) = found.combinations
-    assert combination.constant
-    assert str(combination) == words
-    report = rnc.analyze(reduced, samples=8)
-    assert report.integrable_combinations == (words,)
-    assert not report.completely_nonholonomic
+@pytest.mark.parametrize("slowly", [3e-6, -3e-6, 0.0])
+@pytest.mark.parametrize("size", [1.0, 40.0])
+def test_what_hardly_grows_or_fades_is_named_all_the_same(slowly, size):
+    system = linear(size * np.diag([slowly, -1.0]), size * np.array([[0.0], [1.0]]))
+    assert told(system, 1.0) == NOT_REACHED + "x0"
+    assert told(linear(system.A, np.eye(2)), [0.0, 1.0]) == COSTS_NOTHING + "x0"
+
+
+def linearization(A, B):
+    """Of a system that is written down."""
+    names = tuple(f"x{i}" for i in range(len(A)))
+    return Linearization(A, B, names, ("u",), np.zeros(0), np.zeros(1), np.zeros(1), 0.0, (), None, None)
+
+
+def test_a_cost_that_is_no_diagonal():
+    """A double integrator with ``Q = [[1, c], [c, 2]]`` and R = 1: ``P12 = 1``, ``P22 = sqrt(2 + 2 P12 - ...)``."""
+    linear = linearization(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]))
+    cost = np.array([[1.0, -0.5], [-0.5, 2.5]])
+    K = rnc.lqr(linear, cost)
+    # P12^2 = Q11 and P22^2 = Q22 + 2 P12, from the corners of the Riccati equation; K = (P12, P22).
+    np.testing.assert_allclose(K, [[1.0, np.sqrt(4.5)]], atol=1e-12)
+
+
+def test_a_little_force_is_enough_for_little_dynamics():
+    """What is reached by nanonewtons is reached."""
+    linear = linearization(np.array([[1e-7, 1.0], [0.0, 1e-7]]), np.array([[0.0], [1e-9]]))
+    K = rnc.lqr(linear, np.eye(2), 1e-18)
+    assert np.linalg.eigvals(linear.A - linear.B @ K).real.max() < -0.5

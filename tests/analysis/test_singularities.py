@@ -7,7 +7,13 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
-from systems import four_bar, leaning_wheel, random_states, spinning_space_robot
+from systems import (
+    four_bar,
+    leaning_wheel,
+    random_states,
+    sleigh,
+    spinning_space_robot,
+)
 from textbook_systems import planar_model, rail_sliders
 
 
@@ -227,3 +233,8 @@ def test_what_grows_without_inertia_leaves_h_bounded(mass, H_order, V_order):
     assert way.bounded == bounds.everywhere == (mass == 0)
     assert (way.H_order, way.V_order) == (pytest.approx(H_order, abs=0.01), pytest.approx(V_order, abs=0.01))
     np.testing.assert_allclose(way.H, 1 + mass / np.square(way.distances), rtol=1e-9)
+
+
+def test_no_configuration_has_no_singular_ones():
+    reduced = sleigh()
+    assert stack_singularities(reduced, np.zeros((0, reduced.robot.nq))) == []

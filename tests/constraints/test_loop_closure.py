@@ -6,6 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model import assembly
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
 from systems import (
@@ -385,3 +386,14 @@ def test_the_dead_centre_of_a_four_bar_is_found_on_the_closed_loop():
         assert each.located
         assert abs(np.sin(each.configuration["coupler"])) < 1e-9
         assert np.abs(reduced.position_residual(robot.configuration(each.configuration))).max() < 1e-10
+
+
+def test_closing_a_loop_is_quadratic(monkeypatch):
+    """Some steps of at most half a radian, then each doubles the digits."""
+    reduced = four_bar()
+    closed = reduced.assembled(reduced.robot.configuration({"crank": 1.0, "coupler": -0.4, "rocker": 1.5}))
+    monkeypatch.setattr(assembly, "_STEPS", 8)
+    generator = np.random.default_rng(4)
+    for _ in range(5):
+        found = reduced.assembled(closed + generator.uniform(-0.3, 0.3, 3))
+        assert np.abs(reduced.position_residual(found)).max() < 1e-11

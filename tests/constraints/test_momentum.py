@@ -9,7 +9,11 @@ import pytest
 
 import rnc_pin as rnc
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
-from systems import random_states, reacting
+from systems import (
+    random_states,
+    reacting,
+    space_robot,
+)
 from tolerances import KKT
 
 SAID = "which is declared as conserved: omit the momentum"
@@ -307,3 +311,29 @@ def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
     assert len(refused) > 30
     assert max(accepted) < 1e-8
     assert min(refused) > 1e-4
+
+
+def test_a_momentum_that_is_kept_where_nobody_knows():
+    """Of a disc that floats on a lift: its momentum keeps its direction in the world, not in its own axes."""
+    model = pin.Model()
+    lift = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "lift")
+    disc = model.addJoint(lift, pin.JointModelPlanar(), pin.SE3.Identity(), "disc")
+    for joint in (lift, disc):
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    robot = rnc.Robot(model)
+    assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc")]).r == 1
+    with pytest.raises(rnc.ConstraintError, match=r"'disc' has to be zero, .* JointModelPlanar on 'lift'"):
+        rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("disc", [1.0, 0.0, 0.0])])
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_momentum_of_grams_is_no_nearer_to_zero(scale):
+    """Rows are compared at one length each: units of mass change nothing."""
+    reduced = space_robot()
+    model = reduced.robot.model.copy()
+    for joint, inertia in enumerate(model.inertias):
+        model.inertias[joint] = pin.Inertia(scale * inertia.mass, inertia.lever, scale * inertia.inertia)
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")])
+    scaled = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+    for q, _ in random_states(reduced, 4):
+        np.testing.assert_allclose(scaled.at(q).scaled_stack, reduced.at(q).scaled_stack, atol=1e-12)

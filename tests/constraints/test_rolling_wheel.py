@@ -8,6 +8,7 @@ import rnc_pin as rnc
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
 from systems import bicycle, random_states
+from textbook_systems import differential_drive
 from tolerances import KKT, ROUNDING
 
 RADIUS, MASS = 0.2, 3.0
@@ -212,3 +213,12 @@ def test_a_caster_follows_its_trail():
         delta_dot = (-u * np.sin(delta) + w * length * np.cos(delta)) / trail - w
         rolling = (u * np.cos(delta) + w * length * np.sin(delta)) / radius
         np.testing.assert_allclose(reduced.velocity(q, v2), [u, 0, w, delta_dot, rolling], atol=1e-10)
+
+
+def test_a_wheel_on_a_joint_that_slides():
+    model = differential_drive().model
+    joint = model.addJoint(1, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(0.1, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("skid", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    with pytest.raises(rnc.ConstraintError, match="joint of wheel 'skid' is not revolute: give the axle"):
+        rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("skid", 0.1)])

@@ -1,11 +1,13 @@
 """Controller (8)-(9) in its rate-free form, the baseline beside it, and the first joint off (section 4.1)."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from controlled_tasks import ARM_START, Cubic, learnt_over
 from rnc_pin.control import (
     ComputedTorque,
     JacobianTransposeController,
@@ -16,11 +18,14 @@ from rnc_pin.control import (
     VelocityTracker,
     effective_inertia,
 )
+from rnc_pin.control.position_tracker import PositionState
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from systems import space_robot, space_robot_in_joints
+from systems import (
+    space_robot,
+    space_robot_in_joints,
+)
 from tolerances import ROUNDING
-
-START = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}
 
 
 def waves(center):
@@ -29,7 +34,7 @@ def waves(center):
 
 def in_joints():
     reduced = space_robot_in_joints()
-    q0 = reduced.robot.configuration(START)
+    q0 = reduced.robot.configuration(ARM_START)
     return reduced, q0, reduced.outputs(q0)[1]
 
 
@@ -167,7 +172,7 @@ def test_velocity_error_of_computed_torque_decays_at_its_gain():
 @pytest.mark.parametrize("preset", ["paper", "scaled"])
 def test_first_joint_off_the_platform_does_not_move(preset):
     reduced = space_robot()
-    q0 = reduced.robot.configuration(START)
+    q0 = reduced.robot.configuration(ARM_START)
     goal = MinimumJerk(reduced.outputs(q0)[1][:2], [1.15, 0.6], 4.0)
     tip, active = np.array([0, 1]), ["joint_2", "joint_3"]
     gains = PositionGains.paper()
@@ -183,7 +188,7 @@ def test_first_joint_off_the_platform_does_not_move(preset):
 
 def test_effective_inertia_is_what_a_force_has_to_move():
     reduced = space_robot()
-    q0 = reduced.robot.configuration(START)
+    q0 = reduced.robot.configuration(ARM_START)
     tracker = PositionTracker(Hold(reduced.outputs(q0)[1][:2]), outputs=np.array([0, 1]))
     controller = JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
     F = np.array([1.3, -0.4])
@@ -200,3 +205,116 @@ def test_jacobian_transpose_refuses_wrong_actuators():
         JacobianTransposeController(reduced, tracker, ["joint_2", "joint_4"])
     with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):
         JacobianTransposeController(reduced, tracker, ["joint_2"])
+
+
+def test_what_is_learnt_starts_at_zero_under_a_reference_that_moves_already():
+    """B and A too: the first force is ``k2 gamma^2 e`` alone, whatever the reference's rates."""
+    e = np.array([0.7, -0.2])
+
+    def moving(t):
+        return SimpleNamespace(
+            position=e, velocity=np.array([3.0, 1.0]), acceleration=np.array([-2.0, 5.0]), jerk=np.array([1.0, 4.0])
+        )
+
+    tracker = PositionTracker(SimpleNamespace(size=2, duration=1.0, at=moving), PositionGains.paper())
+    measured = rnc.Measurement(x2=np.zeros(2))
+    command, _ = tracker.step(0.0, measured, tracker.initial_state(measured))
+    np.testing.assert_allclose(command.F, 10.0 * 4.0 * e, atol=ROUNDING)
+
+
+WHERE, ANGULAR = np.array([2, 0]), np.array([False, True])
+
+
+def unprimed(state, gains, point):
+    """[f A B] of the paper."""
+    w = np.concatenate([[1.0], point.acceleration, point.velocity])
+    primed = np.concatenate([state.f[..., None], state.A, state.B], axis=-1)
+    return primed + (gains.beta * state.e)[..., None] * w, w
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.6])
+@pytest.mark.parametrize("zone", [0.0, np.array([0.4, 0.1])])
+@pytest.mark.parametrize("clipped", [False, True])
+@pytest.mark.parametrize("first", [False, True])
+def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zone, clipped, first):
+    """With e held over the sample; what stays is the learnt force of the paper, not what is primed of it."""
+    generator, reference = np.random.default_rng(8), Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1])
+    gains = PositionGains(np.array([3.0, 5.0]), np.array([2.0, 7.0]), 1.7, np.array([4.0, 0.9]), sigma, zone)
+    tracker = PositionTracker(reference, gains, WHERE, ANGULAR, [0.3, -2.0])
+    x2, excess = generator.uniform(-1, 1, (7, 3)), generator.uniform(-1, 1, (7, 3))
+    x2[:, 0] += 2.9
+    size = ((7, 2), (7, 2), (7, 2, 2), (7, 2, 2), (7, 2))
+    begin = PositionState(None if first else 1.1, *(generator.uniform(-1, 1, each) for each in size))
+    t = 1.1 if first else 1.4
+    elapsed = 0.0 if first else t - 1.1
+    command, after = tracker.step(t, Measurement(x2=x2, force_deficit=excess if clipped else None), begin)
+    now, before = reference.at(t), reference.at(1.1)
+    e = now.position - x2[:, WHERE]
+    e[:, 1] = np.angle(np.exp(1j * e[:, 1]))
+    np.testing.assert_allclose(after.e, e, atol=1e-14)
+    z = (begin.z + 1.7**2 * e) * np.exp(-2 * 1.7 * elapsed) - 1.7**2 * e
+    np.testing.assert_allclose(after.z, z, rtol=1e-12, atol=1e-13)
+    w = z + 1.7**2 * e
+    q = gains.k2 / gains.k1 / 1.7 * e - w / 1.7
+    learnt, _ = unprimed(begin, gains, before)
+    found, regressor = unprimed(after, gains, now)
+    kinds = set()
+    for i, j in np.ndindex(7, 2):
+        by, rate = (
+            np.concatenate([[1.0], now.acceleration, now.velocity]),
+            np.concatenate([[0], now.jerk, now.acceleration]),
+        )
+        primed = np.concatenate([[begin.f[i, j]], begin.A[i, j], begin.B[i, j]])
+        step = gains.beta[j] * e[i, j]
+        new = (
+            learnt_over(elapsed, sigma, primed, gains.beta[j] * q[i, j] * by - step * rate - sigma * step * by)
+            + step * by
+        )
+        quiet = abs(e[i, j]) < np.broadcast_to(zone, 2)[j]
+        stays = quiet or (clipped and excess[i, WHERE[j]] * ((new - learnt[i, j]) @ by) > 0)
+        kinds.add(bool(stays))
+        np.testing.assert_allclose(found[i, j], learnt[i, j] if stays else new, rtol=1e-11, atol=1e-12)
+        F = found[i, j] @ regressor + gains.k1[j] * 1.7**2 * w[i, j] + gains.k2[j] * 1.7**2 * e[i, j] + [0.3, -2.0][j]
+        np.testing.assert_allclose(command.F[i, j], F, rtol=1e-11)
+    assert kinds == ({False, True} if clipped or np.any(zone) else {False})
+    assert after.time == t
+    for name, value in (("v2_desired", now.velocity), ("x2_desired", now.position)):
+        np.testing.assert_array_equal(getattr(command, name)[:, WHERE], np.broadcast_to(value, (7, 2)))
+        assert np.isnan(getattr(command, name)[:, 1]).all()
+
+
+def test_a_position_tracker_starts_at_rest_with_nothing_learnt():
+    """Where the reference moves and the error is not zero; the first force is that of the error alone."""
+    reference = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1])
+    gains = PositionGains(np.array([3.0, 5.0]), np.array([2.0, 7.0]), 1.7, np.array([4.0, 0.9]), 0.3)
+    tracker = PositionTracker(reference, gains, WHERE, ANGULAR, [0.3, -2.0])
+    measured = Measurement(x2=np.random.default_rng(1).uniform(-1, 1, (3, 4, 3)))
+    state = tracker.initial_state(measured)
+    learnt, _ = unprimed(state, gains, reference.at(0.0))
+    assert learnt.shape == (3, 4, 2, 5)
+    np.testing.assert_allclose(learnt, 0.0, atol=1e-13)
+    e = reference.at(0.0).position - measured.x2[..., WHERE]
+    e[..., 1] = np.angle(np.exp(1j * e[..., 1]))
+    np.testing.assert_allclose(state.e, e, atol=1e-14)
+    np.testing.assert_allclose(state.z, -(1.7**2) * e, rtol=1e-13)
+    assert state.time is None
+    command, _ = tracker.step(0.0, measured, state)
+    np.testing.assert_allclose(command.F, gains.k2 * 1.7**2 * e + [0.3, -2.0], rtol=1e-11)
+    said = tracker.describe()
+    assert said == {"type": "PositionTracker", "gains": gains.describe(), "gravity_compensation": [0.3, -2.0]}
+
+
+@pytest.mark.parametrize("elapsed", [0.01, 0.2])
+def test_a_filter_is_exact_over_samples_of_any_length(elapsed):
+    """``z' = -2 gamma (z + gamma^2 e)`` with e held: towards ``-gamma^2 e`` by ``exp(-2 gamma t)``."""
+    reduced = space_robot()
+    gains = PositionGains(k1=2.0, k2=3.0, gamma=4.0, beta=1.0, sigma=0.1)
+    tracker = PositionTracker(Hold([1.0, 0.5]), gains, outputs=np.array([0, 1]))
+    q = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.4})
+    measured = reduced.measure(q, np.zeros(3))
+    state = tracker.initial_state(measured)
+    _, state = tracker.step(1.0, measured, state)
+    state = state._replace(z=np.array([5.0, -3.0]))
+    _, after = tracker.step(1.0 + elapsed, measured, state)
+    rest = -(4.0**2) * (np.array([1.0, 0.5]) - measured.x2[:2])
+    np.testing.assert_allclose(after.z, rest + np.exp(-8.0 * elapsed) * (state.z - rest), rtol=1e-12)

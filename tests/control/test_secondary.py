@@ -1,6 +1,7 @@
 """Secondary objectives: exact rates, finite at the limits, and worth having while the vertical outputs are tracked."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -8,7 +9,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from controlled_tasks import LIMITS, manipulator
+from controlled_tasks import LIMITS, limited_sliders, manipulator
 from rnc_pin.control import (
     Combined,
     ComputedTorque,
@@ -17,10 +18,16 @@ from rnc_pin.control import (
     RedundancyController,
     SingularityDistance,
 )
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.run import plan
-from systems import random_states, space_robot
+from systems import (
+    mobile_manipulator,
+    random_states,
+    sleigh,
+    space_robot,
+)
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 
@@ -280,3 +287,152 @@ def test_a_scenario_adds_its_objectives_up(tmp_path):
 def test_a_scenario_that_asks_for_too_much_is_refused(changes, words, tmp_path):
     with pytest.raises(rnc.ConfigurationError, match=words):
         scenario_of({"controller.secondary": {"posture": {}}, **changes}, tmp_path)
+
+
+def test_a_joint_has_ends_where_both_are_numbers_below_ten_billion_and_in_order():
+    task, far = SimpleNamespace(redundant=np.arange(1)), 1e10
+    near, beyond = np.nextafter(far, 0.0), np.finfo(float).max
+    for low, high in ((-near, near), (-near, 0.0), (0.0, near), (-3.0, -2.0), (2.0, 3.0)):
+        assert JointLimits(limited_sliders((low, high)), task).describe()["zone"] == [0.1 * (high - low)]
+    for low, high in (
+        (-far, 2.0),
+        (-np.inf, 2.0),
+        (-beyond, 2.0),
+        (-2.0, far),
+        (-2.0, np.inf),
+        (-2.0, beyond),
+        (2.0, 2.0),
+        (3.0, 2.0),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=r"no joint of robot '.*' has position limits"):
+            JointLimits(limited_sliders((low, high)), task)
+        both = JointLimits(limited_sliders((low, high), (1.0, 3.0)), task)
+        assert both.describe()["zone"] == pytest.approx([0.2])
+
+
+class Cubes(SingularityDistance):
+    """Its gradient is written down."""
+
+    def gradient(self, q):
+        return q**3
+
+
+def test_the_distance_from_singularity_is_differentiated_over_at_most_a_fifty_thousandth():
+    """At zero the difference of ``q^3`` along v is ``h^2 v^3``, which tells h; one state and batches of two axes."""
+    reduced, gains = limited_sliders(*[(-1.0, 1.0)] * 3), np.array([0.5, 2.0, 3.0])
+    distance = Cubes(reduced, SimpleNamespace(redundant=np.arange(3)), gains)
+    velocities = np.random.default_rng(2).uniform(-4, 4, (2, 5, 3))
+    for v in (velocities, velocities[0], velocities[1, 3]):
+        z, z_dot = distance(0.0, Measurement(q=np.zeros(v.shape), v=v))
+        h = 2e-5 / (1 + np.abs(v).max())
+        assert not z.any()
+        np.testing.assert_allclose(z_dot, gains * h**2 * v**3, rtol=1e-12)
+    q = velocities / 8
+    z, z_dot = distance(0.0, Measurement(q=q, v=velocities))
+    np.testing.assert_array_equal(z, gains * q**3)
+    np.testing.assert_allclose(z_dot, gains * 3 * q**2 * velocities, atol=1e-8)
+
+
+@pytest.mark.parametrize("batch", [(), (2,), (2, 4)])
+def test_where_redundant_outputs_move_nothing_the_distance_has_no_gradient(batch):
+    """Said with the first configuration of a batch."""
+    rows = np.zeros((*batch, 2, 4))
+    reduced = SimpleNamespace(
+        at=lambda q: SimpleNamespace(A_star=rows), kinematic_gradient=lambda q, of: np.zeros((*batch, 2, 4, 3))
+    )
+    task = SimpleNamespace(
+        redundant=np.array([3, 0, 1]),
+        vertical=np.array([1]),
+        vertical_names=("height",),
+        redundant_names=("a", "b", "c"),
+    )
+    q = np.random.default_rng(1).normal(size=(*batch, 5))
+    with pytest.raises(rnc.SingularityError, match=r"cannot move the vertical ones \(A4 is singular\)") as caught:
+        SingularityDistance(reduced, task).gradient(q)
+    np.testing.assert_array_equal(caught.value.q, q.reshape(-1, 5)[0])
+    assert caught.value.condition == np.inf
+    assert caught.value.rows == ("height", "a", "b", "c")
+
+
+def test_secondary_objectives_are_worth_their_gains_and_describe_themselves():
+    reduced, task = manipulator()
+    zero = Posture(task, Hold([0.2, -0.1]), np.array([0.0, 3.0]))
+    (q, v2), *_ = random_states(reduced, 1, seed=6, condition=20.0)
+    z, z_dot = zero(0.0, reduced.measure(q, v2))  # the speed has no integral, and no gain
+    shoulder = reduced.outputs(q)[1][3]
+    np.testing.assert_allclose(z, [0.0, 3.0 * np.angle(np.exp(1j * (-0.1 - shoulder)))], atol=ROUNDING)
+    np.testing.assert_allclose(z_dot, [0.0, -3.0 * v2[3]], atol=ROUNDING)
+    gains = np.array([0.5, 2.0])
+    limits, distance = JointLimits(reduced, task, gains, 0.5), SingularityDistance(reduced, task, gains)
+    measured = reduced.measure(q, v2)
+    np.testing.assert_allclose(distance(0.0, measured)[0], gains * distance.gradient(q), rtol=1e-12)
+    for value, unit in zip(limits(0.0, measured), JointLimits(reduced, task, 1.0, 0.5)(0.0, measured), strict=True):
+        np.testing.assert_allclose(value, gains * unit, rtol=1e-12)
+    assert zero.describe() == {"type": "Posture", "k": [0.0, 3.0]}
+    assert limits.describe() == {"type": "JointLimits", "k": [0.5, 2.0], "zone": [1.5, pytest.approx(0.575)]}
+    assert distance.describe() == {"type": "SingularityDistance", "k": [0.5, 2.0]}
+    parts = Combined([zero, distance]).describe()
+    assert parts == {"type": "Combined", "parts": [zero.describe(), distance.describe()]}
+    for margin in (0.0, 0.5001, -0.1):
+        with pytest.raises(rnc.ConfigurationError, match=f"share of the range, 0 to 0.5, found {margin}"):
+            JointLimits(reduced, task, margin=margin)
+    assert JointLimits(reduced, task, k=0.0).describe()["k"] == 0.0
+    assert len(LIMITS) == len(JointLimits(reduced, task).describe()["zone"])
+
+
+def test_objectives_add_up():
+    parts = [lambda t, m, k=k: (np.array([k, t]), np.array([2.0 * k, -t])) for k in (1.0, 5.0, 11.0)]
+    for count, total in ((1, 1.0), (2, 6.0), (3, 17.0)):
+        z, z_dot = Combined(parts[:count])(0.5, None)
+        assert z.tolist() == [total, 0.5 * count]
+        assert z_dot.tolist() == [2.0 * total, -0.5 * count]
+
+
+def test_joints_of_several_freedoms_leave_the_ends_of_each():
+    """Potential ``s^3 / 3`` in zones of a quarter of the range; what has no ends, or whose ends meet, is left alone."""
+    model = pin.Model()
+    ends = {"table": ([-1.0, -np.inf, -0.5], [1.0, np.inf, 2.5]), "slide": ([1.0], [3.0]), "stuck": ([2.0], [2.0])}
+    for name, (low, high) in ends.items():
+        kind = pin.JointModelTranslation() if len(low) == 3 else pin.JointModelPX()
+        bounds = [np.full(len(low), 1e3)] * 2 + [np.array(low), np.array(high)]
+        joint = model.addJoint(model.njoints - 1, kind, pin.SE3.Identity(), name, *bounds)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    generator = np.random.default_rng(9)
+    R, R_dot, gains = *generator.normal(size=(2, 5, 2)), np.array([0.5, 2.0])
+    reduced = SimpleNamespace(robot=rnc.Robot(model), basis_rate=lambda q, v: (R, R_dot))
+    objective = JointLimits(reduced, SimpleNamespace(redundant=np.arange(2)), gains, 0.25)
+    assert objective.describe()["zone"] == [0.5, 0.75, 0.5]
+    q, v = np.array([0.9, 50.0, -0.2, 1.2, 2.0]), generator.normal(size=5)
+    depths = np.array([0.4 / 0.5, 0.0, -0.45 / 0.75, -0.3 / 0.5, 0.0])
+    zones = np.array([0.5, 1.0, 0.75, 0.5, 1.0])
+    gradient, hessian = depths * np.abs(depths) / zones, 2 * np.abs(depths) / zones**2
+    z, z_dot = objective(0.0, Measurement(q=q, v=v))
+    np.testing.assert_allclose(z, -gains * (R.T @ gradient), rtol=1e-12)
+    np.testing.assert_allclose(z_dot, -gains * (R_dot.T @ gradient + R.T @ (hessian * v)), rtol=1e-12)
+    for inside in ([0.5, 0.0, 0.25, 1.5, 2.0], [-0.5, 0.0, 1.75, 2.5, 2.0]):
+        assert not objective(0.0, Measurement(q=np.array(inside), v=v))[0].any()
+    with pytest.raises(rnc.ConfigurationError, match="joint 'stuck' has no position limits"):
+        JointLimits(reduced, SimpleNamespace(redundant=np.arange(2)), gains, 0.25, ["stuck"])
+
+
+def test_a_robot_without_ends_has_none_to_keep_from():
+    reduced = sleigh()
+    task = rnc.Task.of(reduced, reduced.reducing.names[:1], reduced.reducing.names[1:])
+    with pytest.raises(rnc.ConfigurationError, match=r"no joint of robot .* has position limits"):
+        JointLimits(reduced, task)
+
+
+def test_a_distance_to_singular_configurations_where_one_is():
+    """The platform's coordinate x across its heading: driving does not move it."""
+    robot = mobile_manipulator().robot
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
+    reduced = system.reduce(
+        [rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")],
+        [rnc.FramePosition("base", "y")],
+    )
+    task = rnc.Task.of(reduced, ["joint_1", "joint_2", "base_yaw"], ["base_speed_x"], ["base_y"])
+    with pytest.raises(rnc.SingularityError, match=r"cannot move the vertical ones") as told:
+        SingularityDistance(reduced, task).gradient(robot.configuration({"root_joint": [0.3, 0.1, 0.0]}))
+    assert told.value.rows == ("base_y", "base_speed_x")
+    assert told.value.condition == np.inf
+    np.testing.assert_allclose(told.value.q[:2], [0.3, 0.1])

@@ -8,12 +8,20 @@ from scipy.optimize import brentq
 
 import rnc_pin as rnc
 from controlled_tasks import TASK
-from rnc_pin.control import SlitheringReference, SteeringController
+from places import ROOT
+from rnc_pin.control import (
+    DrivenPath,
+    SlitheringReference,
+    SteeringController,
+)
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.urdf_files import find_urdf
 from rnc_pin.scenario.run import execute, plan
-from systems import fire_truck
+from systems import (
+    fire_truck,
+)
 
 
 def truck_with_kingpin_ahead(folder):
@@ -304,3 +312,276 @@ def test_a_scenario_says_what_its_path_may_be():
     assert max(abs(reference.at(t).position[1]) for t in times) <= 0.5
     assert min(reference.at(t).velocity[0] for t in times) > -1e-9
     assert min(reference.at(t).velocity[0] for t in times[50:-50]) < 0.05  # it stops on the way
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["left", "right"])
+def test_a_trailer_behind_a_tractor_on_a_circle_cuts_half_the_angle_of_its_chord(turn):
+    """Heading ``psi - asin(L / 2 rho)``; it turns as the tractor does, and faster as that speeds up."""
+    reduced, rho, speed, growth = fire_truck(), 2.0, 0.7, 0.3
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+    names = list(reduced.vertical.names)
+    x, y, yaw, trailer = (names.index(name) for name in ("tractor_x", "tractor_y", "tractor_yaw", "trailer_yaw"))
+
+    def measured(psi):
+        x1, v1, A_star, A_star_dot = np.zeros(4), np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3))
+        x1[[x, y, yaw]] = rho * np.sin(psi), turn * rho * (1 - np.cos(psi)), turn * psi
+        v1[[x, y, yaw]] = speed * np.cos(psi), turn * speed * np.sin(psi), turn * speed / rho
+        A_star[[x, y], 0] = np.cos(psi), turn * np.sin(psi)
+        A_star_dot[[x, y], 0] = np.array([-np.sin(psi), turn * np.cos(psi)]) * speed / rho
+        x1[trailer] = turn * (psi - 0.3)
+        return Measurement(x1=x1, v1=v1, v2=np.array([speed, 0, 0]), A_star=A_star, A_star_dot=A_star_dot)
+
+    state = reference.initial_state(measured(0.0))
+    assert state.heading == pytest.approx(0.0)
+    np.testing.assert_allclose(state.path, [[-2.0, 0, 0, -2.0], [0, 0, 0, 0]])
+    for psi in np.arange(0.005, 1.6, 0.005):
+        point, state = reference.step(measured(psi), np.array([growth, 0.0, 0.0]), state)
+    cut = np.arcsin(1.0 / (2 * rho))
+    np.testing.assert_allclose(point.position, turn * (psi - cut), atol=1e-6)
+    np.testing.assert_allclose(point.velocity, turn * speed / rho, atol=1e-6)
+    np.testing.assert_allclose(point.acceleration, turn * growth / rho, atol=1e-5)
+    assert np.isnan(point.jerk).all()
+    driven = np.diff(state.path[:, 3])
+    assert driven.min() > reference.spacing * (1 - 1e-9)
+    assert 2.0 < state.path[-1, 3] - state.path[0, 3] < 2.0 + 3 * driven.max()
+
+
+def test_places_are_remembered_a_spacing_apart_and_forgotten_when_the_tractor_backs_over_them():
+    reduced = fire_truck()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", spacing=0.25)
+    assert reference.window == 1.25
+    path = np.array([[0.0, 0, 0, 0], [0.5, 0, 0, 0.5], [1.0, 0.0, 0.0, 1.0]])
+    for ahead, kept, new in (
+        (0.25, 3, True),
+        (0.2499, 3, False),
+        (-0.2499, 3, False),
+        (-0.25, 2, True),  # as far as that ahead of the place before
+        (-0.2501, 2, False),
+        (-0.7499, 2, False),
+        (-0.75, 1, True),
+        (-0.7501, 1, False),
+        (-5.0, 1, False),
+    ):
+        found = reference._recorded(path, 1.0 + ahead, 0.1, 0.3)
+        assert len(found) == kept + new
+        np.testing.assert_array_equal(found[:kept], path[:kept])
+        if new:
+            np.testing.assert_allclose(found[-1], [1.0 + ahead, 0.1, 0.3, path[kept - 1, 3] + np.hypot(0.25, 0.1)])
+    turned = np.array([[0.0, 0.0, np.pi / 2, 0.0]])
+    assert len(reference._recorded(turned, 5.0, 0.2499, 0.0)) == 1
+    assert len(reference._recorded(turned, -5.0, 0.2501, 0.0)) == 2
+    assert isinstance(reference.initial_state(reduced.measure(reduced.robot.configuration(), np.zeros(3))), DrivenPath)
+
+
+def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
+    """Of a tractor that is led by its front axle: the chord of the path would not be one."""
+    system = rnc.NonholonomicSystem(fire_truck().robot, [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "rear")])
+    steering = [rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")]
+    reduced = system.reduce(
+        [rnc.FrameSpeed("tractor"), *steering, rnc.FrameYaw("tractor")],
+        [
+            rnc.FramePosition("front_axle", "xy"),
+            rnc.FramePosition("hitch", "xy"),
+            rnc.FrameYaw("trailer"),
+            rnc.FrameYaw("front_axle"),
+        ],
+    )
+    primary = ["tractor_speed_x", "front_steering", "tractor_yaw"]
+    task = rnc.Task.of(reduced, primary, ["rear_steering"], ["trailer_yaw"])
+    with pytest.raises(rnc.ConfigurationError, match="kingpin 'hitch' has to be a fixed place on the tractor, nearer"):
+        SlitheringReference(reduced, task, "front_axle", "rear_axle", "hitch")
+
+
+def test_a_kingpin_that_is_on_the_trailer_alone():
+    """Fixed on the trailer, but not where it turns about the tractor."""
+    truck = fire_truck()
+    model = truck.robot.model.copy()
+    trailer = model.getJointId("hitch")
+    model.addFrame(pin.Frame("pole", trailer, 0, pin.SE3(np.eye(3), np.array([-0.2, 0, 0])), pin.FrameType.OP_FRAME))
+    rows = [rnc.NoSideSlip(f"{axle}_axle") for axle in ("front", "tractor", "rear")]
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), rows).reduce(
+        [rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering"), rnc.JointPosition("rear_steering")],
+        [
+            *(rnc.FramePosition(frame, "xy") for frame in ("tractor", "pole")),
+            *map(rnc.FrameYaw, ("trailer", "tractor")),
+        ],
+    )
+    task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+    with pytest.raises(rnc.ConfigurationError, match="kingpin 'pole' has to be a fixed place on the tractor, nearer"):
+        SlitheringReference(reduced, task, "tractor", "rear_axle", "pole")
+
+
+@pytest.mark.parametrize(("aside", "turned"), [(0.0, 0.0), (0.2, 0.1), (-0.3, -0.2)])
+def test_a_trailer_that_backs_up_beyond_its_oldest_place_goes_straight_on(aside, turned):
+    """The path is one place, and its chord is longer than the way to it: by the right triangle that it makes."""
+    reduced = fire_truck()
+    reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
+    q = reduced.robot.configuration({"root_joint": [0.01, aside, turned], "hitch": -turned})
+    measurement = reduced.measure(q, np.zeros(3))
+    path = np.array([[0.0, 0.0, 0.0, 0.0]])
+    point, state = reference.step(measurement, np.zeros(3), DrivenPath(path, 0.0))
+    assert reference.length == 1.0
+    np.testing.assert_allclose(point.position, [np.arcsin(aside)], atol=1e-12)
+    assert np.isnan(point.jerk).tolist() == [True]
+    assert len(state.path) == 1
+
+
+NAMES = ("tractor_x", "tractor_y", "trailer_yaw", "tractor_yaw")
+
+
+def reference(reduced=None, **settings):
+    reduced = reduced or fire_truck()
+    assert reduced.vertical.names == NAMES
+    return SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle", **settings)
+
+
+def measured(place, heading, v=(0.0, 0.0), acceleration=(0.0, 0.0), q=None, trailer=0.3):
+    """A tractor anywhere; its acceleration comes half of what is asked for, half of what the kinematics turn."""
+    v2, v2_dot = np.array([0.5, -0.4, 2.0]), np.array([0.7, 0.2, -1.1])
+    A, A_dot = np.zeros((4, 3)), np.zeros((4, 3))
+    for row in (0, 1):
+        A[row] = 0.5 * acceleration[row] * v2_dot / (v2_dot @ v2_dot)
+        A_dot[row] = 0.5 * acceleration[row] * v2 / (v2 @ v2)
+    x1, v1 = np.array([*place, trailer, heading]), np.array([*v, 3.0, -2.0])
+    return Measurement(q=q, x1=x1, v1=v1, v2=v2, A_star=A, A_star_dot=A_dot), v2_dot
+
+
+def circle(angle, radius):
+    return np.array([radius * np.sin(angle), radius - radius * np.cos(angle)])
+
+
+@pytest.mark.parametrize("radius", [2.0, -3.0])
+def test_a_heading_turns_as_the_chord_to_the_path_does_whatever_the_kingpin_is_about(radius):
+    """Speed and acceleration in any direction: two derivatives against differences of the chord."""
+    generator, law, h = np.random.default_rng(4), reference(), 1e-3
+    angles = np.arange(0.0, 3.0, 0.02) / radius
+    path = np.column_stack([*circle(angles, radius), angles, 7.0 + radius * angles])
+    for reached in (1.507, 1.93, 2.211):
+        v, a, aside = generator.uniform(-1, 1, (3, 2))
+        place = circle(reached / radius, radius) + 0.005 * aside
+
+        def chord(t, place=place, v=v, a=a, reached=reached):
+            p = place + v * t + a * t * t / 2
+            here = brentq(lambda s: np.hypot(*(p - circle(s / radius, radius))) - 1.0, reached - 1.4, reached - 0.6)
+            return np.arctan2(*(p - circle(here / radius, radius))[::-1])
+
+        theta = [chord(k * h) for k in (-2, -1, 0, 1, 2)]
+        state = DrivenPath(path[path[:, 3] < 7.0 + reached], theta[2] + 2 * np.pi - 0.6)
+        point, after = law.step(*measured(place, reached / radius, v, a), state)
+        np.testing.assert_allclose(point.position, theta[2] + 2 * np.pi, atol=1e-8)
+        assert after.heading == point.position[0]
+        rate = (theta[0] - 8 * theta[1] + 8 * theta[3] - theta[4]) / (12 * h)
+        np.testing.assert_allclose(point.velocity, rate, atol=1e-7)
+        acceleration = (-theta[0] + 16 * theta[1] - 30 * theta[2] + 16 * theta[3] - theta[4]) / (12 * h * h)
+        np.testing.assert_allclose(point.acceleration, acceleration, atol=1e-4)
+        assert np.isnan(point.jerk).all()
+
+
+def test_before_the_oldest_place_the_path_is_straight():
+    """Where all that is remembered is nearer than the trailer is long."""
+    law, h = reference(), 1e-3
+    for ox, oy, psi, ahead, aside, v, w in np.random.default_rng(3).uniform(-1, 1, (6, 7)):
+        along, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+        place = np.array([ox, oy]) + 0.4 * ahead * along + 0.5 * aside * left
+
+        def heading(t, place=place, v=v, w=w, left=left, along=along, ox=ox, oy=oy):
+            p = place + t * np.array([v, w]) - [ox, oy]
+            return np.arctan2(along[1], along[0]) + np.arcsin(left @ p)
+
+        state = DrivenPath(np.array([[ox, oy, psi, 4.0]]), psi)
+        point, _ = law.step(*measured(place, psi, (v, w)), state)
+        theta = [heading(k * h) for k in (-2, -1, 0, 1, 2)]
+        np.testing.assert_allclose(point.position, theta[2], atol=1e-12)
+        np.testing.assert_allclose(
+            point.velocity, (theta[0] - 8 * theta[1] + 8 * theta[3] - theta[4]) / (12 * h), atol=1e-9
+        )
+
+
+def test_between_the_last_place_and_the_tractor_the_path_leads_to_the_tractor():
+    """Where places are farther apart than the trailer is long."""
+    law = reference(spacing=3.0)
+    path = np.array([[-3.0, 0, 0, 1.0], [0.0, 0.0, 0.0, 4.0]])
+    point, after = law.step(*measured((2.5, 0.0), 0.0, (1.0, 0.2)), DrivenPath(path, 0.0))
+    np.testing.assert_allclose([point.position[0], point.velocity[0]], [0.0, 0.2], atol=1e-12)
+    assert after.path is path
+    # On the way the path turns left: a cubic from the last place to the tractor's heading.
+    turned, _ = law.step(*measured((2.5, 0.5), 0.4), DrivenPath(path, 0.0))
+    assert 0.2 < turned.position[0] < 0.4
+
+
+def straight(*driven):
+    return np.array([[s, 0.0, 0.0, 2.0 + s] for s in driven])
+
+
+def test_a_trailer_may_stand_askew_up_to_a_cosine_of_a_fifth_and_jump_by_seven_tenths():
+    law, q = reference(), np.array([0.4, -5.0])
+    path, edge = straight(*np.arange(-2.0, 0.01, 0.02)), np.arccos(0.2)
+    for side in (1.0, -1.0):
+        for over, refused in ((-1e-6, False), (1e-6, True)):
+            angle = side * (edge + over)
+            # The path is straight on; the kingpin is aside, and the tractor points as the trailer does.
+            across = (*measured((np.cos(angle) - 0.5, np.sin(angle)), angle, q=q), DrivenPath(path, angle))
+            bent = (*measured((0.0, 0.0), angle, q=q), DrivenPath(path, 0.0))
+            jump = (*measured((0.0, 0.0), 0.0, q=q), DrivenPath(path, -side * (0.7 + over)))
+            for arguments, condition in ((across, 1 / np.cos(angle)), (bent, 1.0), (jump, 1.0)):
+                if not refused:
+                    assert np.isfinite(law.step(*arguments)[0].acceleration)
+                    continue
+                with pytest.raises(rnc.SingularityError, match="bends too tightly for the trailer") as caught:
+                    law.step(*arguments)
+                assert caught.value.condition == pytest.approx(condition)
+                assert caught.value.rows == ("trailer_yaw", "tractor_yaw")
+                np.testing.assert_array_equal(caught.value.q, q)
+    with pytest.raises(rnc.SingularityError) as caught:
+        law.step(*measured((0.0, 0.0), 2.0), DrivenPath(path, 0.0))
+    assert caught.value.q.shape == (0,)
+
+
+@pytest.fixture
+def long_truck(tmp_path):
+    """With a trailer of 1.5 m."""
+    text = (ROOT / "urdf/fire_truck.urdf").read_text()
+    path = tmp_path / "long_truck.urdf"
+    path.write_text(text.replace('<origin xyz="-1 0 0" rpy="0 0 0"/>', '<origin xyz="-1.5 0 0" rpy="0 0 0"/>'))
+    return fire_truck(path)
+
+
+@pytest.mark.parametrize("window", [0.1, 1.3])
+def test_places_two_lengths_behind_are_forgotten_but_for_those_that_the_path_is_fitted_to(window, long_truck):
+    """And one before them."""
+    law = reference(long_truck, window=window)
+    L = law.length
+    assert L > 1.4
+    kept = set()
+    for first, step in ((-5.0, 0.02), (-3.0, 0.1), (-2.1, 0.5), (-2.1, 0.7), (-2.02, 0.02), (-1.9, 0.1), (-4.0, 0.9)):
+        path = straight(*np.arange(L * first, 0.001, L * step))
+        newest = path[-1, 3]
+        place = (path[-1, 0] + 0.001, 0.0)
+        older = np.flatnonzero(path[:, 0] <= place[0] - L)[-1]
+        after = law.step(*measured(place, 0.0), DrivenPath(path, 0.0))[1].path
+        needed = np.flatnonzero((path[:, 3] >= path[older, 3] - window) | (path[:, 3] >= newest - 2.0 * L))
+        expected = path[max(needed[0] - 1, 0) :]
+        if older < 2 or path[1, 3] >= newest - 2.0 * L:
+            assert len(expected) == len(path)
+        np.testing.assert_array_equal(after, expected)
+        kept.add(len(after) < len(path))
+    assert kept == {False, True}
+
+
+def test_a_tractor_has_come_straight_along_its_heading_and_its_trailer_behind_it():
+    """Twice the trailer's length; the heading goes on from the trailer's own, whatever full turns that has."""
+    law, q = reference(), np.array([0.4, -0.7, 2.3])
+    for trailer, turns in ((2.3 + 0.4, 0), (2.3 - 4 * np.pi + 0.3, -2), (2.3 + 2 * np.pi - 3.0, 1)):
+        m, _ = measured(q[:2], q[2], trailer=trailer)
+        state = law.initial_state(m)
+        behind = q[:2] - 2.0 * np.array([np.cos(2.3), np.sin(2.3)])
+        np.testing.assert_allclose(state.path, [[*behind, 2.3, -2.0], [*q, 0.0]], rtol=1e-12)
+        assert state.heading == pytest.approx(2.3 + 2 * np.pi * turns)
+
+
+@pytest.mark.parametrize("size", [0.0, -0.5])
+def test_a_length_along_the_path_is_positive(size):
+    for name in ("spacing", "window"):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            reference(**{name: size})
+        assert str(caught.value) == f"{name} of a slithering reference has to be positive, found {size}"

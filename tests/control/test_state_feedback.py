@@ -1,5 +1,7 @@
 """Linear-quadratic regulators and the feedback of states, by hand and from scenario files."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -7,7 +9,13 @@ import scipy.linalg
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.control import StateFeedback, describe
+from controlled_tasks import Cubic
+from rnc_pin.control import (
+    StateFeedback,
+    describe,
+)
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.scenario.builder import build_experiment
 from rnc_pin.scenario.loading import validate
@@ -251,3 +259,83 @@ def balancing(scale):
 @pytest.mark.parametrize("scale", [1e-9, 1e-4, 1e5, 1e9])
 def test_a_regulator_does_not_mind_units_of_mass(scale):
     np.testing.assert_allclose(balancing(scale) / scale, balancing(1.0), rtol=1e-6)
+
+
+STATES = ("tilt", "arm", "speed", "tilt_dot", "wheel_dot", "yaw_dot")
+
+
+def linear():
+    """Five outputs, of which speed and spin are quasi-velocities; not every value is a state, nor every rate."""
+    names = ("speed", "tilt", "wheel", "spin", "arm")
+    outputs = SimpleNamespace(
+        names=names,
+        quasi=[True, False, False, True, False],
+        coordinates=Coordinates([False, True, True, False, True]),
+    )
+    generator = np.random.default_rng(1)
+    return SimpleNamespace(
+        B=np.zeros((6, 2)),
+        T=np.array([0.3, -0.8]),
+        v2=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        state_names=STATES,
+        reducing=outputs,
+        deviation=lambda q, v2: np.concatenate([q, v2[:1], v2[1:4]]),
+    ), generator.uniform(-1, 1, (2, 6))
+
+
+def test_state_feedback_sees_the_deviation_from_where_it_was_linearised():
+    model, K = linear()
+    law = StateFeedback(model, K)
+    q, v2 = np.array([0.5, -0.7]), np.array([0.1, 0.2, -0.3, 0.4, 0.5])
+    m = Measurement(q=q, v2=v2)
+    command, state = law.step(0.4, m, law.initial_state(m))
+    np.testing.assert_allclose(command.T, model.T - K @ [0.5, -0.7, 0.1, 0.2, -0.3, 0.4], rtol=1e-12)
+    assert command.v2_desired is model.v2
+    assert command.x2_desired is command.F is state is None
+    assert law.outputs == ()
+    assert law.describe() == {
+        "type": "StateFeedback", "states": list(STATES), "K": K.tolist(), "T": [0.3, -0.8], "v2": [1, 2, 3, 4, 5],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("names", [["arm", "wheel", "speed", "tilt"], ["tilt", "arm"], ["speed"]])
+def test_state_feedback_moves_the_states_of_outputs_that_have_a_reference(names):
+    """Values where they are states, and rates where those are; angles by the shorter way."""
+    model, K = linear()
+    places = [model.reducing.names.index(name) for name in names]
+    orders = np.random.default_rng(9).uniform(-2, 2, (4, 5))
+    reference = Cubic(*orders[:, places])
+    law = StateFeedback(model, K, reference, names)
+    generator = np.random.default_rng(2)
+    for _ in range(4):
+        q, v2, x2 = generator.normal(size=2), generator.normal(size=5), generator.uniform(-3, 3, 5)
+        before = v2.copy()
+        command, _ = law.step(0.4, Measurement(q=q, v2=v2, x2=x2))
+        x, point = model.deviation(q, v2), reference.at(0.4)
+        x2_desired, v2_desired = np.full(5, np.nan), model.v2.copy()
+        for k, name in enumerate(names):
+            v2_desired[places[k]] = point.velocity[k]
+            if name in ("tilt", "arm"):
+                x[STATES.index(name)] = np.angle(np.exp(1j * (x2[places[k]] - point.position[k])))
+                x2_desired[places[k]] = point.position[k]
+            rate = name if name == "speed" else f"{name}_dot"
+            if rate in STATES:
+                x[STATES.index(rate)] = v2[places[k]] - point.velocity[k]
+        np.testing.assert_allclose(command.T, model.T - K @ x, rtol=1e-11)
+        np.testing.assert_array_equal(command.x2_desired, x2_desired)
+        np.testing.assert_array_equal(command.v2_desired, v2_desired)
+        np.testing.assert_array_equal(v2, before)
+    assert model.v2.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_state_feedback_refuses_what_does_not_fit():
+    model, K = linear()
+    for arguments, words in (
+        ((K.T,), "the gain has shape (6, 2), expected (2, 6)"),
+        ((K, Hold(np.zeros(2)), ["tilt"]), "the state feedback's reference has 2 values for 1 outputs"),
+        ((K, Hold(np.zeros(1)), ["tild"]), "no reducing output 'tild'; did you mean 'tilt'?"),
+        ((K, Hold(np.zeros(5))), f"neither 'spin' nor its rate is a state, expected one of {', '.join(STATES)}"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            StateFeedback(model, *arguments)
+        assert str(caught.value) == words

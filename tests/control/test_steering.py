@@ -1,17 +1,20 @@
 """Class 2s: backstepping of the fire truck's rear steering (section 4.3); class 2."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import truck_task
+from controlled_tasks import Cubic, task_at, truck_task
 from rnc_pin.control import (
     RedundancyController,
     SteeringController,
     VelocityGains,
     VelocityTracker,
 )
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import fire_truck, random_states, space_robot
 from textbook_systems import turreted
@@ -90,3 +93,100 @@ def test_class_2_is_the_class_1_law_on_the_outputs_that_can_be_tracked():
     assert errors["gun_yaw"] < 1e-3
     assert errors["body_yaw"] < 1e-3
     assert np.ptp(run.x1[:, 1]) > 0.5
+
+
+def test_steering_asks_for_no_faster_a_rate_than_it_may():
+    reduced, path, task, free, _ = truck_task(max_rate=1e3, damping=1e-6)
+    *_, bounded, _ = truck_task(max_rate=0.05, damping=1e-6)
+    point, signs = path.reference.at(3.0), []
+    for steering in (-0.5, 0.5):
+        q = fire_truck().robot.configuration({"root_joint": [-4.5, 1.9, -0.5], "rear_steering": steering})
+        measured = reduced.measure(q, np.array([*point.velocity, 0.0]), np.array([*point.position, 0.0]))
+        wanted = free.step(3.0, measured)[0].v2[task.redundant]
+        assert np.abs(wanted).max() > 0.1
+        np.testing.assert_array_equal(bounded.step(3.0, measured)[0].v2[task.redundant], np.sign(wanted) * 0.05)
+        signs.append(float(np.sign(wanted[0])))
+    assert signs == [1.0, -1.0]
+
+
+PLACES = ([3, 0, 5], [4, 1], [2, 0])
+ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
+
+
+def steering(gradient, **changes):
+    """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
+    reduced = SimpleNamespace(affine=False, kinematic_gradient=lambda q, of: gradient[..., of])
+    chosen = task_at(*PLACES)
+    first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
+    return SteeringController(reduced, chosen, first, base, **changes), first, base
+
+
+@pytest.mark.parametrize("max_rate", [1e9, 0.7])
+@pytest.mark.parametrize("monitored", [False, True])
+def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(max_rate, monitored):
+    """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``damping v22 = 0``."""
+    generator = np.random.default_rng(3)
+    k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
+    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "max_rate": max_rate}
+    aside = Hold([0.77])
+    for _ in range(5):
+        gradient = generator.uniform(-1, 1, (3, 6, 6))
+        law, first, base = steering(gradient, **gains, monitored=(np.array([1]), aside) if monitored else None)
+        x1, x2, v2 = generator.uniform(-1, 1, 3), generator.uniform(-1, 1, 6), generator.uniform(-1, 1, 6)
+        A, A_dot = generator.uniform(-1, 1, (2, 3, 6))
+        m = Measurement(q=np.zeros(2), v2=v2, x1=x1, x2=x2, v1=np.full(3, np.nan), A_star=A, A_star_dot=A_dot)
+        target, state = law.step(t, m)
+        assert state is None
+        primary, redundant, vertical = PLACES
+        x21d, x11d, v21 = first.at(t), base.at(t), v2[primary]
+        v21d_dot = x21d.acceleration + k21 * (x21d.velocity - v21)
+        N = np.array([[gradient[k][primary][:, s] @ v21 for s in redundant] for k in vertical])
+        A3, A3_dot = A[vertical][:, primary], A_dot[vertical][:, primary]
+        missing = x11d.velocity + k3 * (x11d.position - x1[vertical]) - A3 @ v21
+        wanted_dot = x11d.acceleration + k3 * (x11d.velocity - A3 @ v21)
+        at_rest = A3_dot @ v21 - N @ v2[redundant] + A3 @ v21d_dot
+        rows = np.vstack([N, damping * np.eye(2)])
+        v22 = np.linalg.lstsq(rows, np.concatenate([wanted_dot + k4 * missing - at_rest, np.zeros(2)]), rcond=None)[0]
+        np.testing.assert_allclose(target.v2[primary], x21d.velocity + k21 * (x21d.position - x2[primary]), rtol=1e-12)
+        np.testing.assert_allclose(target.v2[redundant], np.clip(v22, -max_rate, max_rate), rtol=1e-9)
+        np.testing.assert_allclose(target.v2_dot[primary], v21d_dot, rtol=1e-12)
+        assert target.v2_dot[[*redundant, 2]].tolist() == [0.0, 0.0, 0.0]
+        np.testing.assert_array_equal(target.x1[vertical], x11d.position)
+        np.testing.assert_array_equal(target.x1[1], 0.77 if monitored else np.nan)
+        np.testing.assert_array_equal(target.x2[primary], x21d.position)
+        assert np.isnan(target.x2[[1, 2, 4]]).all()
+
+
+def test_steering_takes_over_where_redundant_rates_move_nothing():
+    """A4 up to a billionth; what it is made of is said."""
+    law, first, base = steering(np.zeros((3, 6, 6)))
+    A = np.zeros((3, 6))
+    A[:, PLACES[0]] = 5.0
+    A[1] = 7.0  # a vertical output that the task does not name
+    for size, refused in ((1e-9, False), (1.0001e-9, True), (-1.0001e-9, True)):
+        A[0, 4] = size
+        if refused:
+            with pytest.raises(rnc.ConfigurationError) as caught:
+                law.initial_state(Measurement(A_star=A))
+            words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
+            assert str(caught.value) == words
+        else:
+            assert law.initial_state(Measurement(A_star=A)) is None
+    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0, "damping": 0.1, "max_rate": 4.0}
+    assert law.describe() == {"type": "SteeringController", **gains}
+    reduced = SimpleNamespace(affine=False)
+    for places, counts in (
+        (([0], [1], [0, 1]), "1 and 2"),
+        (([0], [1, 2], [0]), "2 and 1"),
+        (([0], [], []), "0 and 0"),
+    ):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            SteeringController(reduced, task_at(*places), first, base)
+        words = f"steering needs as many redundant as vertical outputs, found {counts}"
+        assert str(caught.value) == words
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        SteeringController(SimpleNamespace(affine=True), task_at(*PLACES), first, base)
+    assert str(caught.value) == "steering assumes A v = 0, and these constraints are affine (A v = mu)"
+    for one, other, words in ((base, base, "the primary .* 2 values for 3"), (first, first, "the vertical .* 3 .* 2 ")):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            SteeringController(reduced, task_at(*PLACES), one, other)

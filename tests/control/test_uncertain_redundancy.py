@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from controlled_tasks import estimating
 from rnc_pin.control import (
     MomentumRegressor,
     RedundancyController,
@@ -262,3 +263,75 @@ def test_nonsense_is_refused():
         MomentumRegressor(reduced.robot, "platform", [UnknownMass("platform"), *LINKS])
     with pytest.raises(rnc.ConstraintError, match="not conserved"):
         MomentumRegressor(reduced.robot, "joint_2", LINKS)
+
+
+def masses_as_believed(p):
+    """The space robot with other masses of its links, built anew: what the estimates mean."""
+    model = rnc.Robot.from_urdf("space_robot.urdf").model
+    for joint, value in zip((2, 3, 4), p, strict=True):
+        model.inertias[joint] = pin.Inertia.FromDynamicParameters(value * model.inertias[joint].toDynamicParameters())
+    names = [f"joint_{i}" for i in (1, 2, 3)]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")], names)
+    return system.reduce(
+        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
+    )
+
+
+def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():
+    """Rates included, to the last term: nothing of the true A_star and A_star_dot is left in it."""
+    believed = (1.6, 0.4, 1.5)
+    reduced, law, _, controller = estimating(0.0, believed)
+    other = masses_as_believed(believed)
+    for q, v2 in random_states(reduced, 4, condition=50.0):
+        measured = reduced.measure(q, v2)
+        guess = other.measure(q, v2)
+        assert np.abs(guess.A_star_dot - measured.A_star_dot).max() > 1e-3
+        seen = measured._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot)
+        expected, _ = law.step(1.3, seen, None)
+        target, _ = controller.step(1.3, measured, controller.initial_state(measured))
+        np.testing.assert_allclose(target.v2, expected.v2, atol=ROUNDING * (1 + np.abs(expected.v2).max()))
+        np.testing.assert_allclose(target.v2_dot, expected.v2_dot, atol=1e-9 * (1 + np.abs(expected.v2_dot).max()))
+
+
+def test_estimates_move_at_the_rate_of_the_law_in_the_loop():
+    """(20) between two steps of the controller itself: ``pdot = alpha W^T E``."""
+    alpha, dt = 3.0, 1e-7
+    reduced, _, regressor, controller = estimating(alpha, (1.6, 0.4, 1.5))
+    for q, v2 in random_states(reduced, 3, condition=50.0):
+        measured = reduced.measure(q, v2)
+        _, first = controller.step(0.5, measured, controller.initial_state(measured))
+        target, second = controller.step(0.5 + dt, measured, first)
+        _, W = regressor.regress(measured.q, measured.v)
+        moved = (second.p - first.p) / (alpha * dt)
+        np.testing.assert_allclose(moved, W.T @ target.prediction_error, rtol=1e-4, atol=1e-6)
+        assert np.abs(moved).max() > 1e-3
+
+
+def test_the_vertical_error_is_driven_by_the_prediction_error_alone():
+    """(17): ``e1_dot + k3 e1 = x1hat_dot - x1_dot`` under (16), where the rates are those asked for; k3 is 2."""
+    believed = (1.6, 0.4, 1.5)
+    reduced, law, _, controller = estimating(0.0, believed)
+    other, t = masses_as_believed(believed), 1.3
+    for q, v2 in random_states(reduced, 3, condition=50.0):
+        measured = reduced.measure(q, v2)
+        v2d = controller.step(t, measured, controller.initial_state(measured))[0].v2
+        moved, predicted = reduced.measure(q, v2d).v1, other.measure(q, v2d).v1  # truth, and (15)
+        wanted = law.vertical.at(t)
+        error, error_rate = wanted.position - measured.x1, wanted.velocity - moved
+        np.testing.assert_allclose(error_rate + 2.0 * error, predicted - moved, atol=1e-9 * (1 + np.abs(moved).max()))
+        assert np.abs(predicted - moved).max() > 1e-3
+
+
+def test_the_prediction_error_is_that_of_19_and_in_proportion_to_that_of_15():
+    """``J E = (Ahat n) (x1_dot - x1hat_dot)``, the hat that of (15), n a turn of the base that leaves x2 alone."""
+    believed = (1.6, 0.4, 1.5)
+    reduced, _, _, controller = estimating(0.0, believed)
+    other = masses_as_believed(believed)
+    for q, v2 in random_states(reduced, 3, condition=50.0):
+        measured = reduced.measure(q, v2)
+        E = controller.step(0.0, measured, controller.initial_state(measured))[0].prediction_error
+        alone = np.linalg.solve(np.vstack([np.eye(4)[0], reduced.at(q).J2]), np.eye(4)[0])
+        momentum = other.at(q).A @ alone
+        apart = measured.v1 - other.measure(q, v2).v1
+        np.testing.assert_allclose(10.0 * E, momentum * apart, atol=1e-9 * (1 + np.abs(E).max()))
+        assert np.abs(E).max() > 1e-3

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import UnicycleStabilizer
+from rnc_pin.control import (
+    UnicycleStabilizer,
+)
 from rnc_pin.control.unicycle_stabilizer import DrivingState
 from rnc_pin.model.measurement import Measurement
 from tolerances import ROUNDING
@@ -238,3 +240,100 @@ def test_a_unicycle_at_the_edge_of_what_makes_sense(settings, words):
     assert (
         UnicycleStabilizer(GOAL, WHERE, k=1e-9, ramp_time=0.0, tolerance=1e-9, max_speed=(1e-9, 1e-9)).ramp_time == 0.0
     )
+
+
+def measured_at(pose, v2=(0.0, 0.0)):
+    return Measurement(x1=np.array(pose[:2]), x2=np.array([0.0, pose[2]]), v2=np.array(v2))
+
+
+def beside(dx, dy, turn):
+    """A pose in the goal's axes."""
+    c, s = np.cos(GOAL[2]), np.sin(GOAL[2])
+    return GOAL + np.array([c * dx - s * dy, s * dx + c * dy, turn])
+
+
+def driven(stabilizer, pose, duration, dt=0.02, state=None, start=0.0):
+    """The pose, the state and all targets after kinematics alone: arcs at the velocities asked for."""
+    v2, targets = np.zeros(2), []
+    state = stabilizer.initial_state(measured_at(pose)) if state is None else state
+    for sample in range(round(duration / dt)):
+        target, state = stabilizer.step(start + sample * dt, measured_at(pose, v2), state)
+        v2 = target.v2
+        half = v2[1] * dt / 2
+        way = dt * v2[0] * np.sinc(half / np.pi)
+        pose = pose + np.array([way * np.cos(pose[2] + half), way * np.sin(pose[2] + half), 2 * half])
+        targets.append(v2)
+    return pose, state, np.array(targets)
+
+
+def off(pose):
+    turn = np.remainder(pose[2] - GOAL[2] + np.pi, 2 * np.pi) - np.pi
+    return np.hypot(*(pose[:2] - GOAL[:2])), abs(turn)
+
+
+SPECIAL = [(0, 1, 0), (0, 0, 3.1), (1, 0, np.pi), (-1, 0, 1.5707), (-2, 1e-9, np.pi), (0, 1e-9, 1.5707), (0, 0.01, 0)]
+
+
+@pytest.mark.parametrize("start", [*SPECIAL, *np.random.default_rng(1).uniform(-3, 3, (8, 3))])
+def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
+    """Abeam, turned round, on the spot: and never faster than its limits, wherever it is."""
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), max_speed=(0.8, 0.6))
+    pose, state, asked = driven(stabilizer, beside(*start), 26.0)
+    distance, turn = off(pose)
+    assert state.resting
+    assert distance < stabilizer.tolerance
+    assert turn < stabilizer.tolerance
+    assert (np.abs(asked).max(axis=0) < (0.8, 0.6)).all()
+
+
+@pytest.mark.parametrize("ahead", [1.0, -1.0])
+def test_a_unicycle_sets_out_the_way_that_its_goal_lies(ahead):
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]))
+    _, first, _ = driven(stabilizer, beside(-ahead, 0.05, 0.02), 0.02)
+    _, state, asked = driven(stabilizer, beside(-ahead, 0.05, 0.02), 0.1)
+    assert first.backwards == state.backwards == (ahead < 0)
+    assert (asked[2:, 0] * ahead > 0).all()
+
+
+@pytest.mark.parametrize("left", [(0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05)], ids=["x", "y", "heading"])
+def test_it_rests_only_where_all_three_are_small_and_wakes_up_when_pushed(left):
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), tolerance=0.01)
+    _, state, asked = driven(stabilizer, beside(*left), 0.5)
+    assert not state.resting
+    assert np.abs(asked).max() > 1e-3
+    _, resting, asked = driven(stabilizer, beside(0.004, -0.003, 0.002), 1.0)
+    assert resting.resting
+    np.testing.assert_array_equal(asked, 0.0)
+    pose, state, _ = driven(stabilizer, beside(*left), 20.0, state=resting, start=1.0)
+    assert state.resting
+    assert max(off(pose)) < 0.01
+    moving = measured_at(beside(0, 0, 0), (0.1, 0.0))  # through the goal is not at the goal
+    assert not stabilizer.step(0.0, moving, stabilizer.initial_state(moving))[1].resting
+
+
+@pytest.mark.parametrize("start", [(-1.2, 0.7, 0.4), (1.5, 0.3, -0.2), (-0.5, 0.9, 2.0), (-1.0, 0.002, 0.001)])
+@pytest.mark.parametrize("t", [0.4, 7.0], ids=["setting out", "later"])
+def test_rate_of_what_the_unicycle_is_asked_for_is_exact(start, t):
+    """Against differences along a motion that is not the one asked for."""
+    stabilizer, h, v2 = UnicycleStabilizer(GOAL, np.array([0, 1])), 1e-6, np.array([0.3, -0.5])
+    pose = beside(*start)
+    _, state = stabilizer.step(0.0, measured_at(pose, v2), stabilizer.initial_state(measured_at(pose)))
+    rate = np.array([v2[0] * np.cos(pose[2]), v2[0] * np.sin(pose[2]), v2[1]])
+    ahead, behind = (
+        stabilizer.step(t + sign * h, measured_at(pose + sign * h * rate, v2), state)[0].v2 for sign in (1, -1)
+    )
+    target = stabilizer.step(t, measured_at(pose, v2), state)[0]
+    np.testing.assert_allclose(target.v2_dot, (ahead - behind) / (2 * h), atol=1e-6)
+
+
+def test_what_makes_no_sense_for_a_unicycle_is_refused():
+    for settings, words in (
+        ({"k": 2.0, "rate": 1.0}, "needs 0 < k < rate"),
+        ({"tolerance": 0.0}, "tolerance > 0"),
+        ({"max_speed": (1.0, 0.0)}, "positive limits"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            UnicycleStabilizer(GOAL, np.array([0, 1]), **settings)
+    stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]))
+    with pytest.raises(rnc.InputError, match="position and heading have to be given"):
+        stabilizer.initial_state(measured_at((0.0, np.nan, 0.0)))

@@ -1,11 +1,17 @@
 """How configurations are assembled, step by step: gaps of which every iterate is known."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.assembly import Assembly, _out_of_reach
+from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
+from systems import (
+    four_bar_robot,
+    sleigh,
+)
 from textbook_systems import Flat, coupling, sliders
 
 ROBOT = sliders(masses=(1.0, 1.0, 1.0), chain=False)
@@ -110,3 +116,172 @@ def test_residuals_of_many_states_stand_one_under_the_other():
     np.testing.assert_array_equal(assembly.jacobian(at), [[1.0, 0, 0], [0, -2.0, 1.0], [0, 0, 1.0]])
     name, size = assembly.worst(np.array([1.5, 0.0, -4.0]))
     assert (name, size) == ("e", -5.0)
+
+
+def test_nothing_is_left_of_rows_that_are_not_there():
+    reduced = sleigh()
+    assert reduced.position_residual(reduced.robot.configuration()).shape == (0,)
+    assert reduced.position_residual(np.tile(reduced.robot.configuration(), (2, 3, 1))).shape == (2, 3, 0)
+
+
+def test_a_coupling_that_a_rounded_row_implies_is_met_to_its_rounding():
+    """The same ratio twice, once as a row for rates in fewer digits: of the two the first is kept."""
+    robot = rnc.Robot(four_bar_robot().model)
+    row = np.zeros((1, robot.nv))
+    row[0, :2] = -2.0000002, 1.0
+    rates = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, ["ratio"])
+    couplings = [rnc.JointCoupling("coupler", "crank", 2.0), rnc.JointCoupling("rocker", "crank", 1.5)]
+    with pytest.warns(rnc.ModelWarning, match="except for rounding"):
+        system = rnc.NonholonomicSystem(robot, [rates, *couplings])
+    (dropped,) = system.dropped_rows
+    assert dropped.name == "coupling(coupler, crank)"
+    assert 0 < dropped.rounding < 1e-6
+    assert system.assembly.following == ("coupling(coupler, crank)",)
+
+
+def test_joints_that_turn_without_end_have_no_place_to_be_coupled_at():
+    """A third of a full turn has a value only up to 120 degrees: rates are coupled, nothing is assembled."""
+    model = pin.Model()
+    for name in ("a", "b"):
+        joint = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    robot = rnc.Robot(model)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("a", "b", 0.3217)]).reduce()
+    assert not reduced.constraints.holonomic[0]
+    q = robot.configuration({"a": 1.0, "b": -2.0})
+    assert reduced.all_constraints.places[0].block.residual(Kinematics(robot).position(q)).tolist() == [0.0]
+    np.testing.assert_allclose(reduced.velocity(q, [1.0]) / reduced.velocity(q, [1.0])[1], [0.3217, 1.0])
+
+
+def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():
+    """Twenty of them within a hundredth, and not next to zero."""
+    far = [0.3] * 15 + [0.302] * 5
+    assert _out_of_reach([*far, *np.linspace(0.31, 2.0, 5)])
+    assert not _out_of_reach([*far[:-1], *np.linspace(0.31, 2.0, 6)])
+    assert not _out_of_reach([each * 1e-3 for each in far])
+
+
+def test_assembling_takes_the_shortest_way_as_inertia_measures_it():
+    """By a constant inertia M: ``q - M^-1 A^T (A M^-1 A^T)^-1 r``, and with joints held the same of others."""
+    robot = sliders()
+    M = np.array([[10.0, 8, 5], [8, 8, 5], [5, 5, 5]])
+    rows = [coupling("b", "a", 2.0, 0.3).bind(robot)]
+    assembly, A = Assembly(robot, rows), np.array([[-2.0, 1.0, 0.0]])
+    for scale in (0.1, 4.0):
+        for q in scale * np.random.default_rng(1).normal(size=(3, 3)):
+            residual = A @ q - 0.3
+            np.testing.assert_allclose(assembly.residual(q), residual, atol=1e-12)
+            assert assembly.worst(q) == ("coupling(b, a)", pytest.approx(residual[0]))
+            for held in ((), ("a",), ("a", "c"), ("b",)):
+                free = [k for k, name in enumerate("abc") if name not in held]
+                inverse, part = np.linalg.inv(M[np.ix_(free, free)]), A[:, free]
+                expected = q.copy()
+                expected[free] -= inverse @ part.T @ np.linalg.solve(part @ inverse @ part.T, residual)
+                np.testing.assert_allclose(assembly.project(q, held), expected, atol=1e-9 * scale)
+    there = np.array([0.1, 0.5, 7.0])
+    assert assembly.project(there) is there
+    assert assembly.rank(there) == assembly.size == 1
+
+
+def test_nothing_to_assemble():
+    nothing = Assembly(sliders(), [])
+    q = np.array([0.1, 0.2, 0.3])
+    assert nothing.project(q) is q
+    assert (nothing.rank(q), nothing.size, nothing.names, nothing.following) == (0, 0, (), ())
+    assert nothing.leading.shape == (0,)
+    assert nothing.residual(np.zeros((4, 2, 3))).shape == (4, 2, 0)
+    assert nothing.random_configuration(np.random.default_rng(0)).shape == (3,)
+
+
+def test_what_contradicts_itself_is_met_half_way_and_told():
+    """``b = 2 a + 0.3`` and ``a = b / 2 + 0.5``: the least squares of both leave 0.26 of one and 0.52 of the other."""
+    robot = sliders()
+    rows = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("a", "b", 0.5, 0.5).bind(robot)]
+    assembly = Assembly(robot, rows)
+    assert assembly.names == ("coupling(b, a)", "coupling(a, b)")
+    assert assembly.leading.tolist() == [True, False]
+    assert assembly.following == ("coupling(a, b)",)
+    q = np.array([0.2, 0.1, 0.0])
+    assert assembly.rank(q) == 1
+    words = r"satisfies coupling\(b, a\), coupling\(a, b\): coupling\(a, b\) has residual 0.52, limit 1e-11"
+    with pytest.raises(rnc.ConstraintError, match="no configuration near q " + words):
+        assembly.project(q)
+    words = r"from 25 random configurations: coupling\(a, b\) has residual 0.52, limit 1e-11$"
+    with pytest.raises(rnc.ConstraintError, match=words):
+        assembly.random_configuration(np.random.default_rng(0))
+    for wrong in (np.zeros(2), np.zeros((1, 3)), np.array([0.0, np.nan, 0.0])):
+        with pytest.raises(rnc.InputError, match="one configuration of 3 finite numbers, found shape"):
+            assembly.project(wrong)
+
+
+@pytest.mark.parametrize(("off", "closes"), [(0.0, True), (3e-5, True), (3e-3, False)])
+def test_a_row_that_follows_but_for_rounding_is_met_to_that(off, closes):
+    """Found dependent by itself, or said to be; the row that leads is met exactly all the same."""
+    robot = sliders()
+    rows = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("a", "b", 0.5, -0.15 + off).bind(robot)]
+    for assembly in (Assembly(robot, rows), Assembly(robot, rows, ["coupling(a, b)"])):
+        q = np.array([0.4, -0.2, 0.1])
+        if closes:
+            np.testing.assert_allclose(np.abs(assembly.residual(assembly.project(q))), [0.0, off], atol=1e-12)
+        else:
+            with pytest.raises(rnc.ConstraintError, match="has residual"):
+                assembly.project(q)
+    loose = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("c", "a").bind(robot)]
+    assert Assembly(robot, loose).leading.all()
+    assert Assembly(robot, loose, ["coupling(c, a)"]).following == ("coupling(c, a)",)
+
+
+def test_random_configurations_give_up_only_where_all_end_alike():
+    """A gap that nothing closes, each time another: all tries are made. Where no row is defined, none counts."""
+    robot = sliders()
+    stuck = Flat(np.zeros((1, 3)), ["stuck"], gap=lambda q: 1.0 + 0.1 * np.abs(q[..., :1]))
+    with pytest.raises(rnc.ConstraintError, match="from any of 100 random configurations: stuck has residual"):
+        Assembly(robot, [stuck]).random_configuration(np.random.default_rng(0))
+
+    def undefined(q):
+        raise rnc.SingularityError("nowhere", q=q, condition=np.inf, rows=("one",))
+
+    nowhere = Flat(np.eye(3)[:2], ["one", "two"], gap=undefined)
+    with pytest.raises(rnc.ConstraintError, match=r"from any of 100 random configurations$"):
+        Assembly(robot, [nowhere]).random_configuration(np.random.default_rng(0))
+
+
+def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():
+    """Zero, or zero but for rounding beside the longest of the same unit; elsewhere they have to be satisfied."""
+    robot, flags = sliders(), (True, True, False, True, True)
+    matrix = np.zeros((5, 3))
+    matrix[1:, 0] = [0.8 * ROUNDING, 1.0, 1.3 * ROUNDING, 0.8 * ROUNDING]
+    units = ("m/s",) * 4 + ("rad/s",)
+    ground, given = (
+        Assembly(robot, [Flat(matrix, "vwxyz", None, flags, units, on_ground)]) for on_ground in (True, False)
+    )
+    assert ground.names == ("y", "z")
+    assert given.names == ("v", "w", "y", "z")
+    q = np.ones(3)
+    np.testing.assert_allclose(given.residual(q), matrix[[0, 1, 3, 4]].sum(axis=1) - 1.0)
+    np.testing.assert_allclose(ground.residual(q), matrix[[3, 4]].sum(axis=1) - 1.0)
+    at = Kinematics(robot).position(q)
+    np.testing.assert_array_equal(ground.jacobian(at), matrix[[3, 4]])
+
+
+def test_a_step_that_goes_too_far_is_halved():
+    """Rows that are five times as steep as they say: the whole step would land four times as far beyond."""
+    steep = Flat([[1.0, 0.0, 0.0]], ["steep"], gap=lambda q: 5.0 * q[..., :1] - 1.0)
+    found = Assembly(sliders(), [steep]).project(np.array([0.3, 0.0, 0.0]))
+    assert found[0] == pytest.approx(0.2, abs=1e-11)
+
+
+def test_a_row_that_was_thought_to_follow_and_does_not_is_met_with_the_others():
+    robot = sliders()
+    rows = [coupling("b", "a", 2.0, 0.3).bind(robot), coupling("c", "a", -1.0, 0.1).bind(robot)]
+    assembly = Assembly(robot, rows, ["coupling(c, a)"])
+    found = assembly.project(np.array([0.4, -0.2, 0.1]))
+    np.testing.assert_allclose(assembly.residual(found), 0.0, atol=1e-11)
+
+    class Turning(Flat):
+        def jacobian(self, at):
+            return np.eye(3)[[0, 1 if at.q[0] > 0 else 0]]
+
+    assert Assembly(robot, [Turning(np.eye(3)[:2], ["one", "two"])]).leading.all()  # of no one rank: nothing follows
+    with pytest.raises(rnc.ConstraintError, match="constraint rows overflow: scale down their entries"):
+        Assembly(robot, [coupling("b", "a", 1e170).bind(robot)]).project(np.ones(3))

@@ -9,10 +9,16 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.factorization import dependences
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
+from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
+from systems import (
+    sleigh,
+    space_robot,
+)
 
 
 class Rails(VelocityRows):
@@ -282,3 +288,44 @@ def test_one_of_many_states_whose_forces_have_no_bound():
         ),
     ):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])
+
+
+@pytest.mark.parametrize(
+    ("turn", "rows"),
+    [(0.0, {"tip_x"}), (np.pi / 2, {"tip_y"}), (np.pi / 4, {"tip_x", "tip_y"})],
+)
+def test_a_straight_arm_names_the_rows_that_are_dependent_and_no_others(turn, rows):
+    """Along x it cannot move in x, along y not in y; half way between both rows say the same."""
+    reduced = space_robot()
+    with pytest.raises(rnc.SingularityError) as caught:
+        reduced.terms(reduced.robot.configuration({"platform": turn}), np.zeros(3))
+    assert set(caught.value.rows) == rows
+
+
+def test_forces_beyond_all_numbers():
+    reduced = sleigh()
+    q = reduced.robot.configuration()
+    with pytest.raises(rnc.DivergenceError, match="reduced acceleration is not finite"):
+        reduced.forward_dynamics(q, [0.0, 0.0], [1e308, 1e308])
+
+
+def test_what_is_not_a_number_is_not_called_singular():
+    """It has an error of its own, where it comes from."""
+    robot = sleigh().robot
+    here = Kinematics(robot).position(np.stack([robot.configuration()] * 2))
+    check_defined("small", here, np.array([np.nan, 1.0]), 0.5, ("row",))
+    with pytest.raises(rnc.SingularityError, match="small"):
+        check_defined("small", here, np.array([1.0, 0.1]), 0.5, ("row",))
+
+
+def test_of_many_states_the_first_that_is_singular_is_told():
+    """With its size and the names of its rows."""
+    robot = sleigh().robot
+    generator = np.random.default_rng(0)
+    q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
+    sizes = np.array([[1.0, 2.0, 1.0], [1.0, 0.25, 0.1]])
+    with pytest.raises(rnc.SingularityError) as told:
+        check_defined("small", Kinematics(robot).position(q), sizes, 0.5, ("row",))
+    assert told.value.q.tolist() == q[1, 1].tolist()
+    assert told.value.condition == 4.0
+    assert told.value.rows == ("row",)

@@ -1,19 +1,16 @@
 """Rows, stacks of them and systems: what they hold, what they refuse, and in which words."""
 
-from types import SimpleNamespace
-
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.admission import Admission, check_finite, spread, vector
-from rnc_pin.model.coupling import CouplingRow, mimic_row
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduction_data import VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import Rows, check_defined
-from rnc_pin.robots.sources.description import Mimic
-from systems import rolling_base, sleigh
-from textbook_systems import Bound, Flat, coupling, sliders
+from systems import bicycle, four_bar_robot, rolling_base, sleigh
+from textbook_systems import Flat, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
 
@@ -91,147 +88,81 @@ def test_rows_say_nothing_of_what_they_have_not():
     assert (told.value.condition, told.value.q.shape) == (pytest.approx(2.0), (3,))
 
 
-@pytest.mark.parametrize("ratio", [2.0, -0.5, 2 / 3, -1.25])
-@pytest.mark.parametrize("kinds", ["RR", "UR", "RU", "UU", "XX"])
-def test_a_gap_of_a_coupling_forgets_the_turns_that_its_joints_forget(kinds, ratio):
-    """Whole turns of continuous joints: none of it for joints with ends, and the least of what is left."""
-    robot, offset = sliders(kinds, chain=False), 0.2
-    row = CouplingRow(robot, "a", "b", ratio, offset)
-    assert row.units == ("m/s" if kinds == "XX" else "rad/s",)
-    assert row.holonomic == (True,)
-    np.testing.assert_array_equal(row.matrix, [[1.0, -ratio]])
-    turns = np.arange(-12, 13)
-    generator, kinematics = np.random.default_rng(7), Kinematics(robot)
-    for _ in range(6):
-        a, b = generator.uniform(-3, 3, 2)
-        q = robot.configuration({"a": a, "b": b})
-        alike = a - ratio * b - offset
-        mine = 2 * np.pi * turns if kinds[0] == "U" else np.zeros(1)
-        drivers = 2 * np.pi * ratio * turns if kinds[1] == "U" else np.zeros(1)
-        gaps = (alike + mine[:, None] + drivers).ravel()
-        np.testing.assert_allclose(row.residual(kinematics.position(q)), [gaps[np.argmin(np.abs(gaps))]], atol=1e-9)
-        many = kinematics.position(np.stack([q, q]))
-        assert row.residual(many).shape == (2, 1)
+def test_rows_that_are_kept_in_part_keep_their_own_names_and_flags():
+    robot = bicycle().robot
+    blocks = [rnc.RollingBall("front", 0.3).bind(robot), rnc.RollingWheel("rear", 0.3).bind(robot)]
+    whole = RowStack(blocks)
+    assert whole.holonomic == (False, False, True) * 2
+    for kept in ([0, 2, 5], [1, 2, 3, 4], [2, 3], [0, 1, 4, 5]):
+        some = RowStack(blocks, kept)
+        assert some.names == tuple(whole.names[row] for row in kept)
+        assert some.units == tuple(whole.units[row] for row in kept)
+        assert some.holonomic == tuple(whole.holonomic[row] for row in kept)
+        at = Kinematics(robot).position(bicycle().robot.configuration())
+        np.testing.assert_array_equal(some.jacobian(at), whole.jacobian(at)[kept])
 
 
-def test_a_ratio_that_is_no_fraction_couples_rates_alone():
-    """Of two continuous joints: fractions of numbers up to a thousand have a period, others none."""
-    robot = sliders("UU", chain=False)
-    for ratio, holonomic in ((1 / 1000, True), (1 / 1001, False), (997 / 999, True), (2**0.5, False)):
-        assert CouplingRow(robot, "a", "b", ratio, 0.1).holonomic == (holonomic,)
-    held = CouplingRow(robot, "b", None, 1.0, 0.1)
-    assert held.names == ("coupling(b, None)",)
-    assert held.pair == {"b", None}
-    np.testing.assert_array_equal(held.matrix, [[0.0, 1.0]])
-    q = robot.configuration({"a": 2.0, "b": 0.1 - 3.1})
-    np.testing.assert_allclose(held.residual(Kinematics(robot).position(q)), [-3.1], atol=1e-12)
-    with pytest.raises(rnc.ModelError, match="joint 'root_joint' has 3 degrees of freedom: only joints with one"):
-        CouplingRow(sleigh().robot, "root_joint", None, 1.0, 0.0)
+def test_rows_that_are_constant_do_not_drift():
+    robot = four_bar_robot()
+    block = rnc.JointCoupling("coupler", "crank", 2.0).bind(robot)
+    kinematics = Kinematics(robot)
+    for shape in ((), (3,), (2, 3)):
+        q = np.broadcast_to(robot.configuration(), (*shape, robot.nq)).copy()
+        motion = kinematics.position(q).with_velocity(np.ones((*shape, robot.nv)))
+        assert block.bias_acceleration(motion).shape == (*shape, 1)
+        assert not block.bias_acceleration(motion).any()
+    assert block.bias_acceleration_gradient(None).tolist() == [[0.0] * robot.nv]
 
 
-def test_what_a_file_couples_to_a_joint_that_is_locked_is_held():
-    """``joint = multiplier of + offset``, solved for whichever of the two moves."""
-    robot = sliders("RRR", chain=False)
-    locked = SimpleNamespace(
-        **{name: getattr(robot, name) for name in ("model", "nv", "joint_id")},
-        joint_names=["a", "b"],
-        locked={"c": 0.4},
-    )
-    for given, name, matrix, held in (
-        (Mimic("a", "b", -2.0, 0.3), "coupling(a, b)", [1.0, 2.0], None),
-        (Mimic("a", "c", -2.0, 0.3), "coupling(a, c)", [1.0, 0.0], -0.5),
-        (Mimic("c", "b", -2.0, 0.3), "coupling(c, b)", [0.0, 1.0], -0.05),
-        (Mimic("a", "b", 0.0, 0.3), "coupling(a, b)", [1.0, 0.0], 0.3),
-    ):
-        row = mimic_row(locked, given)
-        assert row.names == (name,)
-        np.testing.assert_array_equal(row.matrix, [[*matrix, 0.0]])
-        if held is not None:
-            assert row.offset == pytest.approx(held)
-            assert row.driver is None
-    assert mimic_row(locked, Mimic("c", "b", 0.0, 0.3)) is None
+def test_velocity_rows_are_combinations_without_a_value():
+    rows = VelocityRows(np.arange(6.0).reshape(2, 3), ["a", "b"], ["m/s", ""])
+    assert (rows.names, rows.units, rows.angular, rows.quasi) == (("a", "b"), ("m/s", ""), (False, False), True)
+    at = Kinematics(sliders()).position(np.zeros((5, 3)))
+    np.testing.assert_array_equal(rows.value(at), np.zeros((5, 2)))
+    assert rows.bias_acceleration_gradient(at).shape == (2, 3)
 
 
-# ---------------------------------------------------------------------- admission and systems
+def tilted(angle):
+    """A body whose own x axis stands up, but for an angle."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "body")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("top", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    q = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, angle - np.pi / 2, 0.7)).coeffs()
+    return rnc.Robot(model), q
 
 
-def test_configurations_are_admitted_by_shape_number_and_length():
-    flat, turning = Admission(sliders()), Admission(sliders("UXX"))
-    given = np.array([1.0, 2.0, 3.0])
-    admitted = flat.configuration(given)
-    given[0] = 9.0
-    assert admitted.tolist() == [1.0, 2.0, 3.0]
-    assert flat.configuration(np.ones((2, 4, 3))).shape == (2, 4, 3)
-    unit = np.array([0.6, 0.8, 5.0, 6.0])
-    for q in (unit, np.stack([unit, unit])):
-        np.testing.assert_array_equal(
-            turning.configuration(q * [1 + 1e-9, 1 + 1e-9, 1, 1]), q * [1 + 1e-9, 1 + 1e-9, 1, 1]
-        )
-        longer = q * np.where(np.arange(q.size) >= q.size - 4, [1.001, 1.001, 1, 1] * (q.size // 4), 1.0).reshape(
-            q.shape
-        )
-        with pytest.raises(rnc.InputError, match="not of unit length"):
-            turning.configuration(longer)
-    for wrong, words in (
-        (1.0, r"q has shape \(\), expected \(..., 3\)"),
-        (np.ones((3, 2)), r"q has shape \(3, 2\), expected \(..., 3\)"),
-        ([1.0, np.inf, 0.0], r"q holds values that are not finite: \[ 1., inf,  ?0.\]"),
-    ):
-        with pytest.raises(rnc.InputError, match=words):
-            flat.configuration(wrong)
-    batch = np.zeros((2, 3, 3))
-    batch[1, 0, 2] = np.nan
-    for call in (lambda: flat.configuration(batch), lambda: vector(batch, 3, "q"), lambda: check_finite("q", batch)):
-        with pytest.raises(
-            rnc.InputError, match=r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
-        ):
-            call()
-    assert vector([1, 2], 2, "v").tolist() == [1.0, 2.0]
-    assert vector(np.ones((5, 2)), 2, "v").shape == (5, 2)
-    for wrong in (1.0, np.ones((2, 3))):
-        with pytest.raises(rnc.InputError, match=r"v has shape .*, expected \(..., 2\)"):
-            vector(wrong, 2, "v")
-    with pytest.raises(rnc.InputError, match=r"v holds values that are not finite: \[nan, +1.\]"):
-        vector([np.nan, 1.0], 2, "v")
+def apart(distance):
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("end", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model), np.array([distance])
 
 
-def test_one_configuration_goes_with_many_velocities():
-    q, v = np.arange(3.0), np.arange(8.0).reshape(4, 2)
-    wide, same = spread(q, v, "v")
-    np.testing.assert_array_equal(wide, np.tile(q, (4, 1)))
-    np.testing.assert_array_equal(same, v)
-    many, wide = spread(np.ones((2, 4, 3)), v, "v")
-    assert many.shape == (2, 4, 3)
-    np.testing.assert_array_equal(wide, np.stack([v, v]))
-    with pytest.raises(rnc.InputError, match=r"q of shape \(3, 3\) and v of shape \(4, 2\) do not broadcast"):
-        spread(np.ones((3, 3)), v, "v")
+KINDS = {
+    "yaw": (rnc.FrameYaw("top"), tilted, 1e-6, "a yaw is not defined for a vertical axis"),
+    "tilt": (rnc.FrameTilt("top", "x"), tilted, 1e-6, "the tilt of a vertical axis has no rate"),
+    "wheel": (rnc.RollingWheel("top", 0.1, axis="x"), tilted, 1e-6, "a wheel lies flat on the ground"),
+    "distance": (rnc.Distance("universe", "end"), apart, 1e-9, "a distance has no rate where it is zero"),
+}
 
 
-def test_a_system_says_what_there_is_too_much_or_too_little_of():
-    robot = sliders()
-    free = rnc.NonholonomicSystem(robot, [coupling("b", "a")], ["a"])
-    assert (free.n, free.m, free.p, free.r) == (3, 1, 1, 2)
-    base = rnc.Robot(rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1))
-    rolling = rnc.NonholonomicSystem(base, [rnc.RollingWheel(name, 0.1) for name in ("left", "right")])
-    assert (rolling.n, rolling.m, rolling.p, rolling.r) == (5, 3, 0, 2)
-    joints = [rnc.JointPosition(name) for name in "abc"]
-    for outputs, words in (
-        (joints, r"3 reducing outputs \(a, b, c\), expected 2: 3 degrees of freedom less 1 of the constraints"),
-        ([], r"0 reducing outputs \(none\), expected 2"),
-        (joints[:1] * 2, "duplicate output 'a'"),
-        (joints[:2], "the reducing outputs do not parametrise the motion: at every sampled configuration the rows"),
-    ):
-        with pytest.raises(rnc.ConstraintError, match=words):
-            free.reduce(outputs)
-    with pytest.raises(rnc.ConstraintError, match="duplicate output 'c'"):
-        free.reduce([joints[0], joints[2]], [joints[2]])
-    assert free.reduce([joints[0], joints[2]], [joints[1]]).r == 2
-    with pytest.raises(
-        rnc.ConstraintError, match=r"^1 independent constraint rows leave no motion of 1 degrees of freed"
-    ):
-        rnc.NonholonomicSystem(sliders("X"), [Bound(Flat([[1.0]], ["stop"]))])
-    for row in ([1.0, 0, 0], [1e-9, 0, 0]):
-        with pytest.raises(rnc.ConstraintError, match=r"drives .*, which is declared as conserved"):
-            rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], np.array([row]).T)
-    unmoved = np.array([[1e-14], [0], [1.0]])
-    assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], unmoved).r == 2
+@pytest.mark.parametrize(("kind", "robot_at", "limit", "words"), KINDS.values(), ids=KINDS)
+def test_rates_are_right_down_to_a_limit(kind, robot_at, limit, words):
+    """Beside differences of the value where there is one; below the limit they are refused, with its share."""
+    robot, q = robot_at(10 * limit)
+    rows = kind.bind(robot)
+    found = rows.jacobian(Kinematics(robot).position(q))
+    if hasattr(rows, "value"):
+        for axis, column in zip(np.eye(robot.nv), found.T, strict=True):
+            step = limit * axis
+            ahead, behind = (
+                rows.value(Kinematics(robot).position(pin.integrate(robot.model, q, sign * step))) for sign in (1, -1)
+            )
+            np.testing.assert_allclose((ahead - behind) / (2 * limit), column, rtol=0.02, atol=1e-3)
+    robot, q = robot_at(0.2 * limit)
+    with pytest.raises(rnc.SingularityError, match=words) as told:
+        kind.bind(robot).jacobian(Kinematics(robot).position(q))
+    assert told.value.condition == pytest.approx(5.0 / limit, rel=1e-3)
+    np.testing.assert_array_equal(told.value.q, q)

@@ -1,11 +1,28 @@
 """Constraints, outputs and actuators: what they mean, and what is refused."""
 
+import warnings
+
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.linalg
 
 import rnc_pin as rnc
-from systems import ALL, leaning_wheel, mobile_manipulator, random_states, space_robot, tiago
+from rnc_pin.model.reduction_data import best_entries
+from rnc_pin.model.rows import Rows, check_defined
+from rnc_pin.model.system import _is_loose
+from rnc_pin.robots.sources.description import Mimic
+from systems import (
+    ALL,
+    leaning_wheel,
+    mobile_manipulator,
+    random_states,
+    rolling_base,
+    sleigh,
+    space_robot,
+    tiago,
+)
+from textbook_systems import Bound, Flat, Turning, coupling, sliders
 from tolerances import ROUNDING
 
 
@@ -300,3 +317,314 @@ def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
     model.appendBodyToJoint(arm, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
+
+
+class Undefined:
+    """A row that is defined to the right of a line only."""
+
+    def __init__(self, line):
+        self.line = line
+
+    def bind(self, robot):
+        return UndefinedRows(self.line, robot)
+
+
+class UndefinedRows(Rows):
+    names, units, holonomic, on_ground, affine, joints = ("half",), ("m/s",), (False,), False, False, ()
+
+    def __init__(self, line, robot):
+        self.line, self.matrix = line, np.eye(robot.nv)[1:2]
+
+    def jacobian(self, at):
+        check_defined("to the left of the line", at, at.q[..., 0] - self.line, 0.0, self.names)
+        return np.broadcast_to(self.matrix, (*at.q.shape[:-1], *self.matrix.shape))
+
+    def jacobian_dot(self, at):
+        return np.zeros((*at.q.shape[:-1], *self.matrix.shape))
+
+    def bias_acceleration(self, at):
+        return self._zeros(at)
+
+
+def test_rows_that_are_undefined_at_some_configurations():
+    """Samples are taken where they are; nowhere at all is an error."""
+    robot = sleigh().robot
+    assert rnc.NonholonomicSystem(robot, [Undefined(0.0)]).r == 2
+    with pytest.raises(rnc.ConstraintError, match="constraints half are undefined at every sampled configuration"):
+        rnc.NonholonomicSystem(robot, [Undefined(1e9)])
+
+
+def test_rows_that_are_not_numbers():
+    robot = sleigh().robot
+
+    class NoNumber(UndefinedRows):
+        def jacobian(self, at):
+            return np.full((*at.q.shape[:-1], 1, 3), np.nan)
+
+    class Kind(Undefined):
+        def bind(self, robot):
+            return NoNumber(0.0, robot)
+
+    with pytest.raises(rnc.ConstraintError, match=r"constraint row 'half' is not finite at q = \["):
+        rnc.NonholonomicSystem(robot, [Kind(0.0)])
+
+
+def test_a_warning_points_at_the_line_that_made_the_system():
+    model = rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1)
+    joint = model.getJointId("right_spin")
+    model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(
+        pin.rpy.rpyToMatrix(0.0, 0.0, 3e-4), np.zeros(3)
+    )
+    robot = rnc.Robot(model)
+    with pytest.warns(rnc.ModelWarning, match="nearly dependent|rounded angles") as caught:
+        rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left", 0.1), rnc.RollingWheel("right", 0.1)])
+    assert {each.filename for each in caught} == {__file__}
+
+
+def test_a_system_says_what_there_is_too_much_or_too_little_of():
+    robot = sliders()
+    free = rnc.NonholonomicSystem(robot, [coupling("b", "a")], ["a"])
+    assert (free.n, free.m, free.p, free.r) == (3, 1, 1, 2)
+    base = rnc.Robot(rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1))
+    rolling = rnc.NonholonomicSystem(base, [rnc.RollingWheel(name, 0.1) for name in ("left", "right")])
+    assert (rolling.n, rolling.m, rolling.p, rolling.r) == (5, 3, 0, 2)
+    joints = [rnc.JointPosition(name) for name in "abc"]
+    for outputs, words in (
+        (joints, r"3 reducing outputs \(a, b, c\), expected 2: 3 degrees of freedom less 1 of the constraints"),
+        ([], r"0 reducing outputs \(none\), expected 2"),
+        (joints[:1] * 2, "duplicate output 'a'"),
+        (joints[:2], "the reducing outputs do not parametrise the motion: at every sampled configuration the rows"),
+    ):
+        with pytest.raises(rnc.ConstraintError, match=words):
+            free.reduce(outputs)
+    with pytest.raises(rnc.ConstraintError, match="duplicate output 'c'"):
+        free.reduce([joints[0], joints[2]], [joints[2]])
+    assert free.reduce([joints[0], joints[2]], [joints[1]]).r == 2
+    with pytest.raises(
+        rnc.ConstraintError, match=r"^1 independent constraint rows leave no motion of 1 degrees of freed"
+    ):
+        rnc.NonholonomicSystem(sliders("X"), [Bound(Flat([[1.0]], ["stop"]))])
+    for row in ([1.0, 0, 0], [1e-9, 0, 0]):
+        with pytest.raises(rnc.ConstraintError, match=r"drives .*, which is declared as conserved"):
+            rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], np.array([row]).T)
+    unmoved = np.array([[1e-14], [0], [1.0]])
+    assert rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("a")], unmoved).r == 2
+
+
+def warnings_of(*given, **settings):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        system = rnc.NonholonomicSystem(*given, **settings)
+    assert all(each.category is rnc.ModelWarning for each in said)
+    assert all(each.filename == __file__ for each in said)  # where the system was asked for
+    return system, [str(each.message) for each in said]
+
+
+def two_rows(angle, names="ab"):
+    return Bound(Flat([[1.0, 0, 0], [np.cos(angle), np.sin(angle), 0]], names, holonomic=(False, False)))
+
+
+def test_rows_that_are_nearly_dependent_are_warned_of_below_a_thousandth():
+    """By their smallest singular value, ``sqrt(2) sin(a / 2)``."""
+    for value in (1.05e-3, 0.95e-3, 2e-4):
+        system, said = warnings_of(sliders(), [two_rows(2 * np.arcsin(value / np.sqrt(2)))])
+        assert system.kept == [0, 1]
+        words = (
+            f"robot 'sliders': rows are nearly dependent (smallest singular value {value:.2g} at best), so the "
+            "remaining motion may not be the intended one: a, b; check for rounded angles of wheels or loops"
+        )
+        assert said == [words] * (value < 1e-3)
+
+
+def test_rows_that_rounding_leaves_are_named_with_the_worst_of_it():
+    robot = sliders("XXXX", (2.0, 3.0, 5.0, 7.0))
+    matrix = np.eye(4)[[0, 0, 1, 1]]
+    matrix[[1, 3], [2, 2]] = 2e-6, 3e-6
+    system, said = warnings_of(robot, [Bound(Flat(matrix, "abcd", holonomic=(False,) * 4))])
+    assert (system.kept, system.m, system.r) == ([0, 2], 2, 2)
+    assert said == [
+        "robot 'sliders': rows that depend on others except for rounding (3e-06) are dropped: b, d; "
+        "check for rounded angles of wheels or loops"
+    ]
+    assert {row.name: row.rounding for row in system.dropped_rows} == {
+        "b": pytest.approx(2e-6, rel=1e-3),
+        "d": pytest.approx(3e-6, rel=1e-3),
+    }
+    assert system.assembly.names == ()
+
+
+def test_a_holonomic_row_follows_from_rows_that_are_not_but_for_rounding():
+    """It is met to what rounding leaves of it, as the assembly alone could not have known."""
+    robot = sliders()
+    rates = Bound(Flat([[-2.0, 1.0, 0.0]], ["rates"], holonomic=(False,)))
+    near = Bound(Flat([[-2.0 - 3e-6, 1.0, 0.0], [0.0, 0.0, 1.0]], ["near", "other"]))
+    system, _ = warnings_of(robot, [rates, near])
+    assert system.constraints.names == ("rates", "other")
+    assert system.assembly.names == ("near", "other")
+    assert system.assembly.following == ("near",)
+
+
+def test_joints_that_should_mimic_others_are_told():
+    robot = sliders()
+    robot.mimics = (Mimic("b", "a", 2.0, 0.0), Mimic("c", "a", -1.0, 0.0))
+    coupled, said = warnings_of(robot)
+    assert coupled.constraints.names == ("coupling(b, a)", "coupling(c, a)")
+    assert said == []
+    words = (
+        "robot 'sliders': joints that should mimic others move independently: {}; couple them (mimic=True, "
+        "JointCoupling), or lock them together with the joints that they follow"
+    )
+    free, said = warnings_of(robot, mimic=False)
+    assert (free.m, said) == (0, [words.format("b (of a), c (of a)")])
+    said_by_rows = Bound(Flat([[-2.0, 1.0, 0.0]], ["mine"], holonomic=(False,)))
+    half, said = warnings_of(robot, [said_by_rows], mimic=False)
+    assert (half.m, said) == (1, [words.format("c (of a)")])
+    rest, said = warnings_of(robot, [said_by_rows])
+    assert (rest.constraints.names, said) == (("mine", "coupling(c, a)"), [])
+    with pytest.raises(rnc.ConstraintError, match=r"^duplicate constraint row 'coupling\(c, a\)'$"):
+        rnc.NonholonomicSystem(robot, [Bound(Flat([[0.0, 1.0, 0.0]], ["coupling(c, a)"], holonomic=(False,)))])
+
+
+def test_a_row_is_loose_where_rows_of_some_sample_do_not_say_it():
+    rows = np.array([[[1.0, 0, 0], [0, 2.0, 0]]] * 2)
+    for scale in (3.0, 1e-5):
+        for off, loose in ((0.9e-6, False), (1.1e-6, True), (0.0, False)):
+            row = scale * np.array([0.6, -0.8, off])
+            assert _is_loose(row, rows) == loose
+    rows[1, 1] = 0.0
+    assert _is_loose(np.array([0.6, -0.8, 0.0]), rows)
+    assert not _is_loose(np.array([0.6, 0.0, 0.0]), rows)
+    assert _is_loose(np.array([0.6, 0.0, 0.0]), np.zeros((1, 0, 3)))
+
+
+def test_a_row_that_is_no_number_is_named_with_the_configuration():
+    robot = sliders()
+
+    def spoilt(q):
+        matrix = np.array([[1.0, 0, 0], [0, 1.0, 0], [1.0, 1.0, 0]])
+        matrix[1, 2] = np.nan
+        return matrix
+
+    for rows, name in (
+        (Turning("abc", spoilt), "b"),
+        (Turning("abc", lambda q: np.eye(3)[[0, 1, 0]], lambda q: 0 * q + [0.0, 0.0, np.inf]), "c"),
+    ):
+        first = rnc.NonholonomicSystem(robot, [])._samples[0]
+        with pytest.raises(rnc.ConstraintError) as told:
+            rnc.NonholonomicSystem(robot, [rows])
+        assert str(told.value) == f"constraint row '{name}' is not finite at q = {np.round(first, 4).tolist()}"
+
+
+def test_samples_are_seeded_and_end_with_the_neutral_configuration():
+    """Where that can be assembled, and where rows of loops have the rank there that they have elsewhere."""
+    robot = sliders()
+    samples = rnc.NonholonomicSystem(robot, [])._samples
+    generator = np.random.default_rng(0)
+    expected = [robot.random_configuration(generator) for _ in range(12)]
+    np.testing.assert_array_equal(samples, [*expected, np.zeros(3)])
+    offset = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("b", "a", 2.0, 0.3)])._samples
+    np.testing.assert_allclose(offset[:, 1] - 2 * offset[:, 0], 0.3)
+    assert len(offset) == 13
+
+    class Flattened(Flat):
+        def jacobian(self, at):
+            lost = (np.abs(at.q[..., 2]) < 1e-9)[..., None, None]
+            return np.where(lost, self.matrix[[0, 0]], self.matrix)
+
+    flat = Flattened(np.eye(3)[:2], ["one", "two"], gap=lambda q: q[..., :2])
+    assert len(rnc.NonholonomicSystem(robot, [Bound(flat)])._samples) == 12
+
+
+def test_outputs_that_are_dependent_everywhere_are_named():
+    system = rnc.NonholonomicSystem(sliders(), [rnc.JointCoupling("b", "a", 2.0, 0.3)])
+    words = (
+        "^the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
+        r"coupling\(b, a\), a, b are dependent$"
+    )
+    with pytest.raises(rnc.ConstraintError, match=words):
+        system.reduce([rnc.JointPosition("a"), rnc.JointPosition("b")])
+    assert system.reduce([rnc.JointPosition("a"), rnc.JointPosition("c")]).reduction_data.singularity_limit == 1e8
+    assert system.reduce().reduction_data.singularity_limit == 1e8
+    assert system.reduce(singularity_limit=1e5).reduction_data.singularity_limit == 1e5
+    assert system.rows.places[0].block.kind == rnc.JointCoupling("b", "a", 2.0, 0.3)
+
+    def often(q):
+        return np.eye(3)[[0 if abs(q[0]) < 2.9 else 2]]
+
+    changing = rnc.NonholonomicSystem(sliders(), [Bound(Flat([[0, 1.0, 0]], ["b"], holonomic=(False,)))])
+    places = changing._samples[:, 0]
+    assert 0 < (np.abs(places) > 2.9).sum() < len(places)
+    outputs = Turning(["x"], often)
+    outputs.angular, outputs.quasi, outputs.rotation, outputs.value = (False,), True, False, None
+    good = changing.reduce([rnc.JointPosition("a"), outputs])  # somewhere is enough
+    assert good.r == 2
+
+
+def test_without_outputs_the_entries_are_those_that_are_best_where_they_are_worst():
+    """Of the candidates of single samples, by the smallest singular value of the null space in these entries."""
+    generator = np.random.default_rng(0)
+    W = generator.normal(size=(4, 2, 4))
+
+    def turning(q):
+        return np.tensordot(np.cos(q), W, axes=1) + 0.2 * W[0]
+
+    system = rnc.NonholonomicSystem(sliders("XXXX", (2.0, 3.0, 5.0, 7.0)), [Turning("xy", turning)])
+    bases = [scipy.linalg.null_space(turning(q)) for q in system._samples]
+    worst = {
+        pair: min(np.linalg.svd(basis[list(pair)], compute_uv=False)[-1] for basis in bases)
+        for pair in {tuple(best_entries(turning(q), 2)) for q in system._samples}
+    }
+    first = tuple(best_entries(turning(system._samples[0]), 2))
+    chosen = tuple("abcd".index(name) for name in system.reduce().reducing.names)
+    assert worst[chosen] == max(worst.values())
+    assert first != chosen
+    assert system.reduce().reducing.units == ("m/s", "m/s")
+    assert rnc.NonholonomicSystem(sliders(), []).reduce().reducing.names == ("a", "b", "c")
+
+
+def test_best_entries_leave_the_rest_moderate():
+    rows = np.array([[1.0, 10.0, 0.1, 0.0], [0.0, 0.0, 1.0, 9.0]])
+    assert best_entries(rows, 2) == [0, 2]
+    assert best_entries(np.zeros((0, 3)), 3) == [0, 1, 2]
+
+
+def test_of_entries_that_do_equally_well_the_first_is_taken():
+    """Whatever rounding says: joints that turn together, in any of many states."""
+    generator = np.random.default_rng(2)
+    found = set()
+    for _ in range(200):
+        rows = np.vstack([generator.normal(size=(2, 6)), [0.0, 0.0, 1.0, 0.0, -1.0, 0.0]])
+        chosen = best_entries(rows, 3)
+        found |= {(2 in chosen, 4 in chosen)}
+    assert found == {(True, False), (False, False)}
+
+
+def test_an_actuator_that_drives_what_is_conserved_is_named():
+    """By any entry of the momentum, beyond rounding; a coupling of such a joint is, too."""
+    model = pin.Model()
+    model.name = "floater"
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "base")
+    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
+    for joint in (base, arm):
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
+    robot, momentum = rnc.Robot(model), [rnc.MomentumConservation("base")]
+    words = r"^actuator 'T\[{}\]' drives momentum\(base\)\[0\], which is declared as conserved$"
+    for entry, column in ((0, 0), (1, 1), (2, 1)):
+        B = np.zeros((4, 2))
+        B[3] = 1.0, -2.0
+        B[entry, column] = -0.5e-12
+        assert rnc.NonholonomicSystem(robot, momentum, B).r == 1
+        B[entry, column] = -2e-12
+        with pytest.raises(rnc.ConstraintError, match=words.format(column)):
+            rnc.NonholonomicSystem(robot, momentum, B)
+    assert rnc.NonholonomicSystem(robot, momentum).p == 0
+    assert rnc.NonholonomicSystem(robot, [], np.ones((4, 2))).p == 2
+    single = rnc.Robot.from_urdf("space_robot.urdf")
+    words = (
+        r"^constraint row coupling\(joint_1, platform\) acts on momentum\(platform\), which is declared as conserved: "
+        r"omit the momentum \(the motion follows from the other constraints\) or what acts on it$"
+    )
+    with pytest.raises(rnc.ConstraintError, match=words):
+        rnc.NonholonomicSystem(
+            single, [rnc.MomentumConservation("platform"), rnc.JointCoupling("joint_1", "platform", 1.0)]
+        )

@@ -7,11 +7,17 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
+from rnc_pin.control import (
+    ComputedTorque,
+    PositionTracker,
+    RedundancyController,
+)
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Geodesic, Harmonic, Hold, MinimumJerk
 from rnc_pin.scenario.schema.references import MinimumJerkReference
-from systems import random_states
+from systems import free_flying_panda, random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 ROTATION = Coordinates([False] * 3, [0])
@@ -211,3 +217,13 @@ def test_displacements_in_scenario_files_turn_in_world_axes():
     start = np.array([1.0, 0.2, 0.0])
     goal = reference.build(start, ROTATION).at(2.0).position
     np.testing.assert_allclose(pin.exp3(goal), pin.exp3(np.array([0, 0, 0.5])) @ pin.exp3(start), atol=ROUNDING)
+
+
+def test_orientations_of_many_states_are_those_of_each():
+    reduced = free_flying_panda()
+    states = [q for q, _ in random_states(reduced, 4)]
+    hand = FrameOrientation("panda_hand").bind(reduced.robot)
+    kinematics = Kinematics(reduced.robot)
+    each = [hand.value(kinematics.position(q)) for q in states]
+    together = hand.value(kinematics.position(np.reshape(states, (2, 2, -1))))
+    np.testing.assert_allclose(together, np.reshape(each, (2, 2, 3)), atol=1e-12)

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from polynomials import in_axes, powers
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.planning import CarPath
-from rnc_pin.planning.driven_path import distances
+from rnc_pin.planning import (
+    CarPath,
+)
+from rnc_pin.planning.driven_path import continued_back, distances
 
 WHEELBASE, LIMIT = 1.3, 0.6
 MANOEUVRES = {
@@ -153,3 +156,132 @@ def test_distances_from_a_polyline():
     path = np.column_stack([np.linspace(0, 2, 5), np.zeros(5)])
     points = np.array([[0.3, 0.2], [-3.0, 4.0], [1.1, -0.5], [2.0, 0.0]])
     np.testing.assert_allclose(distances(points, path), [0.2, 5.0, 0.5, 0.0], atol=1e-15)
+
+
+def test_a_distance_from_a_path_that_is_straight():
+    path = CarPath((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), 4.0, 0.5)
+    points = np.array([[1.0, 0.3], [0.2, -0.1], [-1.0, 0.2], [1.5, 0.0]])
+    np.testing.assert_allclose(path.distance(points), [0.3, 0.1, 0.2, 0.0], atol=1e-9)
+
+
+def test_a_path_is_its_legs_driven_one_after_the_other():
+    via, goal, wheelbase, duration = (4.0, 1.0, 0.2), (1.0, -0.5, 0.3), 1.2, 7.0
+    path = CarPath((0.0, 0.0, 0.1), goal, duration, wheelbase, via=[via])
+    assert [leg.goal.tolist() for leg in path.legs] == [list(via), list(goal)]
+    first, second = path.legs
+    share = duration * first.length / (first.length + second.length)
+    driven = [leg.drive(time, wheelbase, 401) for leg, time in ((first, share), (second, duration - share))]
+    np.testing.assert_allclose(path.times, [*driven[0][0], *(share + driven[1][0])])
+    np.testing.assert_allclose(path.poses, np.concatenate([driven[0][1], driven[1][1]]), atol=1e-12)
+    signed = 0.0
+    for begin, (local, poses, speeds, steering) in zip((0.0, share), driven, strict=True):
+        for k in (57, 200, 341):
+            point, place = path.reference.at(begin + local[k]), path.position.at(begin + local[k])
+            steps = np.linalg.norm(np.diff(poses[: k + 1, :2], axis=0), axis=1)
+            assert point.position[0] == pytest.approx(signed + np.sign(speeds[k]) * steps.sum(), abs=1e-4)
+            np.testing.assert_allclose([point.velocity[0], point.position[1]], [speeds[k], steering[k]], atol=1e-7)
+            np.testing.assert_allclose(place.position, poses[k, :2], atol=1e-12)
+        signed += np.sign(speeds[200]) * np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum()
+    behind = np.array([[-d * np.cos(0.1), -d * np.sin(0.1)] for d in (1.0, 2.99, 3.25)])
+    np.testing.assert_allclose(path.distance(behind), [0.0, 0.0, 0.25], atol=1e-9)
+
+
+def test_a_path_may_steer_by_45_degrees_unless_told():
+    """Just wide enough for a turning radius of the wheelbase, and not for one that is larger by a tenth."""
+    s = np.linspace(0, 1, 201)
+    goal = np.array([4.0, 1.6, 0.0])
+    dx, quintic = in_axes(np.zeros(3), goal, 0.0)
+    tightest = np.abs(powers(s, 2) @ quintic / dx**2 / np.hypot(1, powers(s, 1) @ quintic / dx) ** 3).max()
+    for share, count in ((0.9, True), (1.6, False)):
+        wheelbase = share / tightest
+        legs = CarPath(np.zeros(3), goal, 3.0, wheelbase).legs
+        assert (len(legs) == 1) == count
+        told = CarPath(np.zeros(3), goal, 3.0, wheelbase, max_steering=np.pi / 4).legs
+        assert [leg.goal.tolist() for leg in told] == [leg.goal.tolist() for leg in legs]
+
+
+def test_the_stretch_behind_a_path_is_sampled_as_its_longest_step():
+    poses = np.array([[1.0, 2.0, 0.5], [1.1, 2.0, 0.5], [1.1, 2.3, 0.5], [1.3, 2.3, 0.5]])
+    back = np.array([1.0, 0.75, 0.5, 0.25])  # 1 m in steps of at most 0.3 m
+    expected = [1.0, 2.0] - back[:, None] * [np.cos(0.5), np.sin(0.5)]
+    np.testing.assert_allclose(continued_back(poses, 1.0), np.concatenate([expected, poses[:, :2]]))
+    assert len(continued_back(poses[:1], 1.7)) == 1002  # a thousandth of the stretch where there is no step
+
+
+def test_distances_are_those_of_all_segments():
+    """Segments of unequal lengths, points before, beside, between and after."""
+    turn = 3.0 * (np.arange(40) + np.random.default_rng(2).uniform(-0.2, 0.2, 40)) / 40
+    path = np.column_stack([3 * np.cos(turn), 2 * np.sin(turn)])
+    points = np.random.default_rng(3).uniform([-4, 0.0], [4, 3], (80, 2))
+    points = np.concatenate([points[np.hypot(points[:, 0] / 3, points[:, 1] / 2) > 0.8], path[[0, 9, -1]]])
+    expected = []
+    for point in points:
+        each = []
+        for a, b in pairwise(path):
+            share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            each.append(np.linalg.norm(point - a - share * (b - a)))
+        expected.append(min(each))
+    np.testing.assert_allclose(distances(points, path), expected, atol=1e-9)
+    stopped = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])  # a stop is twice in a path
+    np.testing.assert_allclose(distances(np.array([[1.0, 0.5], [2.0, -0.2]]), stopped), [0.5, 0.2])
+
+
+def test_a_path_goes_on_straight_behind_its_start():
+    heading = 2.0
+    along = np.array([np.cos(heading), np.sin(heading)])
+    poses = np.column_stack([np.outer(np.arange(5) * 0.2, along) + np.array([1.0, -1.0]), np.full(5, heading)])
+    whole = continued_back(poses, 1.0)
+    np.testing.assert_array_equal(whole[-5:], poses[:, :2])
+    np.testing.assert_allclose(whole[0], [1.0, -1.0] - along)
+    steps = np.linalg.norm(np.diff(whole, axis=0), axis=1)
+    assert steps[:-4].max() <= 0.2 * (1 + 1e-9)
+    assert steps.min() > 0.1
+    np.testing.assert_allclose((whole - whole[0]) @ [-along[1], along[0]], 0.0, atol=1e-12)
+    np.testing.assert_allclose(continued_back(poses[:1], 1.0)[[0, -1]], [[1.0, -1.0] - along, [1.0, -1.0]])
+    aside = np.array([-along[1], along[0]])
+    points = np.array([[1.0, -1.0] - 0.55 * along + 0.1 * aside, [1.0, -1.0] - 1.5 * along, [1.0, -1.0] + 1.1 * along])
+    np.testing.assert_allclose(distances(points, whole), [0.1, 0.5, 0.3], atol=1e-9)
+
+
+def test_a_path_of_several_legs_shares_its_time_by_their_lengths():
+    """It stops between them; distance, heading and place go on without a jump, whatever a heading is called."""
+    wheelbase, duration = 1.2, 9.0
+    via = [(4.0, 1.0, 0.2 + 2 * np.pi), (2.0, 0.2, 0.1)]
+    path = CarPath((0.0, 0.0, 0.0), (6.0, 0.0, -0.1), duration, wheelbase, via=via)
+    assert len(path.legs) == 3
+    lengths = [leg.length for leg in path.legs]
+    assert path.length == pytest.approx(sum(lengths))
+    ends = duration * np.cumsum(lengths) / path.length
+    signs = [1.0, -1.0, 1.0]
+    driven = np.cumsum(np.multiply(signs, lengths))
+    for end, leg, distance in zip(ends, path.legs, driven, strict=True):
+        point, place = path.reference.at(end), path.position.at(end)
+        np.testing.assert_allclose(point.position, [distance, 0.0], atol=1e-5)
+        np.testing.assert_allclose(point.velocity, 0.0, atol=1e-9)
+        np.testing.assert_allclose(place.position, leg.goal[:2], atol=1e-9)
+    assert path.times[0] == 0.0
+    assert path.times[-1] == pytest.approx(duration)
+    assert (np.diff(path.times) >= -1e-12).all()
+    np.testing.assert_allclose(path.poses[-1], [6.0, 0.0, -0.1], atol=1e-9)
+    assert np.abs(np.diff(path.poses[:, 2])).max() < 0.05
+    for k in (100, 700, 1100):
+        np.testing.assert_allclose(path.position.at(path.times[k]).position, path.poses[k, :2], atol=1e-9)
+        speed, steering = path.reference.at(path.times[k]).velocity[0], path.reference.at(path.times[k]).position[1]
+        turning = (path.poses[k + 1, 2] - path.poses[k - 1, 2]) / (path.times[k + 1] - path.times[k - 1])
+        assert turning == pytest.approx(speed * np.tan(steering) / wheelbase, abs=1e-3)
+        assert np.sign(speed) == signs[k // 401]
+
+
+@pytest.mark.parametrize(
+    ("start", "options", "words"),
+    [
+        ((0.0, 0.0), {}, r"start of a path: expected x, y and heading, found \[0.0, 0.0\]"),
+        ((0.0, 0.0, 0.0), {"duration": 0.0}, "found 0, 1 and 0.785398"),
+        ((0.0, 0.0, 0.0), {"wheelbase": 0.0}, "found 5, 0 and 0.785398"),
+        ((0.0, 0.0, 0.0), {"max_steering": np.pi / 2}, "found 5, 1 and 1.5708"),
+        ((0.0, 0.0, 0.0), {"max_steering": -0.1}, "found 5, 1 and -0.1"),
+    ],
+)
+def test_a_path_at_the_edge_of_what_makes_sense(start, options, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        CarPath(start, (4.0, 0.0, 0.0), **{"duration": 5.0, "wheelbase": 1.0, **options})

@@ -56,3 +56,33 @@ def test_the_truck_of_the_urdf_is_the_chain():
 def test_states_outside_the_chart_are_refused():
     with pytest.raises(rnc.InputError, match="outside the chained form"):
         FireTruckChart().to_chain(np.array([0.0, 0.0, 1.6, 0.0, 1.6, 0.0]))
+
+
+def test_the_inputs_of_a_truck_of_any_lengths_give_the_chain_its_rates():
+    chart, generator, h = FireTruckChart(1.4, 2.3), np.random.default_rng(1), 1e-6
+    assert FireTruckChart() == FireTruckChart(1.0, 1.0)
+    for _ in range(10):
+        x, y, theta1, phi1, hitch, phi2 = generator.uniform(-0.9, 0.9, 6)
+        state, v = np.array([x, y, theta1, phi1, theta1 + hitch, phi2]), generator.normal(size=3)
+        u, *steered = chart.to_inputs(state, v)
+        tractor = u * np.array([np.cos(theta1), np.sin(theta1), np.tan(phi1) / 1.4])
+        trailer = -u * np.sin(hitch + phi2) / (2.3 * np.cos(phi2))  # its axle slips not, and is steered by phi2
+        rate = np.array([*tractor, steered[0], trailer, steered[1]])
+        _, x0, x1, _, y0, _ = chart.to_chain(state)
+        expected = [v[0], v[1], x0 * v[0], x1 * v[0], v[2], y0 * v[0]]
+        found = (chart.to_chain(state + h * rate) - chart.to_chain(state - h * rate)) / (2 * h)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("moved", [(2, 4), (3,), (4,), (5,)])  # heading with hitch zero, steering, hitch, trailer's
+def test_each_angle_of_the_truck_stays_within_90_degrees(moved, sign):
+    for degrees in (89.0, 90.0, 91.0):
+        state = np.zeros(6)
+        state[list(moved)] = sign * np.deg2rad(degrees)
+        if degrees < 90:
+            np.testing.assert_allclose(FireTruckChart().from_chain(FireTruckChart().to_chain(state)), state, atol=1e-9)
+            continue
+        words = "^a heading, steering or hitch angle is not within 90 degrees: outside the chained form$"
+        with pytest.raises(rnc.InputError, match=words):
+            FireTruckChart().to_chain(state)

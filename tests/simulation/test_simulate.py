@@ -15,7 +15,14 @@ from rnc_pin.simulation import record as record_module
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Inputs
-from systems import ALL, mobile_manipulator, random_states, space_robot, space_robot_in_joints
+from systems import (
+    ALL,
+    four_bar,
+    mobile_manipulator,
+    random_states,
+    space_robot,
+    space_robot_in_joints,
+)
 from tolerances import REFERENCE_SIMULATION
 
 
@@ -315,3 +322,21 @@ def test_the_end_of_a_run_takes_bounded_memory(monkeypatch):
         if field.name != "info":
             values, whole = getattr(run, field.name), getattr(at_once, field.name)
             np.testing.assert_allclose(values, whole, rtol=1e-9, atol=1e-9 * np.abs(whole[:1]).max(initial=1.0))
+
+
+def test_a_roll_out_keeps_loops_closed():
+    """Steps so coarse that the integrator alone would leave the loop open by more than this."""
+    reduced = four_bar()
+    q0 = reduced.assembled(reduced.robot.configuration({"crank": 0.3, "coupler": 0.5, "rocker": 1.5}))
+    crank = reduced.outputs(q0)[1]
+
+    class Turn:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            return rnc.control.VelocityTarget(v2=np.array([4.0]), v2_dot=np.zeros(1)), None
+
+    _, path = rnc.kinematic_rollout(reduced, Turn(), q0, 1.2, 0.1)
+    assert abs(reduced.outputs(path[-1])[1] - crank) > 1.0
+    assert np.abs(reduced.position_residual(path)).max() < 1e-10

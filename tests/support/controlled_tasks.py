@@ -1,8 +1,10 @@
 """Tasks, references and controllers that several tests share."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 
 import rnc_pin as rnc
 from rnc_pin.control import (
@@ -12,6 +14,7 @@ from rnc_pin.control import (
     SteeringController,
     UncertainRedundancyController,
     UnknownMass,
+    VelocityGains,
 )
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning import CarPath, Harmonic, Hold, MinimumJerk
@@ -100,3 +103,38 @@ def truck_task(**changes):
 
 def chain_rate(x, u):
     return np.concatenate([[u[0], u[1]], x[1:-1] * u[0]])
+
+
+def learnt_over(elapsed, sigma, before, drive):
+    """Return the solution of ``ydot = -sigma y + drive`` after a time."""
+    fade = np.exp(-sigma * elapsed)
+    return before * fade + drive * ((1 - fade) / sigma if sigma else elapsed)
+
+
+def limited_sliders(*ends):
+    """A chain of sliding joints with these limits, as a system whose redundant columns are the identity's."""
+    model, bounds = pin.Model(), [np.array([1e3])] * 2
+    for index, (low, high) in enumerate(ends):
+        limits = [np.array([low]), np.array([high])]
+        joint = model.addJoint(model.njoints - 1, pin.JointModelPX(), pin.SE3.Identity(), f"j{index}", *bounds, *limits)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return SimpleNamespace(robot=rnc.Robot(model))
+
+
+ARM_START = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}
+
+
+def space_robot_task(duration=6.0, k3=2.0, k21=2.0):
+    reduced = space_robot()
+    q0 = reduced.robot.configuration(ARM_START)
+    _, x2 = reduced.outputs(q0)
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    kinematic = RedundancyController(
+        task, MinimumJerk(x2[:2], [1.15, 0.6], duration), MinimumJerk([0.0], [0.4], duration), k3, k21
+    )
+    return reduced, kinematic, q0
+
+
+def gains_along(reduced, kinematic, q0, duration, dt=0.002):
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration, 0.1)
+    return VelocityGains.scaled(reduced, region, dt)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from places import DATA
 from rnc_pin.analysis.linearization import Linearization
-from rnc_pin.model.rows import ConstantRows
+from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
 from systems import (
     rolling_base,
@@ -246,3 +246,52 @@ def linear(A, B):
     states, inputs = (tuple(f"{letter}{k}" for k in range(count)) for letter, count in zip("xu", B.shape, strict=True))
     zero = np.zeros(1)
     return Linearization(A, B, states, inputs, zero, zero, zero, 0.0, (), None, None)
+
+
+def two_wheeled_cart(base=None, left=(0.1, 0.3, 0.2), right=(0.1, -0.3, 0.2), off=(0.0, 0.0, 0.0)):
+    """Two wheels on a body; the left one's frame is off the axis of its joint by this much."""
+    model = pin.Model()
+    model.name = "cart"
+    body = model.addJoint(0, base or pin.JointModelPX(), pin.SE3.Identity(), "body")
+    model.appendBodyToJoint(body, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    for name, place, aside in (("left", left, off), ("right", right, (0.0, 0.0, 0.0))):
+        joint = model.addJoint(body, pin.JointModelRY(), pin.SE3(np.eye(3), np.array(place)), f"{name}_joint")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(aside)), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+def reduced_cart(robot, radii=(0.2, 0.25)):
+    wheels = [rnc.RollingWheel(wheel, radius) for wheel, radius in zip(("left", "right"), radii, strict=True)]
+    return rnc.NonholonomicSystem(robot, wheels).reduce()
+
+
+def differential_drive():
+    return rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+
+
+DRIVE = ("left_wheel", "right_wheel")
+
+
+class Turning(Rows):
+    """Rows (k, nv) of each configuration by a function; nobody asks for their rates."""
+
+    def __init__(self, names, function, mu=None, units=None):
+        self.names, self.units = tuple(names), units or ("m/s",) * len(names)
+        self.affine, self._function, self._mu = mu is not None, function, mu
+
+    def bind(self, robot):
+        return self
+
+    def jacobian(self, at):
+        flat = [self._function(q) for q in at.q.reshape(-1, at.q.shape[-1])]
+        return np.array(flat, dtype=float).reshape(*at.q.shape[:-1], len(self.names), at.q.shape[-1])
+
+    def jacobian_dot(self, at):
+        raise NotImplementedError
+
+    def bias_acceleration(self, at):
+        raise NotImplementedError
+
+    def rate(self, at):
+        return self._zeros(at) if self._mu is None else self._mu(at.q)

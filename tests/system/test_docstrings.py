@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 EXPORTS = {name: export for name in rnc.__all__ if callable(export := getattr(rnc, name))}
 METHODS = {
@@ -110,3 +112,8 @@ def test_what_is_missing_would_be_noticed():
         """
 
     assert documented(function) == {"a"}
+
+
+def test_cached_and_forwarded_properties_are_documented_on_their_classes():
+    assert ConfigurationEvaluation.R.__doc__.startswith("Null-space basis")
+    assert StateEvaluation.R.__doc__ == ConfigurationEvaluation.R.__doc__

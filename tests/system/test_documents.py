@@ -28,7 +28,7 @@ def test_example_fits_on_a_screen(example):
 
 @pytest.mark.parametrize(
     "example",
-    [path for path in EXAMPLES if path.name != "two_phases.py"],  # which test_two_phase runs
+    [path for path in EXAMPLES if path.name != "two_phases.py"],  # tests/control/test_split.py runs it
     ids=lambda path: path.name,
 )
 def test_example_runs(example, tmp_path, monkeypatch, capsys):

@@ -1,23 +1,52 @@
-"""Steering and the driven path beside plain rewritings: roots by bisection, curves by SciPy, sums written out."""
-
-from types import SimpleNamespace
+"""Chords of a driven path between places and on a fitted curve."""
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
-import rnc_pin as rnc
-from controlled_tasks import Cubic, task_at
-from rnc_pin.control import SteeringController
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.planning import Hold
-
-# ---------------------------------------------------------------------- the driven path
 
 
-def bend(d, dd):
+def bend(x):
+    """A polynomial of the path's degree: place, heading and curvature."""
+    y, slope, bent = 0.3 * x**2 - 0.2 * x**3 + 0.1 * x**5, 0.6 * x - 0.6 * x**2 + 0.5 * x**4, 0.6 - 1.2 * x + 2.0 * x**3
+    return y, np.arctan(slope), bent / (1 + slope**2) ** 1.5
+
+
+def test_a_fitted_path_is_the_polynomial_that_it_is_of():
+    """A chord from beside a bend ends on it, at its length; where places end before or after, nothing is fitted."""
+    x = np.linspace(-0.4, 0.4, 33)
+    y, heading, _ = bend(x)
+    driven = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
+    path, window = np.column_stack([x, y, heading, driven]), 0.15
+    older = 16  # at x = 0, along which the axes of the fit are then
+    near = PathPoint(0.0, 0.0, 0.0, 0.0)
+    end = (0.003, *bend(0.003)[:2])
+    px, py = 0.5, 0.3
+    L = float(np.hypot(px - end[0], py - end[1]))
+    found = chord_end_fitted(path, older, near, px, py, L, window)
+    np.testing.assert_allclose(found, [*end, bend(0.003)[2]], atol=1e-9)
+    assert chord_end_fitted(path, len(path) - 1, near, px, py, L, window) is near
+    assert chord_end_fitted(path, older, near, px, py, L, 0.01) is near
+    for last in range(8, len(path) - 1):  # of which no place is ahead
+        there = PathPoint(*path[last, :3], 0.0)
+        assert chord_end_fitted(path[: last + 1], last, there, px, py, L, window) is there
+
+
+def test_a_chord_across_the_path_is_left_to_the_caller():
+    """Its end would move along the path without coming nearer."""
+    across = chord_end_between([0.0, 0.0, 0.0, 0.0], (1.0, 0.0, 0.0), -1.0, 0.5, 0.2)
+    assert across == pytest.approx((0.0, 0.0, 0.0, 0.0))
+    x = np.linspace(-0.4, 0.4, 33)
+    path, near = np.column_stack([x, 0 * x, 0 * x, x + 0.4]), PathPoint(0.0, 0.0, 0.0, 0.0)
+    assert chord_end_fitted(path, 16, near, -1.0, 0.5, 0.2, 0.15) is near
+    # Or beyond what was fitted.
+    assert chord_end_fitted(path, 16, near, 1.0, 0.0, 0.2, 0.15) is near
+    assert chord_end_fitted(path, 16, near, 1.0, 0.0, 0.9, 0.15) == pytest.approx((0.1, 0.0, 0.0, 0.0))
+
+
+def curvature_of(d, dd):
     """Curvature of a plane curve by its derivatives."""
     return (d[0] * dd[1] - d[1] * dd[0]) / np.hypot(*d) ** 3
 
@@ -47,12 +76,12 @@ def test_the_end_of_a_chord_between_two_places_is_on_the_cubic_through_them():
         s = parameter_at(curve, np.array([px, py]), L)
         point = chord_end_between(begin, end, px, py, L)
         d, dd = curve(s, 1), curve(s, 2)
-        expected = [*curve(s), np.arctan2(d[1], d[0]), bend(d, dd)]
+        expected = [*curve(s), np.arctan2(d[1], d[0]), curvature_of(d, dd)]
         np.testing.assert_allclose(point, expected, rtol=1e-10, atol=1e-11)
         for length, place in ((0.5 * nearest, 1.0), (1.5 * farthest, 0.0)):  # beyond the places: the nearer one
             point, d, dd = chord_end_between(begin, end, px, py, length), curve(place, 1), curve(place, 2)
             np.testing.assert_allclose(
-                point, [*curve(place), np.arctan2(d[1], d[0]), bend(d, dd)], rtol=1e-11, atol=1e-12
+                point, [*curve(place), np.arctan2(d[1], d[0]), curvature_of(d, dd)], rtol=1e-11, atol=1e-12
             )
 
 
@@ -64,7 +93,7 @@ def test_a_chord_across_the_path_ends_where_the_path_begins(side):
     px, py = np.array(begin[:2]) + 0.7 * normal - side * along
     point = chord_end_between(begin, end, px, py, 1.0)
     curve = hermite(begin, end)
-    np.testing.assert_allclose(point, [0.5, -0.25, 0.3, bend(curve(0.0, 1), curve(0.0, 2))], atol=1e-12)
+    np.testing.assert_allclose(point, [0.5, -0.25, 0.3, curvature_of(curve(0.0, 1), curve(0.0, 2))], atol=1e-12)
 
 
 def driven(count, spacing, noise, seed, turn=0.8):
@@ -191,88 +220,3 @@ def test_a_fitted_path_is_left_alone_where_no_chord_ends_on_it():
         assert (found is near) == left
         if not left:
             assert np.hypot(kingpin[0] - found.x, kingpin[1] - found.y) == pytest.approx(L, rel=1e-12)
-
-
-# ---------------------------------------------------------------------- steering
-
-PLACES = ([3, 0, 5], [4, 1], [2, 0])
-ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
-
-
-def steering(gradient, **changes):
-    """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
-    reduced = SimpleNamespace(affine=False, kinematic_gradient=lambda q, of: gradient[..., of])
-    chosen = task_at(*PLACES)
-    first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
-    return SteeringController(reduced, chosen, first, base, **changes), first, base
-
-
-@pytest.mark.parametrize("max_rate", [1e9, 0.7])
-@pytest.mark.parametrize("monitored", [False, True])
-def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(max_rate, monitored):
-    """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``damping v22 = 0``."""
-    generator = np.random.default_rng(3)
-    k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
-    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "max_rate": max_rate}
-    aside = Hold([0.77])
-    for _ in range(5):
-        gradient = generator.uniform(-1, 1, (3, 6, 6))
-        law, first, base = steering(gradient, **gains, monitored=(np.array([1]), aside) if monitored else None)
-        x1, x2, v2 = generator.uniform(-1, 1, 3), generator.uniform(-1, 1, 6), generator.uniform(-1, 1, 6)
-        A, A_dot = generator.uniform(-1, 1, (2, 3, 6))
-        m = Measurement(q=np.zeros(2), v2=v2, x1=x1, x2=x2, v1=np.full(3, np.nan), A_star=A, A_star_dot=A_dot)
-        target, state = law.step(t, m)
-        assert state is None
-        primary, redundant, vertical = PLACES
-        x21d, x11d, v21 = first.at(t), base.at(t), v2[primary]
-        v21d_dot = x21d.acceleration + k21 * (x21d.velocity - v21)
-        N = np.array([[gradient[k][primary][:, s] @ v21 for s in redundant] for k in vertical])
-        A3, A3_dot = A[vertical][:, primary], A_dot[vertical][:, primary]
-        missing = x11d.velocity + k3 * (x11d.position - x1[vertical]) - A3 @ v21
-        wanted_dot = x11d.acceleration + k3 * (x11d.velocity - A3 @ v21)
-        at_rest = A3_dot @ v21 - N @ v2[redundant] + A3 @ v21d_dot
-        rows = np.vstack([N, damping * np.eye(2)])
-        v22 = np.linalg.lstsq(rows, np.concatenate([wanted_dot + k4 * missing - at_rest, np.zeros(2)]), rcond=None)[0]
-        np.testing.assert_allclose(target.v2[primary], x21d.velocity + k21 * (x21d.position - x2[primary]), rtol=1e-12)
-        np.testing.assert_allclose(target.v2[redundant], np.clip(v22, -max_rate, max_rate), rtol=1e-9)
-        np.testing.assert_allclose(target.v2_dot[primary], v21d_dot, rtol=1e-12)
-        assert target.v2_dot[[*redundant, 2]].tolist() == [0.0, 0.0, 0.0]
-        np.testing.assert_array_equal(target.x1[vertical], x11d.position)
-        np.testing.assert_array_equal(target.x1[1], 0.77 if monitored else np.nan)
-        np.testing.assert_array_equal(target.x2[primary], x21d.position)
-        assert np.isnan(target.x2[[1, 2, 4]]).all()
-
-
-def test_steering_takes_over_where_redundant_rates_move_nothing():
-    """A4 up to a billionth; what it is made of is said."""
-    law, first, base = steering(np.zeros((3, 6, 6)))
-    A = np.zeros((3, 6))
-    A[:, PLACES[0]] = 5.0
-    A[1] = 7.0  # a vertical output that the task does not name
-    for size, refused in ((1e-9, False), (1.0001e-9, True), (-1.0001e-9, True)):
-        A[0, 4] = size
-        if refused:
-            with pytest.raises(rnc.ConfigurationError) as caught:
-                law.initial_state(Measurement(A_star=A))
-            words = "rates of b_4, b_1 move c_2, c_0 directly (A4 is not zero): use the class-1 controller"
-            assert str(caught.value) == words
-        else:
-            assert law.initial_state(Measurement(A_star=A)) is None
-    gains = {"k3": 2.0, "k4": 10.0, "k21": 2.0, "damping": 0.1, "max_rate": 4.0}
-    assert law.describe() == {"type": "SteeringController", **gains}
-    reduced = SimpleNamespace(affine=False)
-    for places, counts in (
-        (([0], [1], [0, 1]), "1 and 2"),
-        (([0], [1, 2], [0]), "2 and 1"),
-        (([0], [], []), "0 and 0"),
-    ):
-        with pytest.raises(rnc.ConfigurationError) as caught:
-            SteeringController(reduced, task_at(*places), first, base)
-        words = f"steering needs as many redundant as vertical outputs, found {counts}"
-        assert str(caught.value) == words
-    with pytest.raises(rnc.ConfigurationError) as caught:
-        SteeringController(SimpleNamespace(affine=True), task_at(*PLACES), first, base)
-    assert str(caught.value) == "steering assumes A v = 0, and these constraints are affine (A v = mu)"
-    for one, other, words in ((base, base, "the primary .* 2 values for 3"), (first, first, "the vertical .* 3 .* 2 ")):
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            SteeringController(reduced, task_at(*PLACES), one, other)

@@ -1,4 +1,4 @@
-"""What holds of all classes of the core: descriptions cannot be changed, and what is left open is named."""
+"""Descriptions cannot be changed."""
 
 import importlib
 import inspect
@@ -8,13 +8,8 @@ from dataclasses import is_dataclass
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
-from rnc_pin.model.rows import OutputRows, Rows
-from rnc_pin.outputs.direction_angle import DirectionAngleRow
 
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
-PLACES = {"jacobian", "joint_placement", "with_velocity", "placement", "rotation"}
-MOTIONS = PLACES | {"acceleration", "joint_velocity", "rates", "velocity"}
 
 
 def classes():
@@ -35,18 +30,3 @@ def test_descriptions_cannot_be_changed():
     for kind in (rnc.FrameSpeed("base"), rnc.RollingWheel("wheel", 0.1), rnc.Caster("nose", 0.1)):
         with pytest.raises(AttributeError):
             kind.frame = "other"
-
-
-@pytest.mark.parametrize(
-    ("kind", "names"),
-    [
-        (Rows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
-        (OutputRows, {"bias_acceleration", "jacobian", "jacobian_dot"}),
-        (DirectionAngleRow, {"_check_defined", "_form", "_form_rate", "_second"}),
-        (PositionKinematics, PLACES),
-        (VelocityKinematics, MOTIONS),
-        (RateKinematics, MOTIONS | {"jacobian_dot"}),
-    ],
-)
-def test_what_a_kind_leaves_open_has_to_be_written(kind, names):
-    assert set(kind.__abstractmethods__) == names

@@ -1,0 +1,36 @@
+"""What feedback is made of: elapsed time, sizes, and outputs without a value."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control.deviation import fed_back
+from rnc_pin.control.protocol import check_size, elapsed_time
+from rnc_pin.planning import Hold
+
+
+def test_time_passes_from_sample_to_sample_and_may_stand_still():
+    assert elapsed_time(7.0, None) == 0.0
+    assert elapsed_time(7.0, 7.0) == 0.0
+    assert elapsed_time(7.25, 7.0) == 0.25
+    with pytest.raises(rnc.InputError) as caught:
+        elapsed_time(6.5, 7.0)
+    assert str(caught.value) == "time runs backwards: 6.5 s after 7 s"
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        check_size(Hold([1.0, 2.0]), 3, "tip's")
+    assert str(caught.value) == "the tip's reference has 2 values for 3 outputs"
+    check_size(Hold([1.0, 2.0]), 2, "tip's")
+
+
+def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
+    gains, error = np.array([2.0, 0.0, -3.0]), np.array([[0.5, np.nan, 2.0], [1.5, 4.0, -1.0]])
+    np.testing.assert_array_equal(fed_back(gains, error), [[1.0, 0.0, -6.0], [3.0, 0.0, 3.0]])
+    np.testing.assert_array_equal(fed_back(0.0, error), np.zeros((2, 3)))
+    assert fed_back(0.0, error).shape == (2, 3)
+    np.testing.assert_array_equal(fed_back(2.0, error[1]), [3.0, 8.0, -2.0])
+    np.testing.assert_array_equal(fed_back(gains, np.array([np.inf, np.nan, 1.0])), [np.inf, 0.0, -3.0])
+    for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
+        with pytest.raises(
+            rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
+        ):
+            fed_back(gain, error)

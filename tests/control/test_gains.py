@@ -1,0 +1,179 @@
+"""Gains that are scaled to an inertia, beside their closed forms."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from controlled_tasks import space_robot_task
+from rnc_pin.control import (
+    PositionGains,
+    VelocityGains,
+)
+from tolerances import ROUNDING
+
+
+def test_scaled_position_gains_are_those_of_the_closed_form():
+    """``omega^2 = kappa1 gamma^4 + kappa2 gamma^2 = gamma / dt``, and ``rate = 2 kappa2 gamma^3 / omega^2``."""
+    inertia, dt, gamma, rate = 7.0, 0.002, 8.0, 3.0
+    gains = PositionGains.scaled(np.array([[[inertia]]]), dt, gamma, rate)
+    kappa1, kappa2 = float(gains.k1[0]) / inertia, float(gains.k2[0]) / inertia
+    square = kappa1 * gamma**4 + kappa2 * gamma**2
+    assert square == pytest.approx(gamma / dt)
+    assert 2 * kappa2 * gamma**3 / square == pytest.approx(rate)
+    np.testing.assert_allclose(gains.beta, inertia)
+
+
+def test_gains_are_given_up_to_the_edge_of_their_windows():
+    """Numbers that are exact in binary: at the edge itself they still suit."""
+    one = np.array([[[1.0]]])
+    gains = PositionGains.scaled(one, 0.5, 8.0, 1.0)
+    assert (gains.k1.tolist(), gains.k2.tolist()) == ([15.0 / 8.0**4], [16.0 / 2.0 / 8.0**3])
+    with pytest.raises(rnc.InfeasibleError, match=r"allows oscillations of 4 rad/s, a decay rate of 1/s with gamma 8"):
+        PositionGains.scaled(one, 0.5 * (1 + 1e-9), 8.0, 1.0)
+    slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
+    assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
+    assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
+    assert VelocityGains.scaled(SimpleNamespace(inertia=lambda q: one), np.zeros(1), 0.1, 2.0, 2.0).k == [2.0]
+    region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
+    flat = PositionGains.scaled(region, 0.002)
+    grid = PositionGains.scaled(region[None], 0.002)
+    np.testing.assert_allclose(flat.beta, np.sqrt([0.7 * 3.0, 1.0 * 5.0]))
+    np.testing.assert_array_equal([flat.k1, flat.k2, flat.beta], [grid.k1, grid.k2, grid.beta])
+    for delay in (-1e-9, float("inf"), float("nan")):
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            PositionGains.scaled(one, 0.001, delay=delay)
+        assert str(caught.value) == f"delay of a loop has to be a time [s], not negative, found {delay}"
+    for bound in (0.0, -1.0, float("inf"), [1.0, float("nan")]):
+        with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive, found "):
+            PositionGains.normalised(bound)
+
+
+def test_paper_preset():
+    gains = VelocityGains.paper()
+    assert (gains.k, gains.beta, gains.sigma) == (10.0, 10.0, 0.1)
+
+
+def test_scaled_gains_keep_the_loop_inside_what_sampling_allows():
+    reduced, kinematic, q0 = space_robot_task()
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.1)
+    gains = VelocityGains.scaled(reduced, region, dt=0.002)
+    rates = np.linalg.eigvals(np.linalg.solve(reduced.inertia(region), np.diag(gains.k)[None])).real
+    assert rates.max() * 0.002 <= 0.2 + ROUNDING
+    assert rates.min() > 4.0
+
+
+def test_normalised_gains_need_a_bound_on_the_inertia_alone():
+    """Every rate of the loop is at least the bandwidth wherever the bound holds, whatever H is."""
+    reduced, kinematic, q0 = space_robot_task()
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.2)
+    H = reduced.inertia(region)
+    rows = np.abs(H).sum(axis=-1).max(axis=0)  # Gershgorin: diag(rows) - H is positive semidefinite
+    for bound in (np.linalg.eigvalsh(H).max(), rows):
+        gains = VelocityGains.normalised(bound, bandwidth=5.0, adaptation=2.0)
+        K = np.diag(np.broadcast_to(gains.k, reduced.r))
+        assert np.linalg.eigvals(np.linalg.solve(H, np.broadcast_to(K, H.shape))).real.min() > 5.0 - ROUNDING
+        np.testing.assert_allclose(gains.beta, 2.0 * gains.k)
+    for bound in (0.0, [1.0, -1.0], np.nan):
+        with pytest.raises(rnc.ConfigurationError, match="a bound on the inertia has to be positive"):
+            VelocityGains.normalised(bound)
+
+
+@pytest.mark.parametrize("lighter", [1.0, 3.0, 30.0, 1e4])
+def test_normalised_position_gains_fade_at_their_rate_from_the_bound_down(lighter):
+    gains, inertia = PositionGains.normalised(20.0, gamma=8.0, rate=3.0), 20.0 / lighter
+    k1, k2 = gains.k1 * gains.gamma**4, gains.k2 * gains.gamma**2
+    # H s^2 e = -k1 gamma^2 w - k2 gamma^2 e, w (s + 2 gamma) = gamma^2 s e
+    roots = np.roots([inertia, 2 * gains.gamma * inertia, k1 + k2, 2 * gains.gamma * k2])
+    assert roots.real.max() < -3.0
+    with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
+        PositionGains.normalised(20.0, gamma=6.0, rate=3.0)
+
+
+def test_an_empty_window_is_said_with_its_figures():
+    reduced, kinematic, q0 = space_robot_task()
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.1)
+    with pytest.raises(rnc.ConfigurationError, match=r"no velocity gains suit this region: .* need a bandwidth of"):
+        VelocityGains.scaled(reduced, region, dt=0.2)
+    with pytest.raises(rnc.ConfigurationError, match="outside the window"):
+        VelocityGains.scaled(reduced, region, dt=0.002, bandwidth=1e6)
+
+
+UNEVEN = np.array([[[1.0, 0.6], [0.6, 4.0]], [[4.0, 0.0], [0.0, 16.0]]])
+
+
+def test_gains_scaled_to_an_inertia_are_those_of_the_window():
+    reduced = SimpleNamespace(inertia=lambda q: UNEVEN[: len(q)])
+    region, D = np.zeros((2, 3)), np.array([2.0, 8.0])
+    for dt, delay, fastest in ((0.002, 0.0, 100.0), (0.002, 0.011, np.pi / 4 / 0.012), (0.01, 0.02, 20.0)):
+        gains = VelocityGains.scaled(reduced, region, dt, slowest=2.0, adaptation=3.0, sigma=0.3, delay=delay)
+        np.testing.assert_allclose(gains.k, 0.35 * fastest * D, rtol=1e-12)
+        np.testing.assert_allclose(gains.beta, 3.0 * gains.k, rtol=1e-12)
+        assert gains.sigma == 0.3
+    for bandwidth in (4.0 * (1 + 1e-12), 35.0 * (1 - 1e-12)):
+        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0).k == pytest.approx(bandwidth * D)
+    for bandwidth in (3.999, 35.001):
+        with pytest.raises(rnc.ConfigurationError, match="rad/s is outside the window 4 to 35"):
+            VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0)
+    one = VelocityGains.scaled(reduced, region, 0.002, outputs=np.array([1]))
+    assert one.k == pytest.approx([0.5 * 100.0 * 8.0])
+    alone = VelocityGains.scaled(SimpleNamespace(inertia=lambda q: UNEVEN[1:][: len(q)]), np.zeros(3), 0.002)
+    assert alone.k == pytest.approx([400.0, 1600.0])
+    words = r"at least 20/s need a bandwidth of 40 rad/s, sampling every 0.002 s with a delay of 0.5 s allows 0.549; "
+    with pytest.raises(rnc.InfeasibleError, match=words + r"sample faster .*\(eigenvalues 0.35 to 2\)"):
+        VelocityGains.scaled(reduced, region, 0.002, slowest=20.0, delay=0.5)
+    for delay in (-1e-9, np.inf, np.nan):
+        with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
+            VelocityGains.scaled(reduced, region, 0.002, delay=delay)
+
+
+def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
+    """``omega^2 = gamma / (dt + 2 delay)`` of the slowest motion, and the fade asked for, along a typical diagonal."""
+    D, gamma, rate = np.array([2.0, 8.0]), 8.0, 1.5
+    for dt, delay in ((0.001, 0.0), (0.001, 0.002)):
+        gains = PositionGains.scaled(UNEVEN, dt, gamma, rate, 0.2, delay)
+        square = gamma / (dt + 2 * delay) * 0.35
+        np.testing.assert_allclose(gains.k1 * gamma**4 + gains.k2 * gamma**2, square * D)
+        np.testing.assert_allclose(2 * gains.k2 * gamma**3, rate * square * D)
+        assert (gains.gamma, gains.sigma, gains.beta.tolist()) == (gamma, 0.2, D.tolist())
+    # The window: omega at least four times the rate of the quickest, ``sqrt(2)`` of a typical one.
+    edge = gamma * 0.35 / ((4 * rate) ** 2 * 2.0)
+    PositionGains.scaled(UNEVEN, edge * (1 - 1e-9), gamma, rate)
+    words = r"every 0.0389 s allows oscillations of 8.48 rad/s, a decay rate of 1.5/s with gamma 8 needs more"
+    with pytest.raises(rnc.InfeasibleError, match=words):
+        PositionGains.scaled(UNEVEN, round(edge + 1e-5, 4), gamma, rate)
+    one = np.array([[[1.0]]])
+    PositionGains.scaled(one, 1e-4, 1.0, 1.99)
+    with pytest.raises(rnc.InfeasibleError, match="gamma 1 needs more"):
+        PositionGains.scaled(one, 1e-4, 1.0, 2.0)
+
+
+def test_gains_of_a_bound_are_those_of_the_closed_form_and_describe_themselves():
+    bound = np.array([3.0, 0.5])
+    gains = VelocityGains.normalised(bound, sigma=0.4)
+    np.testing.assert_allclose(gains.k, 4.0 * bound)
+    np.testing.assert_allclose(gains.beta, 4.0 * bound)
+    assert gains.describe() == {"k": [12.0, 2.0], "beta": [12.0, 2.0], "sigma": 0.4}
+    position = PositionGains.normalised(bound, gamma=7.0, rate=2.0, sigma=0.4)
+    np.testing.assert_allclose(position.k1 * 7.0**4 + position.k2 * 7.0**2, 64.0 * bound)
+    np.testing.assert_allclose(2 * position.k2 * 7.0**3 / 64.0, 2.0 * bound)
+    np.testing.assert_allclose(position.beta, bound)
+    for rate in (0.0, -1.0, 3.5):
+        with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
+            PositionGains.normalised(bound, gamma=7.0, rate=rate)
+    plain = {"k1": 10.0, "k2": 10.0, "gamma": 2.0, "beta": 10.0, "sigma": 0.1}
+    assert PositionGains.paper().describe() == PositionGains().describe() == plain
+    assert PositionGains(dead_zone=0.02).describe() == {**plain, "dead_zone": 0.02}
+    assert VelocityGains(dead_zone=np.array([0.0, 0.1])).describe()["dead_zone"] == [0.0, 0.1]
+
+
+def test_gains_that_nobody_asked_otherwise_fade_at_three_behind_a_filter_of_eight():
+    """As ``PositionGains`` says of itself: omega^2 = gamma / dt, and the error at 2 kappa2 gamma^3 / omega^2 [1/s]."""
+    inertia, dt = np.diag([2.0, 0.5]), 0.01
+    gains = PositionGains.scaled(inertia, dt)
+    kappa1, kappa2 = gains.k1 / np.diag(inertia), gains.k2 / np.diag(inertia)
+    square = kappa1 * gains.gamma**4 + kappa2 * gains.gamma**2
+    np.testing.assert_allclose(square, 8.0 / dt)
+    np.testing.assert_allclose(2 * kappa2 * gains.gamma**3 / square, 3.0)
+    assert (gains.gamma, gains.sigma) == (8.0, 0.1)

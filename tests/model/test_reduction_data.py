@@ -1,0 +1,95 @@
+"""Data of a reduction at other velocities, and the lengths of its rows."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows, row_scales
+from rnc_pin.model.row_stack import OutputStack, RowStack
+from textbook_systems import Flat, Turning, sliders
+
+
+def test_rows_that_vanish_everywhere_have_no_length():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheel = rnc.RollingWheel("left_wheel", 0.1).bind(robot)
+    lengths = row_scales(
+        robot,
+        RowStack([wheel, rnc.Caster("nose", 0.1).bind(robot)]),
+        OutputStack([]),
+        np.array([robot.random_configuration(np.random.default_rng(k)) for k in range(5)]),
+    )
+    assert lengths[-1] == 0.0
+    # Forwards 1 m/s of the base, 0.2 m of its turning and 0.1 m of the wheel's; sideways the base alone.
+    assert (lengths[:2] >= 1.0).all()
+
+
+def test_a_row_is_naturally_as_long_as_in_the_median_or_where_most_are_zero_at_its_longest():
+    robot = sliders()
+    sizes = np.array([[3.0, 0.0, 0.0, 6e-12], [1.0, 0.0, 5.0, 0.0], [2.0, 0.0, 0.0, 8e-12], [7.0, 4.0, 6.0, 0.0]])
+
+    def rows(q):
+        size = sizes[int(q[0])]
+        return np.outer(size, [0.6, 0.0, -0.8])
+
+    outputs = OutputStack([VelocityRows(np.array([[0.0, 3.0, 4.0]]), ["v"], [""])])
+    q = np.zeros((4, 3))
+    q[:, 0] = range(4)
+    found = row_scales(robot, RowStack([Turning("abcd", rows)]), outputs, q)
+    # The longest of all is 7, so that what is below 7e-12 is zero: of row d one is left, so that it is its longest.
+    np.testing.assert_allclose(found, [2.5, 4.0, 2.5, 8e-12, 5.0])
+
+    def seldom(q):
+        if q[0] != 2:
+            raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=("a",))
+        return np.eye(3)[:1] * 3
+
+    found = row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q)
+    np.testing.assert_allclose(found, [3.0, 5.0])
+    np.testing.assert_array_equal(row_scales(robot, RowStack([Turning("a", seldom)]), outputs, q[:2]), [0.0, 0.0])
+
+
+def test_parts_are_put_together_once_and_again_in_other_velocities():
+    robot = sliders("XXXX", (2.0, 3.0, 5.0, 7.0))
+    rows = [Flat(np.arange(8.0).reshape(2, 4), "ab"), Flat([[1.0, 0, 0, -1.0]], "c")]
+    outputs = OutputStack([VelocityRows(np.eye(4)[[1, 3]], ["x", "y"], ["m/s", "rad/s"])])
+    vertical = OutputStack([rnc.JointPosition("c").bind(robot)])
+    lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
+    for limit, free, kept, quick in (
+        (1e8, False, [0, 2], 1e6),
+        (200.0, False, [0, 2], 4e4),
+        (1e8, True, [1, 2], 1e6),
+        (1e8, False, [0, 1, 2], 1e16),
+        (1e8, True, [0, 1, 2], 1e6),
+    ):
+        parts = ReductionData(
+            robot, RowStack(rows), kept, Actuation(["a"], robot), outputs, vertical, limit, lengths, free
+        )
+        assert (parts.n, parts.m, parts.r, parts.p) == (4, len(kept), 2, 1)
+        assert (parts.singularity_limit, parts.fast_limit) == (limit, pytest.approx(quick))
+        assert parts.fast_length == pytest.approx(((lengths[[*kept, 3, 4]]) ** 2).sum())
+        assert (parts.kept, parts.has_alternatives) == (tuple(kept), free or len(kept) < 3)
+        np.testing.assert_array_equal(parts.lengths, lengths[[*kept, 3, 4]])
+        np.testing.assert_array_equal(parts.constraint_scales, lengths[:3])
+        np.testing.assert_array_equal(parts.output_scales, lengths[3:])
+        whole = np.vstack([rows[0].matrix, rows[1].matrix])
+        np.testing.assert_array_equal(parts.template, np.vstack([whole[kept], np.eye(4)[[1, 3]]]))
+        assert parts.constraints.names == tuple("abc"[k] for k in kept)
+    parts = ReductionData(robot, RowStack(rows), [0, 2], Actuation(["a"], robot), outputs, vertical, 1e5, lengths)
+    W = np.array([[0.6, 0, 0.8, 0], [0, 1.0, 0, 0]])
+    for other, names, matrix, sizes, free in (
+        (parts.in_velocities(W), ("w[0]", "w[1]"), W, [1.0, 1.0], False),
+        (parts.in_velocities(W, ["u", "w"], free=True), ("u", "w"), W, [1.0, 1.0], True),
+        (parts.in_entries([2, 0]), ("c", "a"), np.eye(4)[[2, 0]], [1.0, 1.0], False),
+        (parts.in_entries((1, 3), free=True), ("b", "d"), np.eye(4)[[1, 3]], [1.0, 1.0], True),
+    ):
+        assert (other.reducing.names, other.free, other.kept) == (names, free, (0, 2))
+        assert other.reducing.quasi.tolist() == [True, True]
+        assert other.reducing.units == ("", "")
+        np.testing.assert_array_equal(other.template[2:], matrix)
+        np.testing.assert_array_equal(other.lengths, [5.0, 0.5, *sizes])
+        assert (other.kinematics, other.singularity_limit) == (parts.kinematics, 1e5)
+        assert (other.vertical, other.actuation, other.rows) == (vertical, parts.actuation, parts.rows)
+    other = parts.keeping([1, 2])
+    assert (other.kept, other.reducing, other.free) == ((1, 2), outputs, False)
+    np.testing.assert_array_equal(other.lengths, [7.0, 0.5, 2.0, 4.0])
