@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import TypeAlias
 
 from rnc_pin.errors import InputError
@@ -13,7 +14,7 @@ Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json
 
 
 def to_json(content: object, what: str) -> Json:
-    """Return a deep copy of JSON values, with mappings as dicts and sequences as lists.
+    """Return a deep copy of JSON values, with mappings and dataclasses as dicts and sequences as lists.
 
     Args:
         content: value to copy.
@@ -26,6 +27,8 @@ def to_json(content: object, what: str) -> Json:
         return content
     if isinstance(content, Mapping):
         return {str(key): to_json(value, f"{what}.{key}") for key, value in content.items()}
+    if is_dataclass(content) and not isinstance(content, type):
+        return {each.name: to_json(getattr(content, each.name), f"{what}.{each.name}") for each in fields(content)}
     if isinstance(content, list | tuple):
         return [to_json(value, f"{what}[{place}]") for place, value in enumerate(content)]
     raise InputError(f"{what}: is of type {type(content).__name__}, expected numbers, text, lists and mappings")

@@ -30,7 +30,7 @@ from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
-from rnc_pin.simulation.info_json import provenance_of, provenance_to_plain
+from rnc_pin.simulation.run_info import provenance_of
 
 _MAX_TIME_SCALINGS = 6  # one factor may not suffice, because feedback of the initial error is not slowed down
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
@@ -81,7 +81,7 @@ class Experiment:
     @property
     def notes(self) -> dict[str, Json]:
         """Provenance of the run, in the form of the record file."""
-        return provenance_to_plain(self.provenance)
+        return self.provenance.to_json()
 
 
 def build_experiment(scenario: Scenario, folder: Path) -> Experiment:

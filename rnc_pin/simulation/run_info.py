@@ -1,13 +1,38 @@
-"""Metadata of a run: names, units, origin and outcome. In a file they are JSON: see ``info_json``."""
+"""Metadata of a run: names, units, origin and outcome; and their JSON form, stored under ``meta`` in the file of a run.
+
+The keys of the JSON form are fixed, because other programs read the files too. None values are omitted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from rnc_pin.io.json import Json
+from rnc_pin.errors import ConfigurationError, printable
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.coordinates import Coordinates
+
+_Record = TypeVar("_Record")
+
+
+class _Strict:
+    """Annotation for pydantic: convert no value of another type, such as text to a number."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], Any]) -> Any:
+        return {**handler(source), "strict": True}
+
+
+if TYPE_CHECKING:
+    Content = Mapping[str, Json]
+else:
+    Content = Mapping  # pydantic resolves no recursive alias
+Flag = Annotated[bool, _Strict()]
+Whole = Annotated[int, _Strict()]
+Number = Annotated[float, _Strict()]
+Pose = tuple[Number, Number, Number]
+"""Position x, y [m] and heading [rad]."""
 
 
 class Outcome(StrEnum):
@@ -42,9 +67,9 @@ class Columns:
 
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    angular: tuple[bool, ...] = ()
-    rotations: tuple[int, ...] = ()
-    quasi: tuple[bool, ...] = ()
+    angular: tuple[Flag, ...] = ()
+    rotations: tuple[Whole, ...] = ()
+    quasi: tuple[Flag, ...] = ()
 
     @property
     def coordinates(self) -> Coordinates:
@@ -99,12 +124,12 @@ class PlannedPath:
     Attributes:
         frame: frame that drives the path.
         trailer: frame of the trailer that follows, if any.
-        poses: x, y and heading of each pose [m, m, rad].
+        poses: poses of the frame.
     """
 
     frame: str
-    trailer: str | None
-    poses: tuple[tuple[float, float, float], ...]
+    trailer: str | None = None
+    poses: tuple[Pose, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,15 +149,32 @@ class Provenance:
     """
 
     scenario: str | None = None
-    seed: int | None = None
-    config: Mapping[str, Json] | None = None
+    seed: Whole | None = None
+    config: Content | None = None
     folder: str | None = None
-    controller: Mapping[str, Json] | None = None
+    controller: Content | None = None
     task: TaskNames | None = None
     path: PlannedPath | None = None
     estimates: Mapping[str, str] = field(default_factory=dict)
     predicted: Mapping[str, str] = field(default_factory=dict)
-    more: Mapping[str, Json] = field(default_factory=dict)
+    more: Content = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the JSON form."""
+        known = {name: getattr(self, name) for name in _names(self) if name != "more"}
+        known |= {"estimates": self.estimates or None, "predicted": self.predicted or None}
+        known = {name: each for name, each in known.items() if each is not None}
+        return to_json_mapping({**known, **self.more}, "meta")
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Json]) -> Provenance:
+        """Read the JSON form of a provenance or of a whole run. Keys of the run itself, such as names, are ignored.
+
+        Raises:
+            ConfigurationError: a known key has a value of the wrong type.
+        """
+        known = {*_names(cls), *_names(RunInfo), *_names(_ColumnNames)} - {"more", "outputs", "provenance"}
+        return _read(cls, {**content, "more": {key: each for key, each in content.items() if key not in known}})
 
 
 @dataclass(frozen=True)
@@ -151,8 +193,108 @@ class RunInfo:
 
     outputs: OutputNames = OutputNames()
     goals: tuple[str, ...] = ()
-    dt: float | None = None
+    dt: Number | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     provenance: Provenance = Provenance()
     outcome: Outcome = Outcome.COMPLETED
     message: str | None = None
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the JSON form."""
+        outputs = self.outputs
+        columns: dict[str, dict[str, Any]] = {
+            part: {"x1": getattr(outputs.x1, part), "x2": getattr(outputs.x2, part)} for part in _names(Columns)
+        }
+        columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
+        columns["units"] |= {"T": outputs.T_units}
+        content = {
+            **columns,
+            "goals": self.goals,
+            **({} if self.dt is None else {"dt": self.dt}),
+            "versions": self.versions,
+            **self.provenance.to_json(),
+            "outcome": str(self.outcome),
+            **({} if self.message is None else {"message": self.message}),
+        }
+        return to_json_mapping(content, "meta")
+
+    @classmethod
+    def from_json(cls, content: Json) -> RunInfo:
+        """Read the JSON form.
+
+        Raises:
+            ConfigurationError: the names of the outputs are missing, or a value has the wrong type.
+        """
+        needed = ("names", "units", "angular")
+        if not isinstance(content, Mapping) or not all(isinstance(content.get(part), Mapping) for part in needed):
+            raise ConfigurationError("'meta' does not name the outputs")
+        columns = _read(_ColumnNames, content)
+        x1, x2 = (
+            Columns(**{part: getattr(columns, part).get(kind, ()) for part in _names(Columns)}) for kind in ("x1", "x2")
+        )
+        others = {array: columns.names.get(array, ()) for array in _OTHER_ARRAYS}
+        outputs = OutputNames(x1, x2, **others, T_units=columns.units.get("T", ()))
+        return _read(cls, {**content, "outputs": outputs, "provenance": Provenance.from_json(content)})
+
+
+@dataclass(frozen=True)
+class _ColumnNames:
+    """Names of the columns in their JSON form: the tuples of ``Columns`` by array."""
+
+    names: Mapping[str, tuple[str, ...]]
+    units: Mapping[str, tuple[str, ...]]
+    angular: Mapping[str, tuple[Flag, ...]]
+    rotations: Mapping[str, tuple[Whole, ...]] = field(default_factory=dict)
+    quasi: Mapping[str, tuple[Flag, ...]] = field(default_factory=dict)
+
+
+_OTHER_ARRAYS = ("T", "multipliers", "contact_forces", "v", "friction_used", "ground_poses", "normal_forces")
+
+
+def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:
+    """Return the origin of a run from the argument ``meta`` of a simulation; also from ``meta`` of another run.
+
+    Raises:
+        ConfigurationError: the argument or a value under a known key has the wrong type.
+        InputError: a value cannot be written as JSON.
+    """
+    if meta is None:
+        return Provenance()
+    if isinstance(meta, Provenance):
+        return meta
+    if not isinstance(meta, Mapping):
+        raise ConfigurationError(f"meta: expected a Provenance or a mapping, found {type(meta).__name__}")
+    return Provenance.from_json(to_json_mapping(meta, "meta"))
+
+
+def _names(record: Any) -> list[str]:
+    return [each.name for each in fields(record)]
+
+
+def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
+    """Read the fields of a record. Other keys and None values are ignored.
+
+    Raises:
+        ConfigurationError: names the key, the value and the expected type.
+    """
+    from pydantic import TypeAdapter, ValidationError  # simulations that read no file start without it
+
+    found = {name: content[name] for name in _names(kind) if content.get(name) is not None}
+    try:
+        return TypeAdapter(kind).validate_python(found)
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+    key = "".join(f"[{each}]" if isinstance(each, int) else f".{each}" for each in wrong["loc"]).removeprefix(".")
+    if wrong["type"] == "missing":
+        raise ConfigurationError(printable(f"'meta' has no '{key}'"))
+    value = repr(wrong["input"])
+    value = value if len(value) < 40 else value[:37] + "..."
+    problem = _EXPECTED.get(wrong["type"]) or wrong["msg"].replace("Input should be", "expected")
+    raise ConfigurationError(printable(f"'meta' has {value} as '{key}', {problem}"))
+
+
+_EXPECTED = {
+    "dict_type": "expected a mapping",
+    "dataclass_type": "expected a mapping",
+    "tuple_type": "expected a list",
+}

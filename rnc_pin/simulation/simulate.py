@@ -18,9 +18,9 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.reduced import integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress, complete_run
 from rnc_pin.simulation.former_arguments import accept_former_arguments
-from rnc_pin.simulation.info_json import provenance_of
 from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
 from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory

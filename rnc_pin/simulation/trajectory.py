@@ -19,7 +19,6 @@ from rnc_pin.io.json import Json, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
-from rnc_pin.simulation.info_json import info_from_plain, info_to_plain
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 
 _PLOTTERS = "rnc_pin.plotters"
@@ -111,7 +110,7 @@ class Trajectory(SummaryMixin):
     @property
     def meta(self) -> dict[str, Json]:
         """Copy of ``info`` as JSON content with fixed keys, as in the file."""
-        return info_to_plain(self.info)
+        return self.info.to_json()
 
     @property
     def outcome(self) -> Outcome:
@@ -221,7 +220,7 @@ def _array_names() -> list[str]:
 
 def _info(meta: Json) -> RunInfo:
     try:
-        return info_from_plain(meta)
+        return RunInfo.from_json(meta)
     except ConfigurationError as error:
         raise _Unfit(str(error)) from None
 

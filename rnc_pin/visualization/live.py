@@ -14,7 +14,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
-from rnc_pin.simulation.info_json import info_from_plain, provenance_of
+from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, live_state
@@ -138,5 +138,5 @@ def _info(drawn_model: DrawnModel, meta: RunInfo | Provenance | Mapping[str, Jso
     if isinstance(meta, RunInfo):
         return meta
     if isinstance(meta, Mapping) and "names" in meta:
-        return info_from_plain(meta)
+        return RunInfo.from_json(meta)
     return RunInfo(drawn_model.outputs, provenance=provenance_of(meta))

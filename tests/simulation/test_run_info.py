@@ -18,7 +18,7 @@ from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames, trajectory
-from rnc_pin.simulation.info_json import info_from_plain, info_to_plain, provenance_of, provenance_to_plain
+from rnc_pin.simulation.run_info import provenance_of
 from simple_controllers import Idle
 from systems import space_robot
 
@@ -55,7 +55,7 @@ def changed(run, **parts):
 
 @pytest.mark.parametrize("origin", [FULL, Provenance(), replace(FULL, path=None, seed=None)])
 def test_provenance_survives_being_plain(origin):
-    content = provenance_to_plain(origin)
+    content = origin.to_json()
     assert json.loads(json.dumps(content)) == content
     assert None not in content.values()
     assert provenance_of(content) == origin
@@ -112,24 +112,31 @@ def test_what_is_not_there_is_not_needed(run):
     needed = {key: run.meta[key] for key in ("names", "units", "angular")}
     outputs = run.info.outputs
     x1, x2 = (replace(columns, quasi=()) for columns in (outputs.x1, outputs.x2))
-    assert info_from_plain(needed) == RunInfo(replace(outputs, x1=x1, x2=x2))
-    assert info_to_plain(info_from_plain(run.meta)) == run.meta
+    assert RunInfo.from_json(needed) == RunInfo(replace(outputs, x1=x1, x2=x2))
+    assert RunInfo.from_json(run.meta).to_json() == run.meta
 
 
 REFUSED = {
     "a number for a mapping": ({"config": 3}, "'meta' has 3 as 'config', expected a mapping"),
-    "a text for a number": ({"seed": "3"}, "'meta' has '3' as 'seed', expected a whole number"),
-    "true for a number": ({"dt": True}, "'meta' has True as 'dt', expected a number"),
-    "an outcome nobody knows": ({"outcome": "won"}, "'meta' has 'won' as 'outcome', expected one of completed, "),
-    "numbers for names": ({"goals": [1]}, r"'meta' has \[1\] as 'goals', expected text"),
+    "a text for a number": ({"seed": "3"}, "'meta' has '3' as 'seed', expected a valid integer"),
+    "true for a number": ({"dt": True}, "'meta' has True as 'dt', expected a valid number"),
+    "an outcome nobody knows": (
+        {"outcome": "won"},
+        "'meta' has 'won' as 'outcome', expected 'completed', 'interrupted', ",
+    ),
+    "numbers for names": ({"goals": [1]}, r"'meta' has 1 as 'goals\[0\]', expected a valid string"),
     "a text for names": ({"task": {"primary": "tip"}}, "'meta' has 'tip' as 'task.primary', expected a list"),
-    "a path of nobody": ({"path": {"poses": []}}, "'meta' has None as 'path.frame', expected text"),
+    "a path of nobody": ({"path": {"poses": []}}, "'meta' has no 'path.frame'"),
     "poses without headings": (
         {"path": {"frame": "tip", "poses": [[0.0, 1.0]]}},
-        "as 'path.poses', expected poses of x, y and heading",
+        r"'meta' has no 'path.poses\[0\]\[2\]'",
     ),
+    "a key of two lines": ({"estimates": {"a\nb": 3}}, r"'meta' has 3 as 'estimates.a b', expected a valid string"),
     "no names": ({"names": []}, "'meta' does not name the outputs"),
-    "flags in words": ({"angular": {"x1": [], "x2": ["no"]}}, "as 'angular.x2', expected true or false"),
+    "flags in words": (
+        {"angular": {"x1": [], "x2": ["no"]}},
+        r"'no' as 'angular.x2\[0\]', expected a valid boolean",
+    ),
     "too few names": ({"names": {"x1": ["platform"], "x2": ["tip"]}}, "'meta' does not name the columns of 'x2'"),
 }
 
