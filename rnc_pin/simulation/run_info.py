@@ -76,6 +76,10 @@ class Columns:
         """Coordinate types of the outputs, such as angles and rotation vectors."""
         return Coordinates(self.angular, self.rotations)
 
+    def is_integral(self, column: int) -> bool:
+        """True if an output is the integral of a quasi-velocity."""
+        return bool(self.quasi) and self.quasi[column]
+
 
 @dataclass(frozen=True)
 class OutputNames:
@@ -107,6 +111,13 @@ class OutputNames:
     def of(self, kind: str) -> Columns:
         """Columns of "x1" or "x2"."""
         return {"x1": self.x1, "x2": self.x2}[kind]
+
+    def find(self, name: str) -> tuple[str, int] | None:
+        """Kind ("x1" or "x2") and column of an output; None if no output has this name."""
+        for kind in ("x2", "x1"):
+            if name in self.of(kind).names:
+                return kind, self.of(kind).names.index(name)
+        return None
 
 
 @dataclass(frozen=True)

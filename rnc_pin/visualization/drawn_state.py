@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory
@@ -32,49 +31,20 @@ class DrawnState(NamedTuple):
     """Configurations (nq,) of the compared runs."""
 
 
-class OutputColumns(NamedTuple):
-    """Names, units and coordinates of the outputs "x1" and "x2"."""
+def output_error(outputs: OutputNames, state: DrawnState, kind: str) -> np.ndarray:
+    """Desired minus actual values of the outputs "x1" or "x2" at a state."""
+    return outputs.of(kind).coordinates.difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
 
-    names: Mapping[str, Sequence[str]]
-    units: Mapping[str, Sequence[str]]
-    coordinates: Mapping[str, Coordinates]
-    quasi: Mapping[str, Sequence[bool]]
 
-    @classmethod
-    def of(cls, outputs: OutputNames) -> OutputColumns:
-        """Names from the outputs of a run, or from ``output_names(reduced)`` of a model."""
-        kinds = {kind: outputs.of(kind) for kind in ("x1", "x2")}
-        return cls(
-            {kind: columns.names for kind, columns in kinds.items()},
-            {kind: columns.units for kind, columns in kinds.items()},
-            {kind: columns.coordinates for kind, columns in kinds.items()},
-            {kind: columns.quasi for kind, columns in kinds.items()},
-        )
-
-    def is_integral(self, kind: str, column: int) -> bool:
-        """True if an output is the integral of a quasi-velocity."""
-        return bool(self.quasi[kind]) and self.quasi[kind][column]
-
-    def error(self, state: DrawnState, kind: str) -> np.ndarray:
-        """Desired minus actual values of the outputs "x1" or "x2" at a state."""
-        return self.coordinates[kind].difference(getattr(state, f"{kind}_desired"), getattr(state, kind))
-
-    def column(self, name: str) -> tuple[str, int] | None:
-        """Kind ("x1" or "x2") and index of an output; None if no output has this name."""
-        for kind in ("x2", "x1"):
-            if name in self.names[kind]:
-                return kind, list(self.names[kind]).index(name)
-        return None
-
-    def tracked(self, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
-        """Frames with position goals: for each axis (0, 1, 2), kind and index of the output."""
-        frames: dict[str, dict[int, tuple[str, int]]] = {}
-        for name in goals:
-            frame, _, axis = name.rpartition("_")
-            column = self.column(name)
-            if axis in ("x", "y", "z") and robot.model.existFrame(frame) and column is not None:
-                frames.setdefault(frame, {})["xyz".index(axis)] = column
-        return frames
+def tracked_frames(outputs: OutputNames, goals: Sequence[str], robot: Robot) -> dict[str, dict[int, tuple[str, int]]]:
+    """Frames with position goals: for each axis (0, 1, 2), kind and column of the output."""
+    frames: dict[str, dict[int, tuple[str, int]]] = {}
+    for name in goals:
+        frame, _, axis = name.rpartition("_")
+        found = outputs.find(name)
+        if axis in ("x", "y", "z") and robot.model.existFrame(frame) and found is not None:
+            frames.setdefault(frame, {})["xyz".index(axis)] = found
+    return frames
 
 
 def sample_configurations(robot: Robot, trajectory: Trajectory, rate: float = RATE) -> np.ndarray:

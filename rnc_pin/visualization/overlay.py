@@ -8,8 +8,8 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 
 from rnc_pin.planning.driven_path import continued_back, distances
-from rnc_pin.simulation import PlannedPath
-from rnc_pin.visualization.drawn_state import DrawnState, OutputColumns
+from rnc_pin.simulation import OutputNames, PlannedPath
+from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
 _MOST_ERRORS = 5
@@ -37,7 +37,7 @@ class Overlay:
     """Rows of the overlay.
 
     Args:
-        names: names of the outputs.
+        outputs: names of the outputs.
         goals: outputs that have goals.
         kinematics: kinematics of the robot.
         plan: planned path, if any.
@@ -46,7 +46,7 @@ class Overlay:
 
     def __init__(
         self,
-        names: OutputColumns,
+        outputs: OutputNames,
         goals: Sequence[str],
         kinematics: SceneKinematics,
         plan: PlannedPath | None,
@@ -55,21 +55,22 @@ class Overlay:
         errors: list[OverlayRow] = []
         told: set[tuple[str, int]] = set()
 
-        def tell(label: str, unit: str, columns: Sequence[tuple[str, int]]) -> None:
-            told.update(columns)
-            errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(names, columns)))
+        def tell(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
+            told.update(places)
+            errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(outputs, places)))
 
-        for frame, places in names.tracked(goals, kinematics.robot).items():
+        for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
             tell(frame, "m", list(places.values()))
         for name in goals:
-            column = names.column(name)
-            if column is None or column in told:
+            place = outputs.find(name)
+            if place is None or place in told:
                 continue
-            kind, k = column
-            if k in names.coordinates[kind].rotations:
+            kind, k = place
+            columns = outputs.of(kind)
+            if k in columns.rotations:
                 tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
-                tell(f"integral of {name}" if names.is_integral(kind, k) else name, names.units[kind][k], [column])
+                tell(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
         self.rows = [
             OverlayRow("time", "s", lambda state: state.time),
             *errors[:_MOST_ERRORS],
@@ -123,8 +124,8 @@ def _hex(color: np.ndarray) -> str:
     return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in color)
 
 
-def _size_of_error(names: OutputColumns, columns: Sequence[tuple[str, int]]) -> Callable[[DrawnState], float]:
+def _size_of_error(outputs: OutputNames, places: Sequence[tuple[str, int]]) -> Callable[[DrawnState], float]:
     def value(state: DrawnState) -> float:
-        return float(np.linalg.norm([names.error(state, kind)[k] for kind, k in columns]))
+        return float(np.linalg.norm([output_error(outputs, state, kind)[k] for kind, k in places]))
 
     return value

@@ -163,11 +163,10 @@ def _outputs_of(run: Trajectory) -> list[str]:
 
 
 def _find_output(run: Trajectory, name: str) -> tuple[str, Columns, int]:
-    for kind in ("x2", "x1"):
-        columns = run.info.outputs.of(kind)
-        if name in columns.names:
-            return kind, columns, columns.names.index(name)
-    raise KeyError(name)
+    place = run.info.outputs.find(name)
+    if place is None:
+        raise KeyError(name)
+    return place[0], run.info.outputs.of(place[0]), place[1]
 
 
 def _of(run: Trajectory, name: str) -> np.ndarray:
@@ -188,7 +187,7 @@ def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], o
 
 def _is_integral(run: Trajectory, name: str) -> bool:
     _, columns, column = _find_output(run, name)
-    return bool(columns.quasi) and columns.quasi[column]
+    return columns.is_integral(column)
 
 
 def _quantity(run: Trajectory, name: str) -> str:

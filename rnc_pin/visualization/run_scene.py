@@ -13,7 +13,7 @@ from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
 from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_state import DrawnState, OutputColumns
+from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.null_motion import NullMotion
@@ -74,7 +74,7 @@ class RunScene:
     def __init__(self, shown: ShownRun, view: View, scene: MeshcatScene, first: DrawnState) -> None:
         self.shown, self.view, self.scene = shown, view, scene
         self.robot, self.reduced = shown.drawn_model.robot, shown.drawn_model.reduced
-        self.names = OutputColumns.of(shown.info.outputs)
+        self.outputs = shown.info.outputs
         self.meshcat_robot = MeshcatRobot(self.robot, scene)
         self.kinematics = SceneKinematics(self.robot, self.reduced.constraints if self.reduced else None)
         run = shown.trajectory
@@ -85,9 +85,9 @@ class RunScene:
         self.ground = shown.drawn_model.ground_height(view)
         self._follower: Follower | None = None
         self._look(first, np.concatenate([self.kinematics.corners(q) for q in moments]))
-        self.tracked = self.names.tracked(shown.goals, self.robot)
+        self.tracked = tracked_frames(self.outputs, shown.goals, self.robot)
         self.elements = self._elements(first)
-        self.overlay = Overlay(self.names, shown.goals, self.kinematics, self._path, self.reduced is not None)
+        self.overlay = Overlay(self.outputs, shown.goals, self.kinematics, self._path, self.reduced is not None)
         for element in self.elements:
             element.build(scene)
         for entry in self.legend():
@@ -199,7 +199,7 @@ class RunScene:
     def _desired_attitude(self, frame: str) -> Callable[[DrawnState], np.ndarray]:
         """Axes (3, 3) of the goal: from the desired attitude, otherwise the desired heading, otherwise the identity."""
         for name, size in ((f"{frame}_orientation_x", 3), (f"{frame}_yaw", 1)):
-            column = self.names.column(name)
+            column = self.outputs.find(name)
             if name in self.shown.goals and column is not None:
                 return _attitude(*column, size)
         return _constant(np.eye(3))
@@ -274,7 +274,7 @@ class RunScene:
 
     def _null_motion(self, first: DrawnState) -> list[e.Element]:
         task = self.shown.info.provenance.task or TaskNames()
-        free = task.redundant or [name for name in self.names.names["x2"] if name not in self.shown.goals]
+        free = task.redundant or [name for name in self.outputs.x2.names if name not in self.shown.goals]
         if self.reduced is None or not free:
             return []
         entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)

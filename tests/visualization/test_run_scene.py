@@ -13,7 +13,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.scenario.run import execute, plan
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
-from rnc_pin.visualization.drawn_state import RATE, DrawnState, OutputColumns, recorded_states, sample_configurations
+from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations
 from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.keyframes import Keyframes
 from rnc_pin.visualization.null_motion import NullMotion
@@ -196,7 +196,7 @@ def test_null_motion_moves_one_output_and_no_other(name, output):
 def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
     reduced = systems.fire_truck()
     vertical = list(reduced.vertical.names)
-    names = OutputColumns.of(output_names(reduced))
+    names = output_names(reduced)
     goals = ["tractor_x", "tractor_y", "trailer_yaw"]
     overlay = Overlay(names, goals, SceneKinematics(reduced.robot), {}, margin=True)
     assert [each["label"] for each in overlay.labels()] == [
@@ -213,7 +213,7 @@ def test_the_board_names_errors_by_frame_and_compares_angles_as_angles():
 def test_the_board_tells_an_integral_from_a_speed():
     """The error of what a speed adds up to is in metres, and is no error of a speed."""
     reduced = systems.fire_truck()
-    names = OutputColumns.of(output_names(reduced))
+    names = output_names(reduced)
     (speed,) = (name for name in reduced.reducing.names if "speed" in name)
     labels = Overlay(names, [speed], SceneKinematics(reduced.robot), None, margin=False).labels()
     assert [(each["label"], each["unit"]) for each in labels[1:]] == [("error of integral of tractor speed x", "m")]
@@ -222,9 +222,7 @@ def test_the_board_tells_an_integral_from_a_speed():
 def test_the_board_measures_attitudes_on_the_sphere():
     robot = rnc.Robot.from_example("panda", base="free")
     attitude = Columns(tuple(f"panda_hand_orientation_{axis}" for axis in "xyz"), ("rad",) * 3, (False,) * 3, (0,))
-    overlay = Overlay(
-        OutputColumns.of(OutputNames(x2=attitude)), attitude.names, SceneKinematics(robot), None, margin=False
-    )
+    overlay = Overlay(OutputNames(x2=attitude), attitude.names, SceneKinematics(robot), None, margin=False)
     state = DrawnState(0.0, robot.configuration(), *np.zeros((6, 3)), 0.0)
     state = state._replace(x2=np.array([0.0, 0.0, 3.0]), x2_desired=np.array([0.0, 0.0, -3.0]), x1=np.empty(0))
     assert [each["label"] for each in overlay.labels()] == ["time", "error of panda hand orientation"]
