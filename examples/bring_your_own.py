@@ -27,7 +27,7 @@ print(f"{robot.name}: {reduced.n} degrees of freedom, growth vector {report.grow
 
 # One metre ahead while it turns by half a radian, and every joint moves a little.
 q0 = robot.configuration()
-_, start = reduced.outputs(q0)
+_, start = reduced.at(q0).outputs()
 goal = start + np.array([1.0, 0.5, *[0.3] * len(joints)])
 kinematic = ReducingOutputController(reduced, MinimumJerk(start, goal, duration=3.0))
 run = rnc.simulate(reduced, ComputedTorque(reduced, kinematic, k=20.0), q0, duration=4.0)

@@ -16,7 +16,7 @@ reduced = system.reduce(
 )
 
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-_, x2 = reduced.outputs(q0)
+_, x2 = reduced.at(q0).outputs()
 dt, tip, active = 0.002, np.array([0, 1]), ["joint_2", "joint_3"]
 gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], dt)
 tracker = PositionTracker(MinimumJerk(x2[tip], [1.15, 0.6], duration=4.0), gains, outputs=tip)

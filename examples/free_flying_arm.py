@@ -18,7 +18,7 @@ reduced = system.reduce(
 )
 
 q0 = robot.configuration(dict(zip(joints, [-1.95, -0.9, 1.25, -1.9, 0.25, 0.7, 0.2], strict=True)))
-x1, _ = reduced.outputs(q0)
+x1, _ = reduced.at(q0).outputs()
 
 # Seven joints for three coordinates of the hand and three of the attitude: one freedom is left.
 task = rnc.Task.of(reduced, primary=[], redundant=joints)

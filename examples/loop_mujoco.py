@@ -30,6 +30,6 @@ for step in range(round(5.0 / DT)):
     plant.advance(DT)
     slip = max(slip, np.abs(plant.slip()).max())
 
-x, y = reduced.outputs(plant.read()[0])[0]
+x, y = reduced.at(plant.read()[0]).outputs()[0]
 error = np.abs(loop.last.measurement.x2 - GOAL)
 print(f"at ({x:.3f}, {y:.3f}) m, off its goal by {error[0]:.4f} m and {error[1]:.4f} rad; slip up to {slip:.4f} m/s")

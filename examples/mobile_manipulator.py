@@ -21,7 +21,7 @@ task = rnc.Task.of(reduced, primary=["tip_x", "tip_y", "base_yaw"], redundant=["
 print("redundancy class:", rnc.analyze(reduced, task.primary_names, task.redundant_names).redundancy_class)
 
 q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-reach, x2 = reduced.outputs(q0)
+reach, x2 = reduced.at(q0).outputs()
 start = x2[task.primary]
 reference = TaskReference(MinimumJerk(start, start + np.array([2.0, 0.5, 0.4]), duration=4.0), Hold(reach))
 margins = rnc.preflight(reduced, task, reference, q0)

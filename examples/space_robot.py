@@ -17,7 +17,7 @@ reduced = system.reduce(
 )
 
 q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-x1, x2 = reduced.outputs(q0)
+x1, x2 = reduced.at(q0).outputs()
 
 # The tip and the platform have goals; nothing drives the platform: the first joint is spent on turning it.
 task = rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])

@@ -19,7 +19,7 @@ reduced = system.reduce(
 
 angles = [0.15, 0.7, -0.5, -1.2, 1.9, -1.0, 0.4, 0.0]
 q0 = robot.configuration(dict(zip(arm, angles, strict=True)))
-hand, _ = reduced.outputs(q0)
+hand, _ = reduced.at(q0).outputs()
 task = rnc.Task.of(reduced, primary=["base_link_speed_x", "base_link_yaw"], redundant=arm)
 base = ViaPoints([0, 1.5, 3], [[0.0, 0.0], [0.2, 0.25], [0.4, 0.0]])  # distance driven, heading
 line = MinimumJerk(hand, hand + np.array([0.4, 0.0, 0.0]), duration=3.0)

@@ -28,8 +28,8 @@ hand, platform = np.array([0, 1]), np.array([2, 3])  # their places in x2
 
 dt = 0.004  # sampling period [s]
 q0 = robot.configuration({"root_joint": (-1.6, 0.4, 0.2), "joint_1": 0.4, "joint_2": -1.4})
-_, x2 = reduced.outputs(q0)
-H = reduced.inertia(q0)[None]
+_, x2 = reduced.at(q0).outputs()
+H = reduced.at(q0).H[None]
 tracker = PositionTracker(MinimumJerk(x2[hand], [0.0, 0.0], 3.0), PositionGains.scaled(H[:, :2, :2], dt))
 stabilizer = UnicycleStabilizer(goal=(-1.3, 0.0, 0.0), position=np.array([0, 1]), begin=4.0, k=0.4, rate=1.0)
 drive = VelocityTracker(stabilizer, VelocityGains.scaled(reduced, q0[None], dt, outputs=platform))

@@ -16,7 +16,7 @@ reduced = system.reduce(
 )
 
 q0 = robot.configuration({"joint_2": 1.4, "joint_3": -1.6})
-_, x2 = reduced.outputs(q0)
+_, x2 = reduced.at(q0).outputs()
 task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
 tip = Harmonic(x2[:2], amplitude=[0.3, 0.1], frequency=[0.2, 0.13], ramp=3.0)
 platform = Harmonic([0.0], amplitude=[0.15], frequency=0.1, ramp=3.0)

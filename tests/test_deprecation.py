@@ -7,6 +7,7 @@ from pydantic import ValidationError
 import rnc_pin as rnc
 from rnc_pin.loop import LoopState
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.rows import Rows
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.loading import validate
@@ -26,6 +27,38 @@ def test_former_names_warn_and_work():
         np.testing.assert_array_equal(state.moving(np.zeros(4)).v, 0.0)
     with pytest.warns(DeprecationWarning, match="use 'in_reduction'"):
         np.testing.assert_array_equal(state.as_seen_by(reduced.reduction_data).v, state.v)
+
+
+def test_former_methods_of_a_reduced_model():
+    reduced = space_robot()
+    (q, v2), *_ = random_states(reduced, 1)
+    state, T = reduced.at(q, v2), np.ones(3)
+    former = {
+        "flow": ((q, v2, T), state.flow(T)),
+        "contact_forces": ((q, v2, T), state.contact_forces(T)),
+        "inertia": ((q,), state.H),
+        "input_matrix": ((q,), state.input_matrix),
+        "drive_jacobian": ((q,), state.J2 @ state.B),
+        "basis_rate": ((q, state.v), (state.R, state.R_dot)),
+        "kinematic_gradient": ((q, [1]), kinematic_gradient(reduced.at(q), [1])),
+        "log_determinant_gradient": ((q, [1]), log_determinant_gradient(reduced.at(q), [1])),
+        "measure": ((q, v2), state.measure()),
+        "measured": ((q, state.v), reduced.at(q, v=state.v).measure()),
+        "outputs": ((q,), state.outputs()),
+        "velocity": ((q, v2), state.v),
+        "constraint_residual": ((q, state.v), reduced.at(q, v=state.v).residual),
+        "condition": ((q,), state.condition),
+        "smallest_singular_value": ((q,), state.smallest_singular_value),
+        "stacked_rows": ((q,), state.E),
+        "position_residual": ((q,), reduced.assembly.residual(q)),
+    }
+    for name, (arguments, expected) in former.items():
+        with pytest.warns(DeprecationWarning, match=rf"ReducedModel\.{name}: renamed, use") as warned:
+            found = getattr(reduced, name)(*arguments)
+        assert warned[0].filename == __file__
+        for one, other in zip(found, expected, strict=True) if isinstance(expected, tuple) else [(found, expected)]:
+            if other is not None:
+                np.testing.assert_array_equal(one, other, err_msg=name)
 
 
 def test_former_options_of_a_loop():

@@ -50,7 +50,7 @@ def linear(speed: float) -> rnc.Linearization:
 def matrices() -> dict[str, np.ndarray]:
     """M, C1, K0 and K2 of ``M x'' + v C1 x' + (g K0 + v^2 K2) x = f``."""
     g, v = REFERENCE["parameters"]["g"], 5.0
-    M = bicycle().inertia(upright())[:2, :2]
+    M = bicycle().at(upright()).H[:2, :2]
     at_rest, moving = (-M @ linear(speed).A[2:] for speed in (0.0, v))
     return {
         "M": M,

@@ -86,7 +86,7 @@ def swimming(gait: str) -> rnc.Trajectory:
         wanted = np.append(0.0, shape(gait, t)[2])
         # The speed is not driven: it accelerates so that no force along it is asked for.
         force = reduced.inverse_dynamics(q, v2, wanted)
-        wanted[0] = -force[0] / reduced.inertia(q)[0, 0]
+        wanted[0] = -force[0] / reduced.at(q).H[0, 0]
         return reduced.inverse_dynamics(q, v2, wanted)[1:]
 
     start = np.append(0.0, shape(gait, 0.0)[1])

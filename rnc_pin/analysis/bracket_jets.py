@@ -135,9 +135,9 @@ class BracketJets:
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Generators (k, nv, r) and their derivatives (k, nv, r, nv); the last index is the direction."""
         k, n = len(points), self.reduced.n
-        R, rates = self.reduced.basis_rate(np.repeat(points, n, axis=0), np.tile(np.eye(n), (k, 1)))
-        gradient = np.moveaxis((rates @ self._scaling).reshape(k, n, n, -1), 1, -1)
-        return R[::n] @ self._scaling, gradient
+        states = self.reduced.at(np.repeat(points, n, axis=0), v=np.tile(np.eye(n), (k, 1)))
+        gradient = np.moveaxis((states.R_dot @ self._scaling).reshape(k, n, n, -1), 1, -1)
+        return states.R[::n] @ self._scaling, gradient
 
     def _of_pairs(self, fields: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Brackets (k, nv, pairs) of two generators."""

@@ -299,7 +299,7 @@ class _Search:
         along = reduced.at(np.tile(here.q, (n, 1)), v=np.eye(n))
         R, R_dot, M = along.R, along.R_dot, along.M
         H_q = R_dot.mT @ M @ R + R.mT @ M @ R_dot + R.mT @ (along.C + along.C.mT) @ R
-        H = reduced.inertia(here.q)
+        H = reduced.at(here.q).H
         scale = 1.0 / np.sqrt(np.diag(H))[:, None]
         force_q = scale * (H @ derivatives.v2_dot_q + (H_q @ here.v2_dot).T)
         force_x = np.hstack([force_q, scale * (H @ derivatives.v2_dot_v2[:, self._open])])

@@ -70,7 +70,7 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        return self._along(self._reduced.contact_forces(q, v2, T))
+        return self._along(self._reduced.at(q, v2).contact_forces(T))
 
     def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
         """Return the upward contact forces [N].

@@ -26,7 +26,7 @@ def lemma_1_residuals(
     speeds = np.linalg.norm(terms.v, axis=-1, keepdims=True)
     directions = terms.v / speeds
     far_behind, behind, ahead, far_ahead = (
-        reduced.inertia(_moved(reduced, configurations, k * step * directions)) for k in (-2, -1, 1, 2)
+        reduced.at(_moved(reduced, configurations, k * step * directions)).H for k in (-2, -1, 1, 2)
     )
     H_dot = (far_behind - 8 * behind + 8 * ahead - far_ahead) / (12 * step) * speeds[..., None]
     V = terms.V

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rnc_pin.io.json import Json
+from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
@@ -134,9 +135,10 @@ def classify(reduced: ReducedModel, task: Task, configurations: np.ndarray, seed
     if not len(task.redundant) or not names:
         reason = "no redundant output" if names else "no vertical output"
         return Redundancy(None, (), names, reason)
-    A = reduced.at(configurations).A_star[:, task.vertical]
+    here = reduced.at(configurations)
+    A = here.A_star[:, task.vertical]
     # Derivatives of A_star along the motion of each redundant output alone, (count, k, r, r2).
-    A_along = reduced.kinematic_gradient(configurations, task.redundant)[:, task.vertical]
+    A_along = kinematic_gradient(here, task.redundant)[:, task.vertical]
     zero = _ZERO * max(1.0, float(np.abs(A).max()))
     A3, A4 = A[..., task.primary], A[..., task.redundant]
     A3_along = A_along[:, :, task.primary]  # (count, k, r1, r2)

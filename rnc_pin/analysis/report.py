@@ -139,7 +139,7 @@ def analyze(
         assert failure is not None
         raise failure
     configurations = np.stack(regular)
-    conditions = np.asarray(reduced.condition(configurations))
+    conditions = np.asarray(reduced.at(configurations).condition)
     # Finite differences are inaccurate next to a singular configuration: decide on the better-conditioned half.
     good = configurations[conditions <= np.median(conditions)]
     rows = integrability(reduced, configurations[np.argsort(conditions)])
@@ -183,7 +183,7 @@ def _actuation(reduced: ReducedModel, configurations: np.ndarray) -> tuple[int, 
     """Smallest rank of ``R^T B``, and the unactuated reducing outputs at that sample."""
     if not reduced.p:
         return 0, reduced.reducing.names
-    left, values, _ = np.linalg.svd(reduced.input_matrix(configurations))
+    left, values, _ = np.linalg.svd(reduced.at(configurations).input_matrix)
     ranks = (values > _RANK * values[:, :1]).sum(axis=1)
     worst, rank = int(np.argmin(ranks)), int(ranks.min())
     missing = np.linalg.norm(left[worst][:, rank:], axis=1)

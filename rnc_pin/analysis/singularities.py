@@ -69,7 +69,7 @@ def task_singularities(
     def sign(q: np.ndarray) -> float:
         # det E det A4 is the determinant of E with the rows of x11 instead of x22. Unlike det A4 it has no pole
         # at singular E, so it changes its sign at zeros only.
-        return _sign(matrix(q)) * _sign(reduced.stacked_rows(q))
+        return _sign(matrix(q)) * _sign(reduced.at(q).E)
 
     square = len(rows) == len(task.redundant)
     return _search("A4", matrix, sign if square else lambda q: 1.0, tracked, reduced, configurations)

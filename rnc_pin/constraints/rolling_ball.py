@@ -37,7 +37,7 @@ class RollingBall:
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", radius=0.3)])
         >>> reduced = system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"])
         >>> q = robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]})
-        >>> reduced.velocity(q, [0.0, 2.0, 0.0])[[0, 4]].round(3)  # as it turns about y it goes along x
+        >>> reduced.at(q, [0.0, 2.0, 0.0]).v[[0, 4]].round(3)  # as it turns about y it goes along x
         array([0.6, 2. ])
     """
 

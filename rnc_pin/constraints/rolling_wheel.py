@@ -67,7 +67,7 @@ class RollingWheel:
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", radius=0.3, axis="y")])
         >>> reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in "xyz"])
         >>> q = reduced.assembled(robot.configuration())  # puts it on the ground
-        >>> reduced.velocity(q, [0.0, 2.0, 0.0])[[0, 4]].round(3)
+        >>> reduced.at(q, [0.0, 2.0, 0.0]).v[[0, 4]].round(3)
         array([0.6, 2. ])
     """
 

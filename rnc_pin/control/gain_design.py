@@ -150,7 +150,7 @@ class VelocityGains:
             ConfigurationError: ``bandwidth`` is outside the window, or the delay is negative.
         """
         _check_delay(delay)
-        H = reduced.inertia(np.atleast_2d(configurations))
+        H = reduced.at(np.atleast_2d(configurations)).H
         diagonal, eigenvalues = _normalise_inertia(H if outputs is None else H[:, outputs][:, :, outputs])
         max_rate = min(MAX_RATE_TIMES_PERIOD / dt, MAX_RATE_TIMES_DELAY / (delay + dt / 2))
         low, high = slowest * float(eigenvalues.max()), max_rate * float(eigenvalues.min())

@@ -34,9 +34,10 @@ def effective_inertia(reduced: ReducedModel, q: np.ndarray, outputs: np.ndarray,
     """
     outputs = np.asarray(outputs, dtype=int)
     on = _places(reduced, active, outputs)
-    drive = reduced.drive_jacobian(q)[..., outputs, :][..., on]
-    forces = reduced.input_matrix(q)[..., on] @ drive.mT
-    response = np.linalg.solve(reduced.inertia(q), forces)[..., outputs, :]
+    here = reduced.at(q)
+    drive = (here.J2 @ here.B)[..., outputs, :][..., on]
+    forces = here.input_matrix[..., on] @ drive.mT
+    response = np.linalg.solve(here.H, forces)[..., outputs, :]
     return np.linalg.inv(response)
 
 
@@ -78,7 +79,8 @@ class JacobianTransposeController(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
         command, state = self.tracker.step(t, measurement, state)
         assert command.F is not None
-        drive = self._reduced.drive_jacobian(measurement.q)[..., self.tracker.outputs, :][..., self._active]
+        here = self._reduced.at(measurement.q)
+        drive = (here.J2 @ here.B)[..., self.tracker.outputs, :][..., self._active]
         T = np.zeros((*command.F.shape[:-1], self._reduced.p))
         T[..., self._active] = apply_transposed(drive, command.F)
         return command._replace(F=None, T=T), state

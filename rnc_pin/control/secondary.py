@@ -19,6 +19,7 @@ from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
@@ -142,8 +143,8 @@ class JointLimits(ReprMixin):
         over = np.maximum(q - self._begin_high, 0.0) / self._zone
         under = np.maximum(self._begin_low - q, 0.0) / self._zone
         gradient, hessian = (over**2 - under**2) / self._zone, 2.0 * (over + under) / self._zone**2
-        R, R_dot = self._reduced.basis_rate(measurement.q, measurement.v)
-        J, J_dot = (each[..., self._v, :][..., self._redundant] for each in (R, R_dot))
+        state = self._reduced.at(measurement.q, v=measurement.v)
+        J, J_dot = (each[..., self._v, :][..., self._redundant] for each in (state.R, state.R_dot))
         z_dot = apply_transposed(J_dot, gradient) + apply_transposed(J, hessian * v)
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
 
@@ -179,9 +180,9 @@ class SingularityDistance(ReprMixin):
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """Return dw/dx22 (..., r2) at configurations (..., nq)."""
-        reduced, task = self._reduced, self._task
-        A4 = reduced.at(q).A_star[..., task.vertical, :][..., task.redundant]
-        along = reduced.kinematic_gradient(q, task.redundant)[..., task.vertical, :, :][..., task.redundant, :]
+        here, task = self._reduced.at(q), self._task
+        A4 = here.A_star[..., task.vertical, :][..., task.redundant]
+        along = kinematic_gradient(here, task.redundant)[..., task.vertical, :, :][..., task.redundant, :]
         try:
             weights = np.linalg.solve(A4 @ A4.mT, A4)
         except np.linalg.LinAlgError:
@@ -191,7 +192,7 @@ class SingularityDistance(ReprMixin):
                 condition=np.inf,
                 rows=(*task.vertical_names, *task.redundant_names),
             ) from None
-        return reduced.log_determinant_gradient(q, task.redundant) + np.einsum("...kr,...krs->...s", weights, along)
+        return log_determinant_gradient(here, task.redundant) + np.einsum("...kr,...krs->...s", weights, along)
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         q, v = measurement.q, measurement.v

@@ -204,7 +204,7 @@ def _drawbar(reduced: ReducedModel, output: int, tractor: str, kingpin: str, axl
     for q in (robot.configuration(), *(robot.random_configuration(generator, spread=0.5) for _ in range(2))):
         pin.framesForwardKinematics(robot.model, data, q)
         front, rear = (data.oMf[frame].translation[:2].copy() for frame in frames[1:])
-        yaw = reduced.outputs(q)[0][output] - atan2(*(front - rear)[::-1])
+        yaw = reduced.at(q).outputs()[0][output] - atan2(*(front - rear)[::-1])
         on_tractor = data.oMf[frames[0]].actInv(data.oMf[frames[1]]).translation
         found.append((hypot(*(front - rear)), wrapped(yaw), *on_tractor))
     (length, offset, *place), change = found[0], np.ptp(found, axis=0)

@@ -11,6 +11,7 @@ from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
@@ -120,7 +121,8 @@ class SteeringController(ReprMixin):
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3 = m.A_star[..., task.vertical, :][..., task.primary]
         A3_dot = m.A_star_dot[..., task.vertical, :][..., task.primary]
-        gradient = self._reduced.kinematic_gradient(m.q, task.redundant)[..., task.vertical, :, :][..., task.primary, :]
+        gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
+        gradient = gradient[..., task.vertical, :, :][..., task.primary, :]
         N = np.einsum("...kis,...i->...ks", gradient, v21)
         rate = apply(A3, v21)
         seen = deviation(task.vertical_coordinates, x11d, m.x1[..., task.vertical], rate)

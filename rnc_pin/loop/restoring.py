@@ -35,7 +35,7 @@ def restore(
     made: list[Controller] = []
 
     def initial_state(q: Array) -> State:
-        measurement = reduced.measured(q, np.zeros(reduced.n), np.zeros(reduced.r))
+        measurement = reduced.at(q, v=np.zeros(reduced.n)).measure(np.zeros(reduced.r))
         made[:] = [make(measurement)]
         return made[0].initial_state(measurement)
 

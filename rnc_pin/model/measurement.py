@@ -22,7 +22,7 @@ class Measurement(NamedTuple):
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
         >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
-        >>> measurement = reduced.measured(robot.configuration(), v=[0.5, 0.01, 0.1], integrals=np.zeros(2))
+        >>> measurement = reduced.at(robot.configuration(), v=[0.5, 0.01, 0.1]).measure(np.zeros(2))
         >>> measurement.v2, measurement.residual  # the sleigh slips sideways
         (array([0.5, 0.1]), array([0.01]))
     """

@@ -1,12 +1,12 @@
 """Reduced model ``F = H v2dot + V v2 + G`` of any system. Paper (2)-(3), (6)-(7).
 
 The formulas are in ``configuration_evaluation`` and ``state_evaluation``. ``ReducedModel.at`` returns an evaluation
-with all quantities; the other methods return single quantities.
+with all quantities; other methods forward the most common ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import overload
 
 import numpy as np
@@ -19,18 +19,18 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.admission import Admission, ArrayInput, spread, vector
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.former_methods import FormerMethods
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system_summary import output_items, system_headline, system_lines
-from rnc_pin.model.terms import LagrangianTerms, ReducedTerms, StateDerivative
+from rnc_pin.model.terms import LagrangianTerms, ReducedTerms
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
 
-class ReducedModel(SummaryMixin):
+class ReducedModel(FormerMethods, SummaryMixin):
     """Nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     ``NonholonomicSystem.reduce`` returns one. All methods take leading batch axes: q (..., nq), v2 (..., r).
@@ -186,10 +186,6 @@ class ReducedModel(SummaryMixin):
         """Reduced forces ``F = H v2_dot + V v2 + G``."""
         return self.at(q, v2).inverse_dynamics(v2_dot)
 
-    def flow(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, damping: Array | None = None) -> StateDerivative:
-        """Full velocity, reduced acceleration and power under inputs T; ``damping`` (nv,) are viscous coefficients."""
-        return self.at(q, v2).flow(T, damping)
-
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
 
@@ -201,10 +197,6 @@ class ReducedModel(SummaryMixin):
     def multipliers(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch m"]:
         """Constraint multipliers lambda of ``B T = H* vdot + C* v + g* + A^T lambda``; see ``StateEvaluation``."""
         return self.at(q, v2).multipliers(T)
-
-    def contact_forces(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch k"]:
-        """Multipliers (..., k) of all constraint rows under inputs T; those of least norm if they are not unique."""
-        return self.at(q, v2).contact_forces(T)
 
     def energy(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch"] | float:
         """Kinetic plus potential energy [J]."""
@@ -221,103 +213,7 @@ class ReducedModel(SummaryMixin):
         state = self.at(q, v2)
         return LagrangianTerms(H=state.M, C=state.C, g=state.g, B=state.B)
 
-    def inertia(self, q: ArrayInput) -> Float[Array, "*batch r r"]:
-        """Reduced inertia matrix H."""
-        return self.at(q).H
-
-    def input_matrix(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
-        """``R^T B``: reduced force for unit actuator inputs."""
-        return self.at(q).input_matrix
-
-    def drive_jacobian(self, q: ArrayInput) -> Float[Array, "*batch r p"]:
-        """Matrix ``J2 B``: rates of the reducing outputs for each column of B as a velocity, without constraints."""
-        state = self.at(q)
-        return state.J2 @ state.B
-
-    def basis_rate(self, q: ArrayInput, along: ArrayInput) -> tuple[Array, Array]:
-        """Null-space basis R and its derivatives (..., nv, r) along tangent vectors (..., nv)."""
-        state = self.at(q, v=along)
-        return state.R, state.R_dot
-
-    def kinematic_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch k r s"]:
-        """Derivatives of ``A_star`` with respect to single reducing outputs, along their motions at unit rate.
-
-        Args:
-            q: configurations (..., nq).
-            along: indices in x2, (s,).
-        """
-        return np.moveaxis(self._alone(q, along, lambda state: state.A_star_dot), 0, -1)
-
-    def log_determinant_gradient(self, q: ArrayInput, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
-        """Derivatives ``tr(E^-1 Edot)`` of ``log |det E|`` along the motions of single reducing outputs.
-
-        Args:
-            q: configurations (..., nq).
-            along: indices in x2, (s,).
-        """
-        traces = self._alone(q, along, lambda state: np.einsum("...ij,...ji->...", state.E_inverse, state.E_dot))
-        return np.moveaxis(traces, 0, -1)
-
-    def _alone(self, q: ArrayInput, along: Sequence[int] | Array, what: Callable[[StateEvaluation], Array]) -> Array:
-        """Quantity (s, ...) at the states in which one reducing output moves at unit rate and the others rest."""
-        here = self.at(q)
-        each = [what(StateEvaluation(here, v=here.R[..., j])) for j in along]
-        return np.stack(each) if each else np.zeros((0, *what(StateEvaluation(here, v=here.R[..., 0])).shape))
-
-    # ------------------------------------------------------------------ measurements
-
-    def measure(self, q: ArrayInput, v2: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
-        """Measurement for controllers at a state of this model: outputs, rates and kinematics, without inertia.
-
-        Args:
-            q: configurations (..., nq).
-            v2: reduced velocities (..., r).
-            integrals: integrals of v2 over time (..., r), used as values of quasi-velocity outputs. Without them, these
-                values are NaN, and a controller that needs one raises an error.
-        """
-        return self.at(q, v2).measure(integrals)
-
-    def measured(self, q: ArrayInput, v: ArrayInput, integrals: ArrayInput | None = None) -> Measurement:
-        """Measurement for controllers at a state from sensors: v is not projected onto the constraints.
-
-        Args:
-            q: configurations (..., nq).
-            v: full velocities (..., nv). They need not satisfy the constraints: ``residual`` is their slip.
-            integrals: integrals of v2 over time (..., r), as in ``measure``.
-        """
-        return self.at(q, v=v).measure(integrals)
-
-    def outputs(self, q: ArrayInput, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r) of the outputs; quasi-velocities take the integrals, zero by default."""
-        return self.at(q).outputs(integrals)
-
-    def velocity(self, q: ArrayInput, v2: ArrayInput) -> Float[Array, "*batch nv"]:
-        """Full velocity ``v = R v2 + b``."""
-        return self.at(q, v2).v
-
-    def constraint_residual(self, q: ArrayInput, v: ArrayInput) -> Float[Array, "*batch m"]:
-        """Constraint residual ``A v - mu`` of full velocities (..., nv)."""
-        return self.at(q, v=v).residual
-
-    # ------------------------------------------------------------------ regularity
-
-    def condition(self, q: ArrayInput) -> Array | float:
-        """Condition number (...) of E with scaled rows; large if x2 hardly parametrises the motion at q."""
-        return self.at(q).condition
-
-    def smallest_singular_value(self, q: ArrayInput) -> Array | float:
-        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
-        return self.at(q).smallest_singular_value
-
-    def stacked_rows(self, q: ArrayInput) -> Float[Array, "*batch nv nv"]:
-        """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
-        return self.at(q).E
-
     # ------------------------------------------------------------------ assembled configurations
-
-    def position_residual(self, q: ArrayInput) -> Float[Array, "*batch h"]:
-        """Residual (..., h) of the holonomic rows ``assembly.names`` at configurations (..., nq) [m or rad]."""
-        return self.assembly.residual(self._admission.configuration(q))
 
     def assembled(self, q: ArrayInput, hold: Sequence[str] = ()) -> Float[Array, " nq"]:
         """Return a configuration near q that satisfies the holonomic rows: loops closed, wheels on the ground.

@@ -34,7 +34,7 @@ class Output:
         >>> row = np.array([[1.0, 1.0, 1.0, 1.0]])
         >>> hand = rnc.Output(lambda q: row @ q, lambda q: row, lambda q, v: 0 * row, ["hand_angle"], angular=True)
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-        >>> x1, _ = system.reduce(vertical=[hand]).outputs(robot.configuration({"joint_1": 0.3, "joint_3": 0.4}))
+        >>> x1, _ = system.reduce(vertical=[hand]).at(robot.configuration({"joint_1": 0.3, "joint_3": 0.4})).outputs()
         >>> x1.round(3)
         array([0.7])
     """

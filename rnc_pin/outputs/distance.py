@@ -28,7 +28,7 @@ class Distance:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
         >>> reduced = system.reduce(vertical=[rnc.Distance("platform_body", "tip")])
-        >>> x1, _ = reduced.outputs(robot.configuration())  # the arm is straight
+        >>> x1, _ = reduced.at(robot.configuration()).outputs()  # the arm is straight
         >>> x1.round(3)
         array([3.])
     """

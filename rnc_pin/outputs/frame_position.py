@@ -25,7 +25,7 @@ class FramePosition:
         >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
         >>> reduced = system.reduce(vertical=[rnc.FramePosition("tip", "xy")])
-        >>> x1, _ = reduced.outputs(robot.configuration({"root_joint": [1.0, 2.0, 0.0], "joint_2": np.pi / 2}))
+        >>> x1, _ = reduced.at(robot.configuration({"root_joint": [1.0, 2.0, 0.0], "joint_2": np.pi / 2})).outputs()
         >>> x1.round(3)
         array([2., 3.])
     """

@@ -32,7 +32,7 @@ class FrameTilt:
         >>> system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.3, axis="y")])
         >>> reduced = system.reduce(vertical=[rnc.FrameTilt("disk", "y")])
         >>> lean = robot.configuration({"root_joint": [0, 0, 0.3, np.sin(0.1), 0, 0, np.cos(0.1)]})  # by 0.2 rad
-        >>> reduced.outputs(lean)[0].round(3)
+        >>> reduced.at(lean).outputs()[0].round(3)
         array([0.2])
     """
 

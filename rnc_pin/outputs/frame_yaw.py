@@ -30,7 +30,7 @@ class FrameYaw:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
         >>> reduced = system.reduce(vertical=[rnc.FrameYaw("sleigh")])
-        >>> x1, _ = reduced.outputs(robot.configuration({"root_joint": [0.0, 0.0, 0.7]}))
+        >>> x1, _ = reduced.at(robot.configuration({"root_joint": [0.0, 0.0, 0.7]})).outputs()
         >>> x1.round(3)
         array([0.7])
     """

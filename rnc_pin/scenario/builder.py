@@ -102,7 +102,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     task = build_task(scenario, reduced)
     q0 = _initial(scenario, reduced)
     v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
     references: dict[str, Reference] = {}
     given = tuple(name for name in starts if getattr(scenario.reference, name) is not None)
@@ -194,7 +194,7 @@ def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltCo
 def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
     """Return the initial configuration. If constraints require assembly, joints named in the file do not move."""
     q0 = reduced.robot.configuration(scenario.initial.q)
-    if not reduced.assembly.size or np.abs(reduced.position_residual(q0)).max() < _ROUNDED:
+    if not reduced.assembly.size or np.abs(reduced.assembly.residual(q0)).max() < _ROUNDED:
         return q0  # the simulation corrects the rounding
     named = list(scenario.initial.q)
     following = {mimic.joint for mimic in reduced.robot.mimics} - set(named)

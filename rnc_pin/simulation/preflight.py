@@ -89,7 +89,7 @@ def preflight(
         >>> reduced = system.reduce(reducing=x2, vertical=[rnc.JointPosition("platform")])
         >>> task = rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
         >>> q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-        >>> x1, (x, y, _) = reduced.outputs(q0)
+        >>> x1, (x, y, _) = reduced.at(q0).outputs()
         >>> outwards = rnc.planning.MinimumJerk([x, y], [1.3 * x, 1.3 * y], duration=4.0)  # the arm is almost straight
         >>> margins = rnc.preflight(reduced, task, rnc.planning.TaskReference(outwards, rnc.planning.Hold(x1)), q0)
         >>> round(margins.stack.value, 3), round(margins.stack.time, 1)  # smallest singular value, and its time

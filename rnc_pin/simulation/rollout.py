@@ -56,7 +56,7 @@ def kinematic_rollout(
     """
     integrator, r = LieRungeKutta4(reduced.robot), reduced.r
     q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
-    state = target.initial_state(reduced.measure(q, v2, y))
+    state = target.initial_state(reduced.at(q, v2).measure(y))
     times, path = [0.0], [q]
 
     def velocity(here: StateEvaluation, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

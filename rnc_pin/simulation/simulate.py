@@ -164,7 +164,7 @@ def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
     """
     if not reduced.assembly.size:
         return q0
-    if np.abs(reduced.position_residual(q0)).max() > _ASSEMBLED:
+    if np.abs(reduced.assembly.residual(q0)).max() > _ASSEMBLED:
         name, residual = reduced.assembly.worst(q0)
         raise InputError(
             f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "

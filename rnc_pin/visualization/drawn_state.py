@@ -89,7 +89,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
         goal("x1_desired", reduced.vertical.size),
         goal("x2_desired", reduced.r),
         reduced.multipliers(q, v2, sample.T),
-        float(reduced.smallest_singular_value(q)),
+        float(reduced.at(q).smallest_singular_value),
     )
 
 

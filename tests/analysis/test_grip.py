@@ -278,7 +278,7 @@ def cart(base="planar", gravity=-G):
 def by_name(reduced, q, v2, T):
     """Multipliers by name of their row, from the balance of Newton and Euler: the least ones."""
     robot = reduced.robot
-    v = reduced.velocity(q, v2)
+    v = reduced.at(q, v2).v
     a = reduced.at(q, v2).v_dot(reduced.forward_dynamics(q, v2, T))
     B = np.zeros((robot.nv, 2))
     B[robot.velocity_indices("a_spin"), 0] = B[robot.velocity_indices("b_spin"), 1] = 1.0
@@ -463,7 +463,7 @@ def test_a_wheel_grips_along_and_across():
     grip = rnc.Grip(reduced, 0.6)
     for q, v2 in random_states(reduced, 3):
         T = np.array([0.3, -0.2, 0.1, 0.4])[: reduced.p]
-        multipliers = dict(zip(names, reduced.contact_forces(q, v2, T), strict=True))
+        multipliers = dict(zip(names, reduced.at(q, v2).contact_forces(T), strict=True))
         for wheel, force in zip(grip.names, grip.forces(q, v2, T), strict=True):
             own = [value for name, value in multipliers.items() if f"({wheel}" in name and "vertical" not in name]
             assert len(own) == 2

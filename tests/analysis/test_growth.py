@@ -333,7 +333,7 @@ def test_first_bracket_is_the_commutator_of_flows():
         R = reduced.terms(q, np.zeros(reduced.r)).R
         from rnc_pin.analysis.frame_bracket import frame_bracket
 
-        along_0, along_1 = reduced.basis_rate(q, R.T[:2])[1]
+        along_0, along_1 = reduced.at(np.stack([q, q]), v=R.T[:2]).R_dot
         bracket = along_0[:, 1] - along_1[:, 0] + frame_bracket(model)(R[:, 0], R[:, 1])
         np.testing.assert_allclose(commutator, bracket, atol=0.02 * (1 + np.abs(bracket).max()))
 

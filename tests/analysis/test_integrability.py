@@ -251,7 +251,7 @@ def test_the_difference_of_two_wheels_is_the_heading():
     names = reduced.constraints.names
     c = np.array([combination.coefficients.get(name, 0.0) for name in names])
     for q, _ in random_states(reduced, 4, seed=14):
-        row = c @ reduced.stacked_rows(q)[: reduced.m]
+        row = c @ reduced.at(q).E[: reduced.m]
         assert np.abs(row / row[2] - np.array([0, 0, 0.6, 0.1, -0.1]) / 0.6).max() < ROUNDING
 
 

@@ -46,7 +46,7 @@ def test_basis_satisfies_the_constraints(reduced, states):
         t = reduced.terms(q, v2)
         lengths = np.linalg.norm(t.A, axis=1, keepdims=True) * np.linalg.norm(t.R)
         assert np.abs(t.A @ t.R / lengths).max() < CONSTRAINT
-        assert np.abs(reduced.constraint_residual(q, t.v) / lengths[:, 0]).max() < CONSTRAINT * (
+        assert np.abs(reduced.at(q, v=t.v).residual / lengths[:, 0]).max() < CONSTRAINT * (
             1 + np.linalg.norm(v2) + np.linalg.norm(t.b)
         )
 
@@ -100,13 +100,13 @@ def test_rates_of_basis_and_constraints(reduced, states):
 
 def test_rates_of_outputs(reduced, states):
     for q, v2 in states:
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         v = reduced.terms(q, v2).v
-        x1_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[0])
-        x2_dot = derivative(reduced, q, v, lambda p: reduced.outputs(p)[1])
+        x1_dot = derivative(reduced, q, v, lambda p: reduced.at(p).outputs()[0])
+        x2_dot = derivative(reduced, q, v, lambda p: reduced.at(p).outputs()[1])
         assert_close(measured.v1, x1_dot, FINITE_DIFFERENCE)
         if reduced.affine:
-            offset_dot = derivative(reduced, q, v, lambda p, v2=v2: reduced.measure(p, v2).v1_offset)
+            offset_dot = derivative(reduced, q, v, lambda p, v2=v2: reduced.at(p, v2).measure().v1_offset)
             assert_close(measured.v1_offset_dot, offset_dot, FINITE_DIFFERENCE)
             assert_close(measured.v1, measured.A_star @ v2 + measured.v1_offset, ROUNDING)
         else:
@@ -153,7 +153,7 @@ def test_energy_changes_by_the_power_of_the_actuators(reduced, states):
     generator = np.random.default_rng(3)
     for q, v2 in states:
         T = generator.normal(size=reduced.p)
-        v, v2_dot, power = reduced.flow(q, v2, T)
+        v, v2_dot, power = reduced.at(q, v2).flow(T)
         h = STEP / np.linalg.norm(v) / 10
 
         def energy(step, q=q, v=v, v2=v2, v2_dot=v2_dot):
@@ -176,16 +176,16 @@ def test_batch_is_the_same_as_one_by_one(reduced, states):
         "multipliers": (q, v2, T),
         "allocate": (q, F),
         "energy": (q, v2),
-        "condition": (q,),
     }
-    for name, arguments in calls.items():
-        method = getattr(reduced, name)
+    methods = {getattr(reduced, name): arguments for name, arguments in calls.items()}
+    methods[lambda q: reduced.at(q).condition] = (q,)
+    for method, arguments in methods.items():
         batch = method(*arguments)
         for i in np.ndindex(2, 3):
             assert_close(batch[i], method(*(each[i] for each in arguments)), ROUNDING)
-    whole = {**vars(reduced.terms(q, v2)), **reduced.measure(q, v2)._asdict()}
+    whole = {**vars(reduced.terms(q, v2)), **reduced.at(q, v2).measure()._asdict()}
     for i in np.ndindex(2, 3):
-        one = {**vars(reduced.terms(q[i], v2[i])), **reduced.measure(q[i], v2[i])._asdict()}
+        one = {**vars(reduced.terms(q[i], v2[i])), **reduced.at(q[i], v2[i]).measure()._asdict()}
         for name, value in one.items():
             if value is None:
                 assert whole[name] is None

@@ -42,7 +42,7 @@ def test_derivatives_are_those_of_the_dynamics(name, moving):
             np.testing.assert_allclose(actual, expected, rtol=0, atol=DIFFERENCES * max(1.0, np.abs(expected).max()))
 
         close(found.v2_dot_q, gradient(model, lambda p, v2=v2, T=T: reduced.forward_dynamics(p, v2, T), q, STEP))
-        close(found.v_q, gradient(model, lambda p, v2=v2, T=T: reduced.flow(p, v2, T).v, q, STEP))
+        close(found.v_q, gradient(model, lambda p, v2=v2, T=T: reduced.at(p, v2).flow(T).v, q, STEP))
         # Accelerations are quadratic in v2 and linear in T: plain central differences have no truncation error.
         close(
             found.v2_dot_v2,
@@ -301,7 +301,7 @@ def test_a_loop_has_the_coordinates_that_it_leaves():
     h, rest = 1e-4, np.zeros(1)
     ahead, behind = (reduced.forward_dynamics(closed(1.0 + sign * h), rest, found.T)[0] for sign in (1, -1))
     np.testing.assert_allclose(found.A, [[0.0, 1.0], [(ahead - behind) / (2 * h), 0.0]], rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(found.B, [[0.0], [1 / reduced.inertia(q)[0, 0]]], rtol=1e-9)
+    np.testing.assert_allclose(found.B, [[0.0], [1 / reduced.at(q).H[0, 0]]], rtol=1e-9)
     moved = closed(1.3)
     np.testing.assert_allclose(found.deviation(moved, [0.7]), [0.3, 0.7], atol=1e-12)
 

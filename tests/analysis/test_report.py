@@ -87,7 +87,7 @@ def test_blocks_of_the_evidence_have_the_figures_of_the_geometry():
     # Over A3, the way to the tip in the world: the horizontal part of the distance, whatever the heading.
     generator, height = np.random.default_rng(0), 0.48
     drawn = [mobile_manipulator().robot.random_configuration(generator) for _ in range(64)]
-    conditions = np.array([mobile_manipulator().condition(q) for q in drawn])
+    conditions = np.array([mobile_manipulator().at(q).condition for q in drawn])
     good = [mobile_manipulator().robot.joint_values(q) for q in np.array(drawn)[conditions <= np.median(conditions)]]
     reach = np.array([2 * abs(np.cos(values["joint_2"] / 2)) for values in good])
     across = reach / np.hypot(reach, height)
@@ -123,7 +123,7 @@ def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip
     assert abs(np.cos(bearing_of_the_tip(located["A4"].configuration))) < ROUNDING
     # What is reported can be set again.
     q = mobile_manipulator().robot.configuration(located["E"].configuration)
-    assert mobile_manipulator().smallest_singular_value(q) < ROUNDING
+    assert mobile_manipulator().at(q).smallest_singular_value < ROUNDING
 
 
 def test_where_no_singular_surface_is_the_worst_sample_is_named():
@@ -247,7 +247,7 @@ def test_a_report_is_of_the_samples_it_says():
     seed, samples, generator = 5, 21, np.random.default_rng(5)
     drawn = np.stack([reduced.random_configuration(generator) for _ in range(samples)])
     regular = drawn[drawn[:, 0] >= wall]
-    conditions = np.array([reduced.condition(q) for q in regular])
+    conditions = np.array([reduced.at(q).condition for q in regular])
     good = regular[conditions <= np.median(conditions)]
     report = rnc.analyze(reduced, redundant=["body_yaw"], samples=samples, seed=seed)
     assert 0 < samples - len(regular) < samples

@@ -123,7 +123,7 @@ def test_the_way_to_a_singular_configuration_keeps_a_loop_closed():
         assert each.located
         assert "rocker" in each.rows
         assert abs(np.sin(each.configuration["coupler"])) < 1e-7
-        assert np.abs(reduced.position_residual(reduced.robot.configuration(each.configuration))).max() < 1e-10
+        assert np.abs(reduced.assembly.residual(reduced.robot.configuration(each.configuration))).max() < 1e-10
     assert found
 
 

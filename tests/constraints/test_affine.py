@@ -15,6 +15,7 @@ from rnc_pin.control import (
     UnknownMass,
 )
 from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING
@@ -38,24 +39,24 @@ def test_free_motion_is_that_of_aba(reduced):
     assert reduced.actuation.constant is not None
 
     def short(p, y):
-        return reduced.flow(p, y, T)[:2]
+        return reduced.at(p, y).flow(T)[:2]
 
     def full(p, w):
         return w, pin.aba(model, data, p, w, B @ T)
 
     gaps = []
     for steps in (250, 500):
-        (q, w), (p, y) = (start, reduced.velocity(start, v2)), (start, v2)
+        (q, w), (p, y) = (start, reduced.at(start, v2).v), (start, v2)
         for _ in range(steps):
             q, w = integrator.step(full, q, w, duration / steps)
             p, y = integrator.step(short, p, y, duration / steps)
-        gaps.append(np.abs(pin.difference(model, p, q)).max() + np.abs(reduced.velocity(p, y) - w).max())
+        gaps.append(np.abs(pin.difference(model, p, q)).max() + np.abs(reduced.at(p, y).v - w).max())
     assert np.linalg.norm(pin.difference(model, start, p)) > 0.1
     # Two integrations of fourth order of one motion: they meet as the step shrinks.
     assert gaps[1] < 1e-8
     assert gaps[1] < gaps[0] / 8 or gaps[1] < 1e-11
     # The same rows say that the momentum of the unreduced motion is what was given.
-    np.testing.assert_allclose(reduced.constraint_residual(q, w), 0, atol=1e-8)
+    np.testing.assert_allclose(reduced.at(q, v=w).residual, 0, atol=1e-8)
 
 
 def test_momentum_of_a_free_flyer_is_that_about_the_origin_of_the_world():
@@ -63,7 +64,7 @@ def test_momentum_of_a_free_flyer_is_that_about_the_origin_of_the_world():
     model = reduced.robot.model
     data = model.createData()
     for q, v2 in random_states(reduced, 4):
-        pin.computeCentroidalMomentum(model, data, q, reduced.velocity(q, v2))
+        pin.computeCentroidalMomentum(model, data, q, reduced.at(q, v2).v)
         linear = data.hg.linear
         about_origin = data.hg.angular + np.cross(data.com[0], linear)
         np.testing.assert_allclose(np.concatenate([linear, about_origin]), given, atol=1e-10)
@@ -73,7 +74,7 @@ def test_momentum_in_the_plane_is_that_about_the_origin_of_the_world():
     reduced, model = drifting_manipulator(), drifting_manipulator().robot.model
     data = model.createData()
     for q, v2 in random_states(reduced, 4):
-        pin.computeCentroidalMomentum(model, data, q, reduced.velocity(q, v2))
+        pin.computeCentroidalMomentum(model, data, q, reduced.at(q, v2).v)
         about_origin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
         np.testing.assert_allclose([*data.hg.linear[:2], about_origin[2]], [3.0, -2.0, 5.0], atol=1e-10)
 
@@ -95,7 +96,7 @@ def test_a_pivot_keeps_its_angular_momentum():
         rotation = pin.Quaternion(q[:4]).toRotationMatrix()  # of the body in the pivot's fixed frame
         own = rotation.T @ momentum
         spin = np.array([0.0, 0.0, v2[0]])
-        np.testing.assert_allclose(reduced.velocity(q, v2)[:3], (own - 0.5 * spin) / (principal + 0.5), atol=ROUNDING)
+        np.testing.assert_allclose(reduced.at(q, v2).v[:3], (own - 0.5 * spin) / (principal + 0.5), atol=ROUNDING)
 
 
 def test_no_momentum_is_the_homogeneous_constraint():
@@ -109,7 +110,7 @@ def test_energy_is_that_of_the_whole_motion(reduced):
     model = reduced.robot.model
     data = model.createData()
     q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 3), strict=True))
-    v = reduced.velocity(q, v2)
+    v = reduced.at(q, v2).v
     expected = [
         pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
         for a, b in zip(q, v, strict=True)
@@ -124,7 +125,7 @@ def test_a_run_keeps_momentum_and_energy():
     reduced = spinning_space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
     primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
     target = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
@@ -154,12 +155,12 @@ def test_targets_have_the_exact_rate():
     reduced = spinning_space_robot()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     for q, v2 in random_states(reduced, 4):
-        x1, x2 = reduced.outputs(q)
+        x1, x2 = reduced.at(q).outputs()
         target = RedundancyController(task, Hold(x2[:2] + 0.1), Hold(x1 + 0.2), k3=2.0, k21=1.0)
-        v, h = reduced.velocity(q, v2), 1e-6
-        now = target.step(0.0, reduced.measure(q, v2))[0]
+        v, h = reduced.at(q, v2).v, 1e-6
+        now = target.step(0.0, reduced.at(q, v2).measure())[0]
         ahead, behind = (
-            target.step(0.0, reduced.measure(pin.integrate(reduced.robot.model, q, sign * h * v), v2))[0].v2
+            target.step(0.0, reduced.at(pin.integrate(reduced.robot.model, q, sign * h * v), v2).measure())[0].v2
             for sign in (1, -1)
         )
         difference = (ahead - behind) / (2 * h)
@@ -192,7 +193,7 @@ def test_analysis_is_that_of_the_motion_that_can_be_commanded():
     assert reports[1].lemma1_holds
     q, _ = random_states(reduced, 1)[0]
     np.testing.assert_allclose(
-        reduced.kinematic_gradient(q, [0, 2]), homogeneous.kinematic_gradient(q, [0, 2]), atol=1e-10
+        kinematic_gradient(reduced.at(q), [0, 2]), kinematic_gradient(homogeneous.at(q), [0, 2]), atol=1e-10
     )
     assert lemma_1_residuals(reduced, q[None])["V linear"] < 1e-10
 

@@ -145,14 +145,14 @@ def test_mecanum_wheels_turn_as_the_textbook_says():
     assert [row.name for row in reduced.dropped_rows] == [f"vertical({name})" for name in ROLLERS]
     for q, v2 in random_states(reduced, 4):
         speed_x, speed_y, yaw_rate = v2
-        velocity = dict(zip(reduced.robot.velocity_names, reduced.velocity(q, v2), strict=True))
+        velocity = dict(zip(reduced.robot.velocity_names, reduced.at(q, v2).v, strict=True))
         for name, (x, y) in CORNERS.items():
             along, across = speed_x - yaw_rate * y, speed_y + yaw_rate * x
             expected = (along + np.tan(ROLLERS[name]) * across) / WHEEL
             assert velocity[f"{name}_spin"] == pytest.approx(expected, abs=ROUNDING)
     # The usual arrangement, an X of rollers seen from above: to the left where front left and back right turn back.
     q = reduced.robot.configuration()
-    left = reduced.velocity(q, [0.0, 1.0, 0.0])[3:] * WHEEL
+    left = reduced.at(q, [0.0, 1.0, 0.0]).v[3:] * WHEEL
     np.testing.assert_allclose(left, [-1.0, 1.0, 1.0, -1.0], atol=ROUNDING)
 
 
@@ -169,7 +169,7 @@ def test_three_omni_wheels_turn_as_they_are_pushed_along_their_headings():
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), wheels, spins).reduce([*map(rnc.JointPosition, spins)])
     q = reduced.robot.configuration({"root_joint": [0.4, -0.1, 0.6]})
     rates = np.array([1.0, -2.0, 0.5])
-    base = reduced.velocity(q, rates)[:3]
+    base = reduced.at(q, rates).v[:3]
     headings = np.stack([np.sin(angles), -np.cos(angles), np.full(3, -distance)], axis=1)
     np.testing.assert_allclose(headings @ base, WHEEL * rates, atol=ROUNDING)
 
@@ -232,7 +232,7 @@ def test_a_skid_steer_turns_about_the_axle_it_is_given():
         [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *(rnc.JointPosition(f"b{s}_spin") for s in "lr")]
     )
     for q, v2 in random_states(reduced, 3):
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         assert v[1] == pytest.approx(-behind * v2[1], abs=ROUNDING)
         np.testing.assert_allclose(v[3:5] * WHEEL, v2[0] + v2[1] * np.array([-0.25, 0.25]), atol=ROUNDING)
 
@@ -243,10 +243,10 @@ def test_radii_of_mecanum_wheels_can_be_estimated():
     assert regressor.predicted == tuple(f"roller({name})" for name in CORNERS)
     model = regressor.estimated(reduced)
     for q, v2 in random_states(reduced, 3):
-        y, Y = regressor.regress(q, reduced.velocity(q, v2))
+        y, Y = regressor.regress(q, reduced.at(q, v2).v)
         np.testing.assert_allclose(WHEEL * Y[:, 0], y, atol=ROUNDING)
-        believed = model.at(np.array([WHEEL])).measure(q, v2)
-        np.testing.assert_allclose(believed.v, reduced.velocity(q, v2), atol=ROUNDING)
+        believed = model.at(np.array([WHEEL])).at(q, v2).measure()
+        np.testing.assert_allclose(believed.v, reduced.at(q, v2).v, atol=ROUNDING)
 
 
 # ---------------------------------------------------------------------- casters
@@ -268,7 +268,7 @@ def test_a_caster_carries_its_share():
     com = pin.centerOfMass(robot.model, data, q)
     axle = data.oMf[robot.frame_id("left_wheel")].translation
     nose = data.oMf[robot.frame_id("nose")].translation
-    forces = dict(zip(system.rows.names, reduced.contact_forces(q, np.zeros(2), np.zeros(2)), strict=True))
+    forces = dict(zip(system.rows.names, reduced.at(q, np.zeros(2)).contact_forces(np.zeros(2)), strict=True))
     weight = 9.81 * pin.computeTotalMass(robot.model)
     borne = weight * (com[0] - axle[0]) / (nose[0] - axle[0])
     assert abs(forces["vertical(nose)"]) == pytest.approx(borne, rel=1e-9)
@@ -435,7 +435,7 @@ def test_all_axles_of_a_car_meet_in_its_turning_centre():
     robot = reduced.robot
     data = robot.model.createData()
     for q, v2 in random_states(reduced, 6):
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         pin.forwardKinematics(robot.model, data, q, v)
         pin.updateFramePlacements(robot.model, data)
         radius = v[0] / v[2]
@@ -486,7 +486,7 @@ def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
     assert system.r == 2
     reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("left")])
     q = system.assembled(system.robot.configuration({"left": -0.4}), hold=["left"])
-    v = reduced.velocity(q, [1.0, 0.0])
+    v = reduced.at(q, [1.0, 0.0]).v
     assert v[2] == pytest.approx(
         1 / (1.1 / np.tan(0.4) + 0.3), rel=1e-9
     )  # to the left, about a centre beyond the left wheel

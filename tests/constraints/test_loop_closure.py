@@ -60,7 +60,7 @@ def test_four_bar_moves_as_in_closed_form(make):
         rocker, coupler, rocker_rate, coupler_rate = candidates[branch]
         np.testing.assert_allclose(turn(q[2] - rocker), 0, atol=ROUNDING)
         np.testing.assert_allclose(turn(q[0] + q[1] - coupler), 0, atol=ROUNDING)
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         expected = v2[0] * np.array([1.0, coupler_rate - 1.0, rocker_rate])
         np.testing.assert_allclose(v[:3], expected, rtol=1e-8, atol=1e-9)
     assert branches == {-1, 1}, "both ways to close the loop"
@@ -84,7 +84,7 @@ def test_four_bar_accelerates_as_lagrange_says():
         H_slope, U_slope = ((ahead[i] - behind[i]) / (2 * h) for i in (0, 1))
         expected = (tau - 0.5 * H_slope * v2[0] ** 2 - U_slope) / H
         np.testing.assert_allclose(reduced.forward_dynamics(q, v2, [tau])[0], expected, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(reduced.inertia(q)[0, 0], H, rtol=1e-9)
+        np.testing.assert_allclose(reduced.at(q).H[0, 0], H, rtol=1e-9)
 
 
 def test_a_planar_loop_keeps_two_rows_of_three_and_three_of_six():
@@ -135,7 +135,7 @@ def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
     assert reduced.m == 8
     data = whole.createData()
     for q, v2 in random_states(reduced, 5):
-        assert np.abs(reduced.position_residual(q)).max() < 1e-11
+        assert np.abs(reduced.assembly.residual(q)).max() < 1e-11
         t, B = reduced.terms(q, v2), reduced.lagrangian_terms(q, v2).B
         # The loop's rows alone: the momentum is conserved by itself. Two of the three are independent.
         J = t.A[6:]
@@ -223,9 +223,9 @@ def geared(first, second, ratio, offset=0.0):
 def test_geared_flywheels_have_the_inertia_that_gears_reflect(first, second, ratio):
     reduced = geared(first, second, ratio, offset=0.4)
     q, v2 = random_states(reduced, 1)[0]
-    assert reduced.inertia(q)[0, 0] == pytest.approx(2.0 + ratio**2 * 0.5, rel=1e-12)
+    assert reduced.at(q).H[0, 0] == pytest.approx(2.0 + ratio**2 * 0.5, rel=1e-12)
     assert reduced.forward_dynamics(q, v2, [1.0])[0] == pytest.approx(1.0 / (2.0 + ratio**2 * 0.5), rel=1e-12)
-    np.testing.assert_allclose(reduced.velocity(q, v2), [v2[0], ratio * v2[0]], atol=1e-12)
+    np.testing.assert_allclose(reduced.at(q, v2).v, [v2[0], ratio * v2[0]], atol=1e-12)
     # Many turns under way, the position residual stays that of the gears.
     run = rnc.simulate(reduced, Idle(1), q, duration=4.0, dt=0.01, v2_0=np.array([9.0]))
     assert run.position_residual.max() < 1e-12
@@ -276,7 +276,7 @@ def test_assembling_moves_nothing_that_the_constraints_leave_free():
     for q, _ in random_states(reduced, 5):
         off = pin.integrate(reduced.robot.model, q, 1e-5 * generator.normal(size=reduced.n))
         back = reduced.assembled(off)
-        assert np.abs(reduced.position_residual(back)).max() < 1e-13
+        assert np.abs(reduced.assembly.residual(back)).max() < 1e-13
         correction = pin.difference(reduced.robot.model, off, back)
         momentum = reduced.terms(back, np.zeros(3)).R.T @ reduced.lagrangian_terms(back, np.zeros(3)).H @ correction
         assert np.linalg.norm(correction) > 1e-7
@@ -337,8 +337,8 @@ def test_energy_and_positions_are_kept_over_seconds(project):
         else:  # what it would be
             integrator, q, v2 = LieRungeKutta4(reduced.robot), q0, np.array(v2_0)
             for _ in range(round(duration / dt)):
-                q, v2 = integrator.step(lambda p, y: reduced.flow(p, y, np.zeros(reduced.p))[:2], q, v2, dt)  # noqa: B023
-            assert np.abs(reduced.position_residual(q)).max() > unprojected
+                q, v2 = integrator.step(lambda p, y: reduced.at(p, y).flow(np.zeros(reduced.p))[:2], q, v2, dt)  # noqa: B023
+            assert np.abs(reduced.assembly.residual(q)).max() > unprojected
 
 
 def test_initial_configurations_that_violate_a_row_are_refused_and_rounding_is_not():
@@ -385,7 +385,7 @@ def test_the_dead_centre_of_a_four_bar_is_found_on_the_closed_loop():
     for each in found:
         assert each.located
         assert abs(np.sin(each.configuration["coupler"])) < 1e-9
-        assert np.abs(reduced.position_residual(robot.configuration(each.configuration))).max() < 1e-10
+        assert np.abs(reduced.assembly.residual(robot.configuration(each.configuration))).max() < 1e-10
 
 
 def test_closing_a_loop_is_quadratic(monkeypatch):
@@ -396,4 +396,4 @@ def test_closing_a_loop_is_quadratic(monkeypatch):
     generator = np.random.default_rng(4)
     for _ in range(5):
         found = reduced.assembled(closed + generator.uniform(-0.3, 0.3, 3))
-        assert np.abs(reduced.position_residual(found)).max() < 1e-11
+        assert np.abs(reduced.assembly.residual(found)).max() < 1e-11

@@ -267,7 +267,7 @@ def pushes(alone: rnc.ReducedModel, joint: slice, generator: np.random.Generator
     for _ in range(12):
         try:
             q = alone.random_configuration(generator, 1.0)
-            if alone.condition(q) > 100:
+            if alone.at(q).condition > 100:
                 continue
         except rnc.RncError:
             continue

@@ -50,7 +50,7 @@ def test_a_ball_rolls_down_a_slope_at_five_sevenths():
         expected = [5 / 7 * 9.81 * np.sin(slope), 0.0, 0.0]
         np.testing.assert_allclose(reduced.forward_dynamics(q, v2, np.zeros(3)), expected, atol=1e-9)
         # v = omega x r: the contact rests. In the world's axes.
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
         linear, angular = rotation @ v[:3], rotation @ v[3:]
         np.testing.assert_allclose(linear, np.cross(angular, [0, 0, RADIUS]), atol=ROUNDING)
@@ -135,7 +135,7 @@ def test_wheels_on_a_raked_fork_touch_with_a_point_at_rest():
 
     steered = []
     for q, v2 in random_states(reduced, 8):
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         steered.append(q[model.joints[3].idx_q])
         for frame in ("rear", "front"):
             here = placement(q, frame)
@@ -212,7 +212,7 @@ def test_a_caster_follows_its_trail():
         delta, (u, w) = np.arctan2(q[5], q[4]), v2
         delta_dot = (-u * np.sin(delta) + w * length * np.cos(delta)) / trail - w
         rolling = (u * np.cos(delta) + w * length * np.sin(delta)) / radius
-        np.testing.assert_allclose(reduced.velocity(q, v2), [u, 0, w, delta_dot, rolling], atol=1e-10)
+        np.testing.assert_allclose(reduced.at(q, v2).v, [u, 0, w, delta_dot, rolling], atol=1e-10)
 
 
 def test_a_wheel_on_a_joint_that_slides():

@@ -26,7 +26,7 @@ def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
     reduced, k = space_robot(), np.array([3.0, 7.0, 1.5])
     law = ComputedTorque(reduced, Counting(), k)
     for q, v2 in random_states(reduced, 3, condition=30.0):
-        m = reduced.measure(q, v2)
+        m = reduced.at(q, v2).measure()
         command, state = law.step(0.7, m, law.initial_state(m))
         assert state == 6
         rate = reduced.forward_dynamics(q, v2, reduced.allocate(q, command.F))

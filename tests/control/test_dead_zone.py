@@ -37,7 +37,7 @@ def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
 def noisily(sleigh, tracker, noise, samples=3000):
     """What a tracker has learnt that follows a circle perfectly and measures it with noise of one bound."""
     generator, dt = np.random.default_rng(1), 0.01
-    m = sleigh.measure(sleigh.robot.configuration(), [1.0, 0.5])
+    m = sleigh.at(sleigh.robot.configuration(), [1.0, 0.5]).measure()
     state = tracker.initial_state(m)
     for k in range(samples):
         seen = m._replace(v2=m.v2 + noise * generator.uniform(-1, 1, size=2))
@@ -66,7 +66,7 @@ def test_noise_within_the_dead_zone_teaches_a_velocity_tracker_nothing(sleigh):
 
 def test_what_is_learnt_stays_within_the_dead_zone_and_grows_beyond_it(sleigh):
     tracker = VelocityTracker(Circle(), VelocityGains(dead_zone=np.array([0.1, 0.0])))
-    m = sleigh.measure(sleigh.robot.configuration(), [0.95, 0.45])
+    m = sleigh.at(sleigh.robot.configuration(), [0.95, 0.45]).measure()
     state = tracker.initial_state(m)._replace(g=np.ones(2), time=0.0)
     _, state = tracker.step(0.01, m, state)
     assert state.g[0] == 1.0  # leak included
@@ -79,7 +79,7 @@ def test_a_position_tracker_learns_nothing_within_its_dead_zone(sleigh):
     generator, dt, learnt = np.random.default_rng(2), 0.01, []
     for zone in (0.0, 0.01):
         tracker = PositionTracker(rnc.planning.Hold(np.zeros(2)), PositionGains(dead_zone=zone))
-        m = sleigh.measure(sleigh.robot.configuration(), np.zeros(2), np.zeros(2))
+        m = sleigh.at(sleigh.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
         state = tracker.initial_state(m)
         for k in range(1000):
             x2 = 0.009 * generator.uniform(-1, 1, size=2)
@@ -132,7 +132,7 @@ def test_rates_are_bounded_by_the_delay(sleigh):
     q = sleigh.robot.configuration()[None]
     for delay in (0.02, 0.2):
         gains = VelocityGains.scaled(sleigh, q, 0.002, slowest=0.1, delay=delay)
-        rates = np.linalg.eigvals(np.linalg.solve(sleigh.inertia(q[0]), np.diag(gains.k)))
+        rates = np.linalg.eigvals(np.linalg.solve(sleigh.at(q[0]).H, np.diag(gains.k)))
         np.testing.assert_allclose(np.abs(rates).max() * (delay + 0.001), np.pi / 4, rtol=1e-9)
     default, none = VelocityGains.scaled(sleigh, q, 0.002), VelocityGains.scaled(sleigh, q, 0.002, delay=0.0)
     np.testing.assert_array_equal(default.k, none.k)

@@ -41,7 +41,7 @@ def test_settings_that_nobody_gives_are_those_of_the_documentation():
     assert UnknownMass("wrist").unit == 1.0
     gains = VelocityGains.normalised(3.0)
     assert (gains.k, gains.beta, gains.sigma, gains.dead_zone) == (12.0, 12.0, 0.1, 0.0)
-    five = SimpleNamespace(inertia=lambda q: np.array([[[5.0]]]))
+    five = SimpleNamespace(at=lambda q: SimpleNamespace(H=np.array([[[5.0]]])))
     for dt, rate in ((0.01, 20.0), (0.05, 4.0)):
         gains = VelocityGains.scaled(five, np.zeros(2), dt)
         assert (gains.k, gains.beta, gains.sigma, gains.dead_zone) == (pytest.approx([5.0 * rate]), gains.k, 0.1, 0.0)

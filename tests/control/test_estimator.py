@@ -181,7 +181,7 @@ def test_an_estimator_has_the_settings_of_the_documentation():
     )
     law = UncertainRedundancyController(reduced, inner, regressor, [0.3, 20.0])
     assert law.describe() == {"type": "UncertainRedundancyController", "k3": 4.0, **estimator.describe()}
-    m = reduced.measured(np.array([0.4, 1.0, 2.0]), np.array([0.5, 7.0, 11.0]))
+    m = reduced.at(np.array([0.4, 1.0, 2.0]), v=np.array([0.5, 7.0, 11.0])).measure()
     state = law.initial_state(m)
     assert (state.time, state.p.tolist()) == (None, [0.3, 20.0])
     target, after = law.step(0.5, m, state)
@@ -206,15 +206,15 @@ def test_an_estimated_model_believes_what_it_is_told_and_leaves_the_given_one_al
     regressor = WheelRegressor(reduced, [UnknownTrack(["right", "left"]), UnknownRadius(["right"])])
     estimated = regressor.estimated(reduced)
     q, v2 = np.array([0.2, -0.1, 0.6, 0.8, 0.3, 0.4])[: reduced.robot.nq], np.array([0.7, -0.4])
-    before = reduced.measure(q, v2)
+    before = reduced.at(q, v2).measure()
     model = estimated.at(np.array([0.9, 0.33]))
     other = reduced_cart(two_wheeled_cart(pin.JointModelPlanar(), (0.1, 0.45, 0.2), (0.1, -0.45, 0.2)), (0.2, 0.33))
-    v = other.velocity(q, v2)
-    np.testing.assert_allclose(model.constraint_residual(q, v), 0.0, atol=1e-12)
-    assert np.abs(reduced.constraint_residual(q, v)).max() > 1e-3
+    v = other.at(q, v2).v
+    np.testing.assert_allclose(model.at(q, v=v).residual, 0.0, atol=1e-12)
+    assert np.abs(reduced.at(q, v=v).residual).max() > 1e-3
     assert estimated.at(np.array([0.6, 0.25])) is model
-    np.testing.assert_allclose(model.constraint_residual(q, before.v), 0.0, atol=1e-12)
-    np.testing.assert_array_equal(reduced.measure(q, v2).v, before.v)
+    np.testing.assert_allclose(model.at(q, v=before.v).residual, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(reduced.at(q, v2).measure().v, before.v)
 
 
 def test_estimates_of_one_sample_are_the_least_squares_of_where_they_were_and_of_what_is_seen():

@@ -35,7 +35,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
     assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
     assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
-    assert VelocityGains.scaled(SimpleNamespace(inertia=lambda q: one), np.zeros(1), 0.1, 2.0, 2.0).k == [2.0]
+    assert VelocityGains.scaled(SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0).k == [
+        2.0
+    ]
     region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
     flat = PositionGains.scaled(region, 0.002)
     grid = PositionGains.scaled(region[None], 0.002)
@@ -59,7 +61,7 @@ def test_scaled_gains_keep_the_loop_inside_what_sampling_allows():
     reduced, kinematic, q0 = space_robot_task()
     _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.1)
     gains = VelocityGains.scaled(reduced, region, dt=0.002)
-    rates = np.linalg.eigvals(np.linalg.solve(reduced.inertia(region), np.diag(gains.k)[None])).real
+    rates = np.linalg.eigvals(np.linalg.solve(reduced.at(region).H, np.diag(gains.k)[None])).real
     assert rates.max() * 0.002 <= 0.2 + ROUNDING
     assert rates.min() > 4.0
 
@@ -68,7 +70,7 @@ def test_normalised_gains_need_a_bound_on_the_inertia_alone():
     """Every rate of the loop is at least the bandwidth wherever the bound holds, whatever H is."""
     reduced, kinematic, q0 = space_robot_task()
     _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.2)
-    H = reduced.inertia(region)
+    H = reduced.at(region).H
     rows = np.abs(H).sum(axis=-1).max(axis=0)  # Gershgorin: diag(rows) - H is positive semidefinite
     for bound in (np.linalg.eigvalsh(H).max(), rows):
         gains = VelocityGains.normalised(bound, bandwidth=5.0, adaptation=2.0)
@@ -104,7 +106,7 @@ UNEVEN = np.array([[[1.0, 0.6], [0.6, 4.0]], [[4.0, 0.0], [0.0, 16.0]]])
 
 
 def test_gains_scaled_to_an_inertia_are_those_of_the_window():
-    reduced = SimpleNamespace(inertia=lambda q: UNEVEN[: len(q)])
+    reduced = SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[: len(q)]))
     region, D = np.zeros((2, 3)), np.array([2.0, 8.0])
     for dt, delay, fastest in ((0.002, 0.0, 100.0), (0.002, 0.011, np.pi / 4 / 0.012), (0.01, 0.02, 20.0)):
         gains = VelocityGains.scaled(reduced, region, dt, slowest=2.0, adaptation=3.0, sigma=0.3, delay=delay)
@@ -118,7 +120,9 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
             VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0)
     one = VelocityGains.scaled(reduced, region, 0.002, outputs=np.array([1]))
     assert one.k == pytest.approx([0.5 * 100.0 * 8.0])
-    alone = VelocityGains.scaled(SimpleNamespace(inertia=lambda q: UNEVEN[1:][: len(q)]), np.zeros(3), 0.002)
+    alone = VelocityGains.scaled(
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])), np.zeros(3), 0.002
+    )
     assert alone.k == pytest.approx([400.0, 1600.0])
     words = r"at least 20/s need a bandwidth of 40 rad/s, sampling every 0.002 s with a delay of 0.5 s allows 0.549; "
     with pytest.raises(rnc.InfeasibleError, match=words + r"sample faster .*\(eigenvalues 0.35 to 2\)"):

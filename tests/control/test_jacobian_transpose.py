@@ -27,7 +27,7 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
     reference = Cubic([0.4, 0.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1])
     tracker = PositionTracker(reference, outputs=TIP)
     law = JacobianTransposeController(reduced, tracker, ON)
-    m = reduced.measure(q, v2)
+    m = reduced.at(q, v2).measure()
     state = law.initial_state(m)
     command, after = law.step(0.0, m, state)
     asked, learnt = tracker.step(0.0, m, state)
@@ -38,8 +38,9 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
     np.testing.assert_array_equal(M, effective_inertia(reduced, q, TIP, ON))
     for i in range(4):
         assert np.flatnonzero(command.T[i]).tolist() == sorted(places)
-        drive = reduced.drive_jacobian(q[i])
-        one = reduced.measure(q[i], v2[i])
+        here = reduced.at(q[i])
+        drive = here.J2 @ here.B
+        one = reduced.at(q[i], v2[i]).measure()
         np.testing.assert_allclose(law.step(0.0, one, law.initial_state(one))[0].T, command.T[i], rtol=1e-9)
         for place in places:
             assert command.T[i, place] == pytest.approx(drive[TIP, place] @ asked.F[i])
@@ -78,10 +79,11 @@ def test_more_active_actuators_than_outputs_share_the_work():
     names = ["joint_1", "joint_2", "torque(base.z)"]
     controller = JacobianTransposeController(reduced, tracker, names)
     q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": -1.1})
-    measured = reduced.measure(q, np.zeros(4))
+    measured = reduced.at(q, np.zeros(4)).measure()
     command, _ = controller.step(0.1, measured, controller.initial_state(measured))
     forces, _ = tracker.step(0.1, measured, tracker.initial_state(measured))
-    drive = reduced.drive_jacobian(q)[[0, 1]]
+    here = reduced.at(q)
+    drive = (here.J2 @ here.B)[[0, 1]]
     np.testing.assert_allclose(command.T[[2, 3, 1]], drive[:, [2, 3, 1]].T @ forces.F[:2])
     assert command.T[0] == 0.0
     with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):

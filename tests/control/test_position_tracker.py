@@ -35,7 +35,7 @@ def waves(center):
 def in_joints():
     reduced = space_robot_in_joints()
     q0 = reduced.robot.configuration(ARM_START)
-    return reduced, q0, reduced.outputs(q0)[1]
+    return reduced, q0, reduced.at(q0).outputs()[1]
 
 
 def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
@@ -55,7 +55,7 @@ def test_position_error_decays_exponentially_from_far_away():
     """Lemma 2: at the rate that the closed form of the loop says, over and over, adaptation or not."""
     reduced, q0, x2 = in_joints()
     rate = 3.0
-    gains = PositionGains.scaled(reduced.inertia(q0)[None], 0.002, rate=rate)
+    gains = PositionGains.scaled(reduced.at(q0).H[None], 0.002, rate=rate)
     for beta in (gains.beta, 1e-12):
         tracker = PositionTracker(Hold(x2 + np.array([0.05, -0.04, 0.06])), replace(gains, beta=beta))
         run = rnc.simulate(reduced, tracker, q0, 2.4, 0.002)
@@ -67,7 +67,7 @@ def test_position_error_decays_exponentially_from_far_away():
 def test_it_never_touches_a_velocity():
     reduced, q0, x2 = in_joints()
     tracker = PositionTracker(waves(x2), PositionGains(k1=60.0, k2=60.0, gamma=4.0))
-    whole = reduced.measure(q0, np.array([0.3, -0.2, 0.1]))
+    whole = reduced.at(q0, np.array([0.3, -0.2, 0.1])).measure()
     blind = rnc.Measurement(x2=whole.x2)
     state = tracker.initial_state(blind)
     for t in (0.0, 0.002, 0.004):
@@ -131,7 +131,7 @@ def test_gains_start_at_zero_whatever_the_error():
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 def test_scaled_gains_hold_at_both_sampling_periods(dt):
     reduced, q0, x2 = in_joints()
-    gains = PositionGains.scaled(reduced.inertia(q0)[None], dt, rate=2.0 if dt > 0.005 else 3.0, gamma=8.0)
+    gains = PositionGains.scaled(reduced.at(q0).H[None], dt, rate=2.0 if dt > 0.005 else 3.0, gamma=8.0)
     goal = MinimumJerk(x2, x2 + np.array([0.4, -0.5, 0.3]), 3.0)
     run = rnc.simulate(reduced, PositionTracker(goal, gains), q0, 5.0, dt)
     assert max(rnc.summarize(run)["final_error"].values()) < 0.01
@@ -140,7 +140,7 @@ def test_scaled_gains_hold_at_both_sampling_periods(dt):
 def test_sampling_that_is_too_slow_is_said():
     reduced, q0, _ = in_joints()
     with pytest.raises(rnc.ConfigurationError, match="no position gains suit this region"):
-        PositionGains.scaled(reduced.inertia(q0)[None], dt=0.1)
+        PositionGains.scaled(reduced.at(q0).H[None], dt=0.1)
 
 
 def test_knowing_the_model_is_worth_something():
@@ -173,7 +173,7 @@ def test_velocity_error_of_computed_torque_decays_at_its_gain():
 def test_first_joint_off_the_platform_does_not_move(preset):
     reduced = space_robot()
     q0 = reduced.robot.configuration(ARM_START)
-    goal = MinimumJerk(reduced.outputs(q0)[1][:2], [1.15, 0.6], 4.0)
+    goal = MinimumJerk(reduced.at(q0).outputs()[1][:2], [1.15, 0.6], 4.0)
     tip, active = np.array([0, 1]), ["joint_2", "joint_3"]
     gains = PositionGains.paper()
     if preset == "scaled":
@@ -189,11 +189,12 @@ def test_first_joint_off_the_platform_does_not_move(preset):
 def test_effective_inertia_is_what_a_force_has_to_move():
     reduced = space_robot()
     q0 = reduced.robot.configuration(ARM_START)
-    tracker = PositionTracker(Hold(reduced.outputs(q0)[1][:2]), outputs=np.array([0, 1]))
+    tracker = PositionTracker(Hold(reduced.at(q0).outputs()[1][:2]), outputs=np.array([0, 1]))
     controller = JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
     F = np.array([1.3, -0.4])
     T = np.zeros(3)
-    T[1:] = reduced.drive_jacobian(q0)[:2, 1:].T @ F
+    here = reduced.at(q0)
+    T[1:] = (here.J2 @ here.B)[:2, 1:].T @ F
     acceleration = reduced.forward_dynamics(q0, np.zeros(3), T)[:2]
     np.testing.assert_allclose(controller.effective_inertia(q0) @ acceleration, F, atol=1e-9)
 
@@ -311,7 +312,7 @@ def test_a_filter_is_exact_over_samples_of_any_length(elapsed):
     gains = PositionGains(k1=2.0, k2=3.0, gamma=4.0, beta=1.0, sigma=0.1)
     tracker = PositionTracker(Hold([1.0, 0.5]), gains, outputs=np.array([0, 1]))
     q = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.4})
-    measured = reduced.measure(q, np.zeros(3))
+    measured = reduced.at(q, np.zeros(3)).measure()
     state = tracker.initial_state(measured)
     _, state = tracker.step(1.0, measured, state)
     state = state._replace(z=np.array([5.0, -3.0]))

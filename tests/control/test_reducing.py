@@ -27,7 +27,7 @@ def test_reducing_outputs_alone_on_a_free_flyer():
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], joints)
     reduced = system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.FrameYaw("panda_link0")])
     q0 = robot.configuration({"panda_joint2": -0.5, "panda_joint4": -2.0, "panda_joint6": 1.6})
-    _, x2 = reduced.outputs(q0)
+    _, x2 = reduced.at(q0).outputs()
     kinematic = ReducingOutputController(reduced, MinimumJerk(x2, x2 + 0.3, 1.0), k2=2.0)
     gains = gains_along(reduced, kinematic, q0, 1.0, dt=0.001)
     run = rnc.simulate(reduced, VelocityTracker(kinematic, gains), q0, 1.2, 0.001)

@@ -164,7 +164,7 @@ def test_redundancy_controller_gives_the_vertical_rate_that_it_wants(k21):
     """(12) in the paper's words: A3 v21d + A4 v22d = x1d_dot + k3 (x1d - x1)."""
     reduced, kinematic, _ = space_robot_task(k21=k21)
     for q, v2 in random_states(reduced, 5, seed=2):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         target, _ = kinematic.step(1.3, measured, None)
         x1d, x21d = kinematic.vertical.at(1.3), kinematic.primary.at(1.3)
         wanted = x1d.velocity + 2.0 * (x1d.position - measured.x1)
@@ -181,16 +181,16 @@ def test_rate_of_the_target_is_exact():
     T = np.array([0.3, -0.2, 0.1])
 
     def rate(q, y):
-        v, v2_dot, _ = reduced.flow(q, y, T)
+        v, v2_dot, _ = reduced.at(q, y).flow(T)
         return v, v2_dot
 
     for q, v2 in random_states(reduced, 5, seed=3, condition=30.0):
         targets = []
         for k in (-2, -1, 1, 2):
             p, y = integrator.step(rate, q, v2, k * h)
-            targets.append(kinematic.step(1.3 + k * h, reduced.measure(p, y), None)[0].v2)
+            targets.append(kinematic.step(1.3 + k * h, reduced.at(p, y).measure(), None)[0].v2)
         difference = (targets[0] - 8 * targets[1] + 8 * targets[2] - targets[3]) / (12 * h)
-        exact = kinematic.step(1.3, reduced.measure(q, v2), None)[0].v2_dot
+        exact = kinematic.step(1.3, reduced.at(q, v2).measure(), None)[0].v2_dot
         np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
 
 
@@ -202,7 +202,7 @@ def test_redundancy_controller_takes_any_square_partition():
         [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")], [rnc.Distance("base", "tip")]
     )
     q0 = robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])
     goal = x2[[0, 1, 3]] + np.array([1.0, 0.3, 0.2])
     kinematic = RedundancyController(task, MinimumJerk(x2[[0, 1, 3]], goal, 5.0), Hold(x1), 2.0, 2.0)
@@ -217,7 +217,7 @@ def test_redundancy_controller_takes_any_square_partition():
 def test_wide_a4_reaches_the_vertical_rate_at_the_least_cost(posture):
     reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=posture)
     for q, v2 in random_states(reduced, 5, seed=4, condition=30.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         v22 = kinematic.step(1.0, measured, None)[0].v2[2:]
         x1d = kinematic.vertical.at(1.0)
         A4 = measured.A_star[:, 2:]
@@ -238,16 +238,16 @@ def test_rate_of_the_wide_target_is_exact():
     T = np.array([0.3, -0.2, 0.1, 0.2])
 
     def rate(q, y):
-        v, v2_dot, _ = reduced.flow(q, y[:4], T)
+        v, v2_dot, _ = reduced.at(q, y[:4]).flow(T)
         return v, np.concatenate([v2_dot, y[:4]])
 
     for q, v2 in random_states(reduced, 4, seed=5, condition=20.0):
         targets = []
         for k in (-2, -1, 1, 2):
             p, y = integrator.step(rate, q, np.concatenate([v2, np.zeros(4)]), k * h)
-            targets.append(kinematic.step(1.3 + k * h, reduced.measure(p, y[:4], y[4:]), None)[0].v2)
+            targets.append(kinematic.step(1.3 + k * h, reduced.at(p, y[:4]).measure(y[4:]), None)[0].v2)
         difference = (targets[0] - 8 * targets[1] + 8 * targets[2] - targets[3]) / (12 * h)
-        exact = kinematic.step(1.3, reduced.measure(q, v2), None)[0].v2_dot
+        exact = kinematic.step(1.3, reduced.at(q, v2).measure(), None)[0].v2_dot
         np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
 
 
@@ -256,7 +256,7 @@ def test_posture_uses_the_freedom_that_is_left():
     for posture in (False, True):
         reduced, kinematic, q0 = wide(posture=posture)
         _, path = rnc.kinematic_rollout(reduced, kinematic, q0, 5.0, 0.05)
-        x1, x2 = reduced.outputs(path)
+        x1, x2 = reduced.at(path).outputs()
         np.testing.assert_allclose(x1[-1], kinematic.vertical.at(9.0).position, atol=1e-3)
         np.testing.assert_allclose(x2[-1, :2], kinematic.primary.at(9.0).position, atol=1e-3)
         ends[posture] = abs(x2[-1, 3] - x2[0, 3])
@@ -276,7 +276,7 @@ def test_redundancy_controller_refuses_what_it_cannot_do():
 
 def test_redundancy_controller_says_where_it_is_singular():
     reduced, kinematic, q0 = space_robot_task()
-    measured = reduced.measure(q0, np.zeros(3))
+    measured = reduced.at(q0, np.zeros(3)).measure()
     flat = measured._replace(A_star=measured.A_star * [[1.0, 1.0, 0.0]])
     with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
         kinematic.step(1.0, flat, None)
@@ -306,9 +306,9 @@ def test_a_batch_with_more_redundant_than_vertical_outputs_is_each_state_alone(p
     states = random_states(reduced, 6, seed=4, condition=30.0)
     q, v2 = (np.reshape(each, (2, 3, -1)) for each in zip(*states, strict=True))
     still = np.zeros((2, 3, reduced.r))
-    together = kinematic.step(1.0, reduced.measure(q, v2, still))[0]
+    together = kinematic.step(1.0, reduced.at(q, v2).measure(still))[0]
     for i in np.ndindex(2, 3):
-        alone = kinematic.step(1.0, reduced.measure(q[i], v2[i], still[i]))[0]
+        alone = kinematic.step(1.0, reduced.at(q[i], v2[i]).measure(still[i]))[0]
         for name in ("v2", "v2_dot", "x1", "x2"):
             np.testing.assert_allclose(getattr(together, name)[i], getattr(alone, name), rtol=1e-8, atol=1e-9)
     assert np.isnan(together.x2[..., 2:]).all()
@@ -327,7 +327,7 @@ def test_vertical_outputs_that_drift_by_themselves_get_the_rate_they_need_nevert
     law = RedundancyController(task, tip, Hold([0.3]), 1.7)
     assert "weights" not in law.describe()
     for q, v2 in random_states(reduced, 4, condition=30.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         target = law.step(0.7, measured)[0]
         np.testing.assert_array_equal(target.v2[:2], tip.at(0.7).velocity)  # by default nothing is fed back here
         np.testing.assert_array_equal(target.v2_dot[:2], tip.at(0.7).acceleration)

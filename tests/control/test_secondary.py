@@ -68,9 +68,9 @@ def test_rate_is_that_of_the_objective_along_the_motion(system, name):
     reduced, task = SYSTEMS[system]()
     objective, h, moved = every(reduced, task)[name], 1e-4, 0.0
     for q, v2 in random_states(reduced, 4, seed=6, condition=CONDITION[system]):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         near = [pin.integrate(reduced.robot.model, q, k * h * measured.v) for k in (-2, -1, 1, 2)]
-        z = [objective(0.0, reduced.measure(p, v2))[0] for p in near]
+        z = [objective(0.0, reduced.at(p, v2).measure())[0] for p in near]
         difference = (z[0] - 8 * z[1] + 8 * z[2] - z[3]) / (12 * h)
         exact = objective(0.0, measured)[1]
         np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
@@ -86,10 +86,10 @@ def test_distance_from_singularity_climbs_the_determinants(system):
 
     def height(q):
         A4 = reduced.terms(q, np.zeros(reduced.r)).A_star[task.vertical][:, task.redundant]
-        return np.linalg.slogdet(reduced.stacked_rows(q))[1] + 0.5 * np.linalg.slogdet(A4 @ A4.T)[1]
+        return np.linalg.slogdet(reduced.at(q).E)[1] + 0.5 * np.linalg.slogdet(A4 @ A4.T)[1]
 
     for q, _ in random_states(reduced, 3, seed=7, condition=CONDITION[system]):
-        R, _ = reduced.basis_rate(q, np.zeros(reduced.n))
+        R = reduced.at(q).R
         uphill = slopes(reduced, height, q, R[:, task.redundant].T)
         np.testing.assert_allclose(objective.gradient(q), uphill, atol=FINITE_DIFFERENCE * (1 + np.abs(uphill).max()))
 
@@ -109,9 +109,9 @@ def test_joint_limits_go_downhill_on_their_potential():
 
     steepest = 0.0
     for q, v2 in random_states(reduced, 6, seed=8, condition=20.0):
-        R, _ = reduced.basis_rate(q, np.zeros(reduced.n))
+        R = reduced.at(q).R
         uphill = slopes(reduced, potential, q, R[:, task.redundant].T)
-        z = objective(0.0, reduced.measure(q, v2))[0]
+        z = objective(0.0, reduced.at(q, v2).measure())[0]
         np.testing.assert_allclose(z, -1.5 * uphill, atol=FINITE_DIFFERENCE * (1 + np.abs(uphill).max()))
         steepest = max(steepest, np.abs(uphill).max())
     assert steepest > 0.01
@@ -124,7 +124,7 @@ def test_joint_limits_are_finite_at_and_beyond_the_limit_and_still_inside():
     objective = JointLimits(reduced, task, k=0.01, margin=0.2, joints=["torso_lift_joint"])
     for lift, expected in ((0.175, 0.0), (high, -0.01 / 0.07), (low, 0.01 / 0.07), (high + 0.07, -0.04 / 0.07)):
         q = reduced.robot.configuration({"torso_lift_joint": lift})
-        z, z_dot = objective(0.0, reduced.measure(q, np.ones(reduced.r)))
+        z, z_dot = objective(0.0, reduced.at(q, np.ones(reduced.r)).measure())
         np.testing.assert_allclose(z[torso], expected, atol=ROUNDING)  # the joint is an output: nothing else moves it
         np.testing.assert_allclose(np.delete(z, torso), 0.0, atol=ROUNDING)
         assert np.isfinite(z_dot).all()
@@ -136,9 +136,9 @@ def test_batches_are_one_call():
     parts = every(reduced, task)
     objective = Combined([*parts.values(), Posture(task, Hold(np.zeros(2)))])
     still = np.zeros((4, reduced.r))
-    together = objective(0.0, reduced.measure(q, v2, still))
+    together = objective(0.0, reduced.at(q, v2).measure(still))
     for i in range(4):
-        one = reduced.measure(q[i], v2[i], still[i])
+        one = reduced.at(q[i], v2[i]).measure(still[i])
         for whole, alone in zip(together, objective(0.0, one), strict=True):
             np.testing.assert_allclose(whole[i], alone, atol=1e-6 * (1 + np.abs(alone).max()))
         added = sum(part(0.0, one)[0] for part in objective.parts)
@@ -149,7 +149,7 @@ def reach(objective):
     """The tip goes 0.8 m ahead while the platform turns a little."""
     reduced, task = manipulator()
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     tip, heading = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0), MinimumJerk(x1, x1 - 0.1, 4.0)
     return reduced, RedundancyController(task, tip, heading, 2.0, 2.0, secondary=objective), q0
 
@@ -183,8 +183,8 @@ def test_distance_from_singularity_keeps_the_singular_value_up_while_the_rest_is
     for objective in (None, SingularityDistance(reduced, task, 0.2)):
         _, kinematic, q0 = reach(objective)
         times, path = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.02)
-        smallest[objective is not None] = reduced.smallest_singular_value(path).min()
-        x1, x2 = reduced.outputs(path)
+        smallest[objective is not None] = reduced.at(path).smallest_singular_value.min()
+        x1, x2 = reduced.at(path).outputs()
         wanted = [np.concatenate([kinematic.vertical.at(t).position, kinematic.primary.at(t).position]) for t in times]
         missed[objective is not None] = np.abs(np.column_stack([x1, x2[:, :2]]) - wanted).max()
     assert smallest[True] > 1.5 * smallest[False]
@@ -199,7 +199,7 @@ def test_a_wrist_stays_while_joints_leave_their_limits():
     near = ["torso_lift_joint", "arm_6_joint"]
     arm = {"arm_1_joint": 1.2, "arm_2_joint": 0.2, "arm_3_joint": -1.4, "arm_4_joint": 1.2, "arm_5_joint": 0.4}
     q0 = reduced.robot.configuration({**arm, "torso_lift_joint": 0.345, "arm_6_joint": 1.38})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     limits = JointLimits(reduced, task, 0.1, 0.25)
     hold = RedundancyController(task, Hold(x2[:2]), Hold(x1), 2.0, 2.0, secondary=limits)
     _, path = rnc.kinematic_rollout(reduced, hold, q0, 6.0, 0.05)
@@ -208,7 +208,7 @@ def test_a_wrist_stays_while_joints_leave_their_limits():
     room = np.minimum(path[:, places] - low, high - path[:, places]) / (high - low)
     assert room[0].max() < 0.02
     assert room[-1].min() > 0.12
-    np.testing.assert_allclose(reduced.outputs(path)[0] - np.broadcast_to(x1, (len(path), 3)), 0.0, atol=1e-6)
+    np.testing.assert_allclose(reduced.at(path).outputs()[0] - np.broadcast_to(x1, (len(path), 3)), 0.0, atol=1e-6)
 
 
 def test_nonsense_is_refused():
@@ -257,7 +257,7 @@ def test_a_scenario_adds_its_objectives_up(tmp_path):
         JointLimits(reduced, task, joints=["joint_2"]),
         SingularityDistance(reduced, task, 0.05),
     ]
-    measured = reduced.measure(experiment.q0, np.full(reduced.r, 0.1))
+    measured = reduced.at(experiment.q0, np.full(reduced.r, 0.1)).measure()
     built = experiment.controller.target.secondary
     for got, expected in zip(built(0.5, measured), Combined(parts)(0.5, measured), strict=True):
         np.testing.assert_allclose(got, expected, atol=ROUNDING)
@@ -334,12 +334,12 @@ def test_the_distance_from_singularity_is_differentiated_over_at_most_a_fifty_th
 
 
 @pytest.mark.parametrize("batch", [(), (2,), (2, 4)])
-def test_where_redundant_outputs_move_nothing_the_distance_has_no_gradient(batch):
+def test_where_redundant_outputs_move_nothing_the_distance_has_no_gradient(batch, monkeypatch):
     """Said with the first configuration of a batch."""
     rows = np.zeros((*batch, 2, 4))
-    reduced = SimpleNamespace(
-        at=lambda q: SimpleNamespace(A_star=rows), kinematic_gradient=lambda q, of: np.zeros((*batch, 2, 4, 3))
-    )
+    gradient = np.zeros((*batch, 2, 4, 3))
+    monkeypatch.setattr("rnc_pin.control.secondary.kinematic_gradient", lambda here, of: gradient)
+    reduced = SimpleNamespace(at=lambda q: SimpleNamespace(A_star=rows))
     task = SimpleNamespace(
         redundant=np.array([3, 0, 1]),
         vertical=np.array([1]),
@@ -358,13 +358,13 @@ def test_secondary_objectives_are_worth_their_gains_and_describe_themselves():
     reduced, task = manipulator()
     zero = Posture(task, Hold([0.2, -0.1]), np.array([0.0, 3.0]))
     (q, v2), *_ = random_states(reduced, 1, seed=6, condition=20.0)
-    z, z_dot = zero(0.0, reduced.measure(q, v2))  # the speed has no integral, and no gain
-    shoulder = reduced.outputs(q)[1][3]
+    z, z_dot = zero(0.0, reduced.at(q, v2).measure())  # the speed has no integral, and no gain
+    shoulder = reduced.at(q).outputs()[1][3]
     np.testing.assert_allclose(z, [0.0, 3.0 * np.angle(np.exp(1j * (-0.1 - shoulder)))], atol=ROUNDING)
     np.testing.assert_allclose(z_dot, [0.0, -3.0 * v2[3]], atol=ROUNDING)
     gains = np.array([0.5, 2.0])
     limits, distance = JointLimits(reduced, task, gains, 0.5), SingularityDistance(reduced, task, gains)
-    measured = reduced.measure(q, v2)
+    measured = reduced.at(q, v2).measure()
     np.testing.assert_allclose(distance(0.0, measured)[0], gains * distance.gradient(q), rtol=1e-12)
     for value, unit in zip(limits(0.0, measured), JointLimits(reduced, task, 1.0, 0.5)(0.0, measured), strict=True):
         np.testing.assert_allclose(value, gains * unit, rtol=1e-12)
@@ -399,7 +399,7 @@ def test_joints_of_several_freedoms_leave_the_ends_of_each():
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
     generator = np.random.default_rng(9)
     R, R_dot, gains = *generator.normal(size=(2, 5, 2)), np.array([0.5, 2.0])
-    reduced = SimpleNamespace(robot=rnc.Robot(model), basis_rate=lambda q, v: (R, R_dot))
+    reduced = SimpleNamespace(robot=rnc.Robot(model), at=lambda q, v: SimpleNamespace(R=R, R_dot=R_dot))
     objective = JointLimits(reduced, SimpleNamespace(redundant=np.arange(2)), gains, 0.25)
     assert objective.describe()["zone"] == [0.5, 0.75, 0.5]
     q, v = np.array([0.9, 50.0, -0.2, 1.2, 2.0]), generator.normal(size=5)

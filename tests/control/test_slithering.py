@@ -74,7 +74,7 @@ class Drive:
         (u, u_dot), (phi, phi_dot) = self.u(t), self.phi(t)
         q = reduced.robot.configuration({"root_joint": [x, y, heading], "front_steering": phi, "hitch": 0.1})
         # Desired accelerations of steering are not known to the reference; it must not need them.
-        return reduced.measure(q, np.array([u, phi_dot, 0.4])), np.array([u_dot, 0.0, 0.0])
+        return reduced.at(q, np.array([u, phi_dot, 0.4])).measure(), np.array([u_dot, 0.0, 0.0])
 
     def axle(self, t, length, ahead):
         """By brute force: the place a chord behind the kingpin, on the path or straight behind its start."""
@@ -130,7 +130,7 @@ def test_it_rests_with_the_tractor_and_keeps_its_state_to_itself():
     for k in range(400):
         _, state = reference.step(*way.measure(reduced, k * 0.005), state)
     m, _ = way.measure(reduced, 2.0)
-    still = reduced.measure(m.q, np.zeros(3))
+    still = reduced.at(m.q, np.zeros(3)).measure()
     before = state.path.copy()
     first, after = reference.step(still, np.zeros(3), state)
     again, _ = reference.step(still, np.zeros(3), state)
@@ -154,7 +154,7 @@ def test_backing_up_leads_back_along_the_same_path(back):
         """On a circle of radius 2 after a straight."""
         x, y, heading = (s, 0.0, 0.0) if s < 0 else (2 * np.sin(s / 2), 2 - 2 * np.cos(s / 2), s / 2)
         values = {"root_joint": [x, y, heading], "front_steering": np.arctan(0.5) if s > 0 else 0.0}
-        return reduced.measure(reduced.robot.configuration(values), np.array([u, 0.0, 0.0])), np.zeros(3)
+        return reduced.at(reduced.robot.configuration(values), np.array([u, 0.0, 0.0])).measure(), np.zeros(3)
 
     way = [*np.arange(-1.0, 3.0, 0.005), *np.arange(3.0, 3.0 - back, -0.001), *np.arange(3.0 - back, 6.0, 0.005)]
     state, last = reference.initial_state(at(way[0], 0.0)[0]), -1.0
@@ -172,7 +172,7 @@ def on_a_bend(reduced, s, radius=2.0):
     if s > 0:
         x, y, heading = radius * np.sin(s / radius), radius - radius * np.cos(s / radius), s / radius
     values = {"root_joint": [x, y, heading], "front_steering": np.arctan(1 / radius) if s > 0 else 0.0}
-    return reduced.measure(reduced.robot.configuration(values), np.array([1.0, 0.0, 0.0]))
+    return reduced.at(reduced.robot.configuration(values), np.array([1.0, 0.0, 0.0])).measure()
 
 
 def test_noise_of_positions_is_not_differentiated():
@@ -219,7 +219,7 @@ def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
     def at(angle):
         pose = [radius * np.sin(angle), radius - radius * np.cos(angle), angle]
         q = reduced.robot.configuration({"root_joint": pose, "front_steering": np.arctan(1 / radius)})
-        return reduced.measure(q, np.array([0.5, 0.0, 0.0])), np.zeros(3)
+        return reduced.at(q, np.array([0.5, 0.0, 0.0])).measure(), np.zeros(3)
 
     def turn():
         state = reference.initial_state(at(0.0)[0])
@@ -239,10 +239,10 @@ def test_a_loop_of_ones_own_round_a_path_of_three_legs():
     reference = SlitheringReference(reduced, task, "tractor", "rear_axle")
     steering = SteeringController(reduced, task, path.reference, reference)
     q, integrals, v2, dt = robot.configuration(), np.zeros(3), np.zeros(3), 0.02
-    state = steering.initial_state(reduced.measure(q, v2, integrals))
+    state = steering.initial_state(reduced.at(q, v2).measure(integrals))
     poses, axles, data = [], [], robot.model.createData()
     for k in range(2100):
-        m = reduced.measure(q, v2, integrals)
+        m = reduced.at(q, v2).measure(integrals)
         target, state = steering.step(k * dt, m, state)
         middle = target.v2 + 0.5 * dt * target.v2_dot
         half = pin.integrate(robot.model, q, 0.5 * dt * reduced.terms(q, target.v2).v)
@@ -280,7 +280,7 @@ def test_steering_along_the_driven_path_needs_its_state():
         reduced, task, path.reference, SlitheringReference(reduced, task, "tractor", "rear_axle")
     )
     with pytest.raises(rnc.InputError, match="initial_state"):
-        steering.step(0.0, reduced.measure(reduced.robot.configuration(), np.zeros(3)))
+        steering.step(0.0, reduced.at(reduced.robot.configuration(), np.zeros(3)).measure())
 
 
 @pytest.mark.parametrize(
@@ -370,7 +370,9 @@ def test_places_are_remembered_a_spacing_apart_and_forgotten_when_the_tractor_ba
     turned = np.array([[0.0, 0.0, np.pi / 2, 0.0]])
     assert len(reference._recorded(turned, 5.0, 0.2499, 0.0)) == 1
     assert len(reference._recorded(turned, -5.0, 0.2501, 0.0)) == 2
-    assert isinstance(reference.initial_state(reduced.measure(reduced.robot.configuration(), np.zeros(3))), DrivenPath)
+    assert isinstance(
+        reference.initial_state(reduced.at(reduced.robot.configuration(), np.zeros(3)).measure()), DrivenPath
+    )
 
 
 def test_a_kingpin_as_far_ahead_as_the_axle_is_behind():
@@ -417,7 +419,7 @@ def test_a_trailer_that_backs_up_beyond_its_oldest_place_goes_straight_on(aside,
     reduced = fire_truck()
     reference = SlitheringReference(reduced, rnc.Task.of(reduced, *TASK), "tractor", "rear_axle")
     q = reduced.robot.configuration({"root_joint": [0.01, aside, turned], "hitch": -turned})
-    measurement = reduced.measure(q, np.zeros(3))
+    measurement = reduced.at(q, np.zeros(3)).measure()
     path = np.array([[0.0, 0.0, 0.0, 0.0]])
     point, state = reference.step(measurement, np.zeros(3), DrivenPath(path, 0.0))
     assert reference.length == 1.0

@@ -105,7 +105,7 @@ def test_references_of_speed_and_yaw_are_followed():
     np.testing.assert_allclose(run.v2[-1], 0, atol=5e-3)
     assert run.x2[-1, 2] == pytest.approx(turn, abs=0.02)
     np.testing.assert_allclose(run.v2_desired[middle, [0, 2]], reference.at(4.0).velocity)
-    command, _ = controller.step(12.0, reduced.measure(run.q[-1], run.v2[-1]))
+    command, _ = controller.step(12.0, reduced.at(run.q[-1], run.v2[-1]).measure())
     np.testing.assert_allclose(command.x2_desired, [np.nan, np.nan, turn])  # the distance is no state
 
 

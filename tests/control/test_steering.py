@@ -15,6 +15,7 @@ from rnc_pin.control import (
     VelocityTracker,
 )
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import fire_truck, random_states, space_robot
 from textbook_systems import turreted
@@ -26,7 +27,7 @@ from tolerances import FINITE_DIFFERENCE
 def test_gradient_of_the_kinematics_is_exact():
     reduced = fire_truck()
     for q, _ in random_states(reduced, 4):
-        gradient = reduced.kinematic_gradient(q, [1, 2])
+        gradient = kinematic_gradient(reduced.at(q), [1, 2])
         for column, output in enumerate((1, 2)):
             v = reduced.terms(q, np.eye(3)[output]).v
             h = 1e-4
@@ -51,16 +52,16 @@ def test_the_missing_rate_fades_at_k4():
     v2 = np.array([*path.reference.at(t).velocity, 0.0])
 
     def missing(q, t, v2):
-        m = reduced.measure(q, v2)
+        m = reduced.at(q, v2).measure()
         x1d = controller.vertical.at(t)
         return x1d.velocity + 2.0 * (x1d.position - m.x1[[2]]) - m.v1[[2]]
 
     # Two targets a moment apart, each with the primary rates followed exactly.
     here = path.reference.at(t).position
     integrals = np.array([here[0], 0.0, 0.0])
-    target, _ = controller.step(t, reduced.measure(q, v2, integrals), None)
+    target, _ = controller.step(t, reduced.at(q, v2).measure(integrals), None)
     moving = np.array([*v2[:2], target.v2[2]])
-    target, _ = controller.step(t, reduced.measure(q, moving, integrals), None)
+    target, _ = controller.step(t, reduced.at(q, moving).measure(integrals), None)
     ahead = pin.integrate(reduced.robot.model, q, h * reduced.terms(q, moving).v)
     later = moving + h * np.array([*target.v2_dot[:2], 0.0])
     before, after = missing(q, t, moving), missing(ahead, t + h, later)
@@ -73,7 +74,7 @@ def test_steering_refuses_a_system_that_class_1_fits():
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     controller = SteeringController(reduced, task, Hold(np.zeros(2)), Hold(np.zeros(1)))
     with pytest.raises(rnc.ConfigurationError, match="A4 is not zero"):
-        controller.initial_state(reduced.measure(q0, np.zeros(3)))
+        controller.initial_state(reduced.at(q0, np.zeros(3)).measure())
 
 
 # ---------------------------------------------------------------------- class 2
@@ -101,7 +102,7 @@ def test_steering_asks_for_no_faster_a_rate_than_it_may():
     point, signs = path.reference.at(3.0), []
     for steering in (-0.5, 0.5):
         q = fire_truck().robot.configuration({"root_joint": [-4.5, 1.9, -0.5], "rear_steering": steering})
-        measured = reduced.measure(q, np.array([*point.velocity, 0.0]), np.array([*point.position, 0.0]))
+        measured = reduced.at(q, np.array([*point.velocity, 0.0])).measure(np.array([*point.position, 0.0]))
         wanted = free.step(3.0, measured)[0].v2[task.redundant]
         assert np.abs(wanted).max() > 0.1
         np.testing.assert_array_equal(bounded.step(3.0, measured)[0].v2[task.redundant], np.sign(wanted) * 0.05)
@@ -113,14 +114,21 @@ PLACES = ([3, 0, 5], [4, 1], [2, 0])
 ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
 
 
+@pytest.fixture
+def written_down(monkeypatch):
+    """Gradients of systems that are written down: their evaluation is the gradient itself."""
+    monkeypatch.setattr("rnc_pin.control.steering.kinematic_gradient", lambda gradient, of: gradient[..., of])
+
+
 def steering(gradient, **changes):
     """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
-    reduced = SimpleNamespace(affine=False, kinematic_gradient=lambda q, of: gradient[..., of])
+    reduced = SimpleNamespace(affine=False, at=lambda q: gradient)
     chosen = task_at(*PLACES)
     first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
     return SteeringController(reduced, chosen, first, base, **changes), first, base
 
 
+@pytest.mark.usefixtures("written_down")
 @pytest.mark.parametrize("max_rate", [1e9, 0.7])
 @pytest.mark.parametrize("monitored", [False, True])
 def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(max_rate, monitored):
@@ -157,6 +165,7 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
         assert np.isnan(target.x2[[1, 2, 4]]).all()
 
 
+@pytest.mark.usefixtures("written_down")
 def test_steering_takes_over_where_redundant_rates_move_nothing():
     """A4 up to a billionth; what it is made of is said."""
     law, first, base = steering(np.zeros((3, 6, 6)))

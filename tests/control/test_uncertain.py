@@ -123,8 +123,8 @@ def test_class_3_on_wheels_that_are_not_known():
     q0 = reduced.robot.configuration({"root_joint": (-1.4, 0.2, 0.1), "shoulder": 0.4, "elbow": -1.4})
     estimator = Estimator(reduced, wheels_of_an_axle(reduced), [0.11, 0.35], BOUNDS, 5.0)
     hand, platform = np.array([0, 1]), np.array([2, 3])
-    H = estimator.model.inertia(q0)[None]
-    start = reduced.outputs(q0)[1][hand]
+    H = estimator.model.at(q0).H[None]
+    start = reduced.at(q0).outputs()[1][hand]
     there = start + np.array([0.1, -0.05])
     tracker = PositionTracker(MinimumJerk(start, there, 2.0), PositionGains.scaled(H[:, :2, :2], DT, 4.0, 1.5))
     goal = np.array([-1.0, -0.1, 0.6])

@@ -31,7 +31,7 @@ LINKS = [UnknownMass(f"joint_{i}", unit=10.0) for i in (1, 2, 3)]
 def uncertain(initial=(1.6, 0.4, 1.5), **changes):
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_2": 1.4, "joint_3": -1.6})
-    _, x2 = reduced.outputs(q0)
+    _, x2 = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     tip = Harmonic(x2[:2], [0.3, 0.1], [0.2, 0.13], ramp=3.0)
     controller = RedundancyController(task, tip, Harmonic([0.0], [0.15], 0.1, ramp=3.0), 2.0, 2.0)
@@ -145,8 +145,8 @@ def test_two_plants_of_one_belief_get_the_same_inputs_at_the_same_measurement(na
     for experiment in (known, other):
         reduced, controller, state = experiment.reduced, experiment.controller, None
         for k, (q, v2) in enumerate(states):
-            v = known.reduced.velocity(q, v2)  # as sensors give it
-            measured = reduced.measured(q, v, integrals=np.zeros(reduced.r))
+            v = known.reduced.at(q, v2).v  # as sensors give it
+            measured = reduced.at(q, v=v).measure(np.zeros(reduced.r))
             state = controller.initial_state(measured) if state is None else state
             command, state = controller.step(0.01 * k, measured, state)
             inputs.append(reduced.allocate(q, command.F) if command.T is None else command.T)
@@ -166,7 +166,7 @@ def test_what_clipped_actuators_leave_out_is_told_as_the_belief_has_it(name, mak
             experiment.reduced, experiment.controller, 0.01, limits=np.full(known.reduced.p, 1e-3), max_speed=1e9
         )
         for k, (q, v2) in enumerate(states):
-            loop.step(0.01 * k, q, known.reduced.velocity(q, v2))
+            loop.step(0.01 * k, q, known.reduced.at(q, v2).v)
             asked.append(loop.last.requested)
     assert (np.abs(asked) > 1e-3).mean() > 0.5
     np.testing.assert_allclose(asked[:5], asked[5:], rtol=1e-9, atol=1e-9)
@@ -202,7 +202,7 @@ def test_estimates_stay_within_their_bounds():
 def test_at_the_true_masses_it_is_the_class_1_controller():
     reduced, controller, _, estimating = uncertain(initial=(1.0, 1.0, 1.0))
     for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         exact, _ = controller.step(1.0, measured, None)
         target, state = estimating.step(1.0, measured, estimating.initial_state(measured))
         np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
@@ -283,8 +283,8 @@ def test_the_uncertain_law_is_that_of_a_robot_with_the_masses_believed():
     reduced, law, _, controller = estimating(0.0, believed)
     other = masses_as_believed(believed)
     for q, v2 in random_states(reduced, 4, condition=50.0):
-        measured = reduced.measure(q, v2)
-        guess = other.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
+        guess = other.at(q, v2).measure()
         assert np.abs(guess.A_star_dot - measured.A_star_dot).max() > 1e-3
         seen = measured._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot)
         expected, _ = law.step(1.3, seen, None)
@@ -298,7 +298,7 @@ def test_estimates_move_at_the_rate_of_the_law_in_the_loop():
     alpha, dt = 3.0, 1e-7
     reduced, _, regressor, controller = estimating(alpha, (1.6, 0.4, 1.5))
     for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         _, first = controller.step(0.5, measured, controller.initial_state(measured))
         target, second = controller.step(0.5 + dt, measured, first)
         _, W = regressor.regress(measured.q, measured.v)
@@ -313,9 +313,9 @@ def test_the_vertical_error_is_driven_by_the_prediction_error_alone():
     reduced, law, _, controller = estimating(0.0, believed)
     other, t = masses_as_believed(believed), 1.3
     for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         v2d = controller.step(t, measured, controller.initial_state(measured))[0].v2
-        moved, predicted = reduced.measure(q, v2d).v1, other.measure(q, v2d).v1  # truth, and (15)
+        moved, predicted = reduced.at(q, v2d).measure().v1, other.at(q, v2d).measure().v1  # truth, and (15)
         wanted = law.vertical.at(t)
         error, error_rate = wanted.position - measured.x1, wanted.velocity - moved
         np.testing.assert_allclose(error_rate + 2.0 * error, predicted - moved, atol=1e-9 * (1 + np.abs(moved).max()))
@@ -328,10 +328,10 @@ def test_the_prediction_error_is_that_of_19_and_in_proportion_to_that_of_15():
     reduced, _, _, controller = estimating(0.0, believed)
     other = masses_as_believed(believed)
     for q, v2 in random_states(reduced, 3, condition=50.0):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         E = controller.step(0.0, measured, controller.initial_state(measured))[0].prediction_error
         alone = np.linalg.solve(np.vstack([np.eye(4)[0], reduced.at(q).J2]), np.eye(4)[0])
         momentum = other.at(q).A @ alone
-        apart = measured.v1 - other.measure(q, v2).v1
+        apart = measured.v1 - other.at(q, v2).measure().v1
         np.testing.assert_allclose(10.0 * E, momentum * apart, atol=1e-9 * (1 + np.abs(E).max()))
         assert np.abs(E).max() > 1e-3

@@ -118,7 +118,7 @@ def test_the_estimated_model_is_the_other_robot(tmp_path):
     other, reduced = drive(truth[:2], truth[2], tmp_path), drive()
     model = WheelRegressor(reduced, own_and_track(DRIVE)).estimated(reduced).at(truth)
     for q, v2 in random_states(other, 5):
-        believed, true = model.measure(q, v2), other.measure(q, v2)
+        believed, true = model.at(q, v2).measure(), other.at(q, v2).measure()
         for name in ("v", "x1", "x2", "v1", "A_star", "A_star_dot"):
             np.testing.assert_allclose(getattr(believed, name), getattr(true, name), atol=ROUNDING)
 
@@ -166,7 +166,7 @@ def test_regressor_against_finite_differences_of_the_rows_on_a_body_that_pitches
         q, v = robot.random_configuration(generator, spread=0.4), generator.normal(size=robot.nv)
         p = generator.uniform(0.1, 1.0, 3)
         y, Y = regressor.regress(q, v)
-        np.testing.assert_allclose(Y @ p - y, estimated.at(p).constraint_residual(q, v)[rows], atol=ROUNDING)
+        np.testing.assert_allclose(Y @ p - y, estimated.at(p).at(q, v=v).residual[rows], atol=ROUNDING)
     truth = np.array([0.2, 0.25, np.linalg.norm(_centre(robot, "left") - _centre(robot, "right"))])
     for q, v2 in random_states(reduced, 3, condition=1e4):
         y, Y = regressor.regress(q, reduced.terms(q, v2).v)
@@ -183,7 +183,7 @@ def _centre(robot, frame):
 def test_true_wheels_are_never_read(unknown, tmp_path):
     """Two systems that differ in radii and track alone: one measurement gives one answer."""
     targets = []
-    measurements = [drive().measure(q, v2) for q, v2 in random_states(drive(), 4)]
+    measurements = [drive().at(q, v2).measure() for q, v2 in random_states(drive(), 4)]
     for reduced in (drive(), drive((0.17, 0.06), 0.9, tmp_path)):
         task = rnc.Task.of(reduced, [], reduced.reducing.names)
         controller = RedundancyController(task, Hold(np.zeros(0)), Harmonic(np.zeros(2), [0.3, 0.2], 0.1))
@@ -204,7 +204,7 @@ def test_at_the_true_wheels_it_is_the_class_1_controller():
     regressor = WheelRegressor(reduced, shared_and_track(TIAGO))
     estimating = UncertainRedundancyController(reduced, controller, regressor, [0.0985, 0.4044], (0.02, 2.0))
     for q, v2 in random_states(reduced, 3):
-        measured = reduced.measure(q, v2)
+        measured = reduced.at(q, v2).measure()
         exact, _ = controller.step(1.0, measured, None)
         target, _ = estimating.step(1.0, measured, estimating.initial_state(measured))
         np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
@@ -222,7 +222,7 @@ def test_learning_makes_predictions_and_tracking_better(make, wheels, truth, gue
     error, missed = {}, {}
     reduced = make()
     q0 = reduced.robot.configuration()
-    x1, _ = reduced.outputs(q0)
+    x1, _ = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, [], reduced.reducing.names)
     path = Harmonic(x1, [0.5, 0.4], [0.08, 0.16], ramp=3.0)
     controller = RedundancyController(task, Hold(np.zeros(0)), path, 2.0)

@@ -62,8 +62,8 @@ def test_velocity_error_decays_exponentially_from_far_away():
     reduced = space_robot_in_joints()
     q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
     k = 100.0
-    slowest = k / np.linalg.eigvalsh(reduced.inertia(q0))[-1]
-    still = ReducingOutputController(reduced, Hold(reduced.outputs(q0)[1]), k2=0.0)
+    slowest = k / np.linalg.eigvalsh(reduced.at(q0).H)[-1]
+    still = ReducingOutputController(reduced, Hold(reduced.at(q0).outputs()[1]), k2=0.0)
     run = rnc.simulate(reduced, VelocityTracker(still, VelocityGains(k, k)), q0, 4.0 / slowest, v2_0=0.1 * np.ones(3))
     error = np.linalg.norm(run.v2, axis=1)
     assert error[-1] < 0.2 * error[0]
@@ -126,9 +126,9 @@ def test_leak_is_exact_over_any_time():
     """With no error the gains decay as exp(-sigma t), in one step or in many."""
     reduced = space_robot_in_joints()
     q = reduced.robot.configuration({"joint_2": 1.2})
-    still = ReducingOutputController(reduced, Hold(reduced.outputs(q)[1]))
+    still = ReducingOutputController(reduced, Hold(reduced.at(q).outputs()[1]))
     tracker = VelocityTracker(still, VelocityGains(sigma=0.7))
-    measured = reduced.measure(q, np.zeros(3))
+    measured = reduced.at(q, np.zeros(3)).measure()
     start = tracker.initial_state(measured)._replace(time=0.0, g=np.ones(3))
     one = tracker.step(2.0, measured, start)[1]
     many = start
@@ -141,7 +141,7 @@ def test_leak_is_exact_over_any_time():
 def test_time_that_runs_backwards_is_refused():
     reduced, kinematic, q0 = space_robot_task()
     tracker = VelocityTracker(kinematic)
-    measured = reduced.measure(q0, np.zeros(3))
+    measured = reduced.at(q0, np.zeros(3)).measure()
     _, state = tracker.step(1.0, measured, tracker.initial_state(measured))
     with pytest.raises(rnc.InputError, match="backwards"):
         tracker.step(0.5, measured, state)
@@ -173,9 +173,9 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
     run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
     integrator, q, plant = LieRungeKutta4(reduced.robot), q0, ConstrainedDynamics(reduced)
     y = plant.start(q, np.zeros(reduced.n))
-    state = tracker.initial_state(reduced.measure(q, np.zeros(3)))
+    state = tracker.initial_state(reduced.at(q, np.zeros(3)).measure())
     for sample in range(201):
-        measurement = reduced.measured(q, plant.seen(q, y).v)
+        measurement = reduced.at(q, v=plant.seen(q, y).v).measure()
         command, state = tracker.step(sample * 0.002, measurement, state)
         T = reduced.allocate(q, command.F)
         np.testing.assert_array_equal(T, run.T[sample])
@@ -187,7 +187,7 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
 def test_stepping_twice_from_one_state_gives_one_answer():
     reduced, kinematic, q0 = space_robot_task()
     tracker = VelocityTracker(kinematic)
-    measured = reduced.measure(q0, 0.1 * np.ones(3))
+    measured = reduced.at(q0, 0.1 * np.ones(3)).measure()
     state = tracker.initial_state(measured)._replace(time=0.0)
     first, second = (tracker.step(0.1, measured, state) for _ in range(2))
     np.testing.assert_array_equal(first[0].F, second[0].F)
@@ -199,13 +199,13 @@ def test_a_batch_of_robots_is_one_call():
     reduced, kinematic, _ = space_robot_task()
     tracker = VelocityTracker(kinematic, VelocityGains(k=np.array([10.0, 20.0, 5.0]), beta=4.0))
     q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 4), strict=True))
-    measured = reduced.measure(q, v2)
+    measured = reduced.at(q, v2).measure()
     state = tracker.initial_state(measured)
     for t in (0.5, 0.6):
         command, state = tracker.step(t, measured, state)
     assert command.F.shape == (4, 3)
     for i in range(4):
-        one = reduced.measure(q[i], v2[i])
+        one = reduced.at(q[i], v2[i]).measure()
         alone = tracker.initial_state(one)
         for t in (0.5, 0.6):
             single, alone = tracker.step(t, one, alone)
@@ -293,7 +293,7 @@ def test_a_long_sample_learns_what_the_leak_leaves_of_it():
     """With ``e`` held, ``gdot = -sigma g + beta e`` has the closed form; without a leak it is a straight line."""
     reduced = sleigh()
     q, still = reduced.robot.configuration(), rnc.planning.Hold([0.3, 0.0])
-    measured = reduced.measured(q, np.zeros(3), np.zeros(2))
+    measured = reduced.at(q, v=np.zeros(3)).measure(np.zeros(2))
     for sigma, time in ((2.0, 1.5), (0.0, 1.5)):
         target = rnc.control.ReducingOutputController(reduced, still)
         tracker = VelocityTracker(target, VelocityGains(k=1e9, beta=4.0, sigma=sigma))  # k: the step is not bounded

@@ -124,7 +124,7 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
         regressor = WheelRegressor(reduced, unknown)
         assert (regressor.names, regressor.units) == (names, ("m",) * len(names))
         assert (regressor.predicted, regressor.predicted_units) == (rows, ("m/s",) * len(rows))
-        q, v = robot.configuration({"root_joint": (0.3, 0.2, 0.7)}), reduced.velocity(robot.configuration(), [0.4, 0.9])
+        q, v = robot.configuration({"root_joint": (0.3, 0.2, 0.7)}), reduced.at(robot.configuration(), [0.4, 0.9]).v
         assert regressor.regress(q, v)[1].shape == (len(rows), len(names))
     for unknown, words in (
         ([], "name at least one unknown radius or track"),
@@ -174,7 +174,7 @@ def test_a_track_alone_is_learnt_from_wheels_that_are_known():
     )
     assert alone.names == ("track of left_wheel, right_wheel",)
     for q, v2 in random_states(reduced, 4):
-        v = reduced.velocity(q, v2)
+        v = reduced.at(q, v2).v
         y, Y = alone.regress(q, v)
         np.testing.assert_allclose(Y @ [0.4], y, atol=1e-12)
         y_also, Y_also = with_radius.regress(q, v)

@@ -492,7 +492,7 @@ def test_inputs_that_the_loop_and_the_plant_take_away_are_missing_together():
         np.testing.assert_array_equal(loop.last.T, given)
         loop.step(loop.state.time + DT, q, v)
         np.testing.assert_array_equal(controller.seen[-1].input_deficit, deficit)
-        np.testing.assert_allclose(controller.seen[-1].force_deficit, reduced.input_matrix(q) @ deficit, atol=1e-15)
+        np.testing.assert_allclose(controller.seen[-1].force_deficit, reduced.at(q).input_matrix @ deficit, atol=1e-15)
     loop.report_applied_input(np.array([10.0, -3.0]))  # more than the loop itself let through
     assert loop.state.input_deficit is None
     rnc.ControlLoop(reduced, controller, DT).report_applied_input(np.zeros(2))  # ignored before the first step
@@ -505,7 +505,7 @@ def swing(limits):
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
     reduced = system.reduce([rnc.JointPosition(joint) for joint in joints], [rnc.JointPosition("platform")])
     q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
-    way = rnc.planning.MinimumJerk(reduced.outputs(q0)[1], [1.3, -0.4, 0.9], duration=1.5)
+    way = rnc.planning.MinimumJerk(reduced.at(q0).outputs()[1], [1.3, -0.4, 0.9], duration=1.5)
     target = rnc.control.ReducingOutputController(reduced, way)
     tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, adaptation=5.0)
     return rnc.simulate(reduced, tracker, q0, 5.0, 0.003, options=rnc.SimulationOptions(loop={"limits": limits}))

@@ -31,13 +31,13 @@ def test_a_plain_loop_gives_the_motion_of_the_simulation(case):
 
     model, data = reduced.robot.model, reduced.robot.model.createData()
     v, integrals = np.zeros(reduced.n), np.zeros(reduced.r)
-    state = controller.initial_state(reduced.measure(q, integrals, integrals))
+    state = controller.initial_state(reduced.at(q, integrals).measure(integrals))
     moved = False
     for sample in range(SAMPLES + 1):
         v2 = _rates(reduced, q, v)
         np.testing.assert_allclose(q, run.q[sample], atol=1e-6)
         np.testing.assert_allclose(v2, run.v2[sample], atol=1e-5)
-        command, state = controller.step(sample * DT, reduced.measure(q, v2, integrals), state)
+        command, state = controller.step(sample * DT, reduced.at(q, v2).measure(integrals), state)
         T = reduced.allocate(q, command.F) if command.T is None else command.T
         moved = moved or np.abs(T).max() > 1e-3
         for _ in range(SUBSTEPS):

@@ -16,7 +16,7 @@ def test_a_batch_with_a_quaternion_that_is_none():
     reduced = free_flying_panda()
     q = reduced.robot.configuration()
     with pytest.raises(rnc.InputError, match=r"pair or a quaternion that is not of unit length"):
-        reduced.inertia(np.stack([q, 1.1 * q]))
+        reduced.at(np.stack([q, 1.1 * q]))
 
 
 def test_batches_that_do_not_go_together_are_refused():

@@ -120,8 +120,8 @@ def test_residuals_of_many_states_stand_one_under_the_other():
 
 def test_nothing_is_left_of_rows_that_are_not_there():
     reduced = sleigh()
-    assert reduced.position_residual(reduced.robot.configuration()).shape == (0,)
-    assert reduced.position_residual(np.tile(reduced.robot.configuration(), (2, 3, 1))).shape == (2, 3, 0)
+    assert reduced.assembly.residual(reduced.robot.configuration()).shape == (0,)
+    assert reduced.assembly.residual(np.tile(reduced.robot.configuration(), (2, 3, 1))).shape == (2, 3, 0)
 
 
 def test_a_coupling_that_a_rounded_row_implies_is_met_to_its_rounding():
@@ -150,7 +150,7 @@ def test_joints_that_turn_without_end_have_no_place_to_be_coupled_at():
     assert not reduced.constraints.holonomic[0]
     q = robot.configuration({"a": 1.0, "b": -2.0})
     assert reduced.all_constraints.places[0].block.residual(Kinematics(robot).position(q)).tolist() == [0.0]
-    np.testing.assert_allclose(reduced.velocity(q, [1.0]) / reduced.velocity(q, [1.0])[1], [0.3217, 1.0])
+    np.testing.assert_allclose(reduced.at(q, [1.0]).v / reduced.at(q, [1.0]).v[1], [0.3217, 1.0])
 
 
 def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():

@@ -65,7 +65,7 @@ def test_a_kind_of_a_user_glides_along_its_own_heading_in_mujoco():
     reduced = sleigh()
     plant = MuJoCoPlant(reduced)
     q = reduced.robot.configuration()
-    plant.reset(q, reduced.velocity(q, np.array([1.0, 0.0])))
+    plant.reset(q, reduced.at(q, np.array([1.0, 0.0])).v)
     plant.advance(0.2)
     _, v = plant.read()
     assert abs(_DriftingRow.across[:2] @ v[:2]) < 0.02

@@ -48,7 +48,7 @@ def test_space_robot(basis, state):
     assert_matches(reduced.forward_dynamics(q, v2, np.zeros(3)), expected["vdot_zero_input"])
     assert_matches(-reduced.multipliers(q, v2, T), state["lambda"])  # the data have A^T lambda on the other side
     assert_matches(reduced.energy(q, v2), state["kinetic_energy"])
-    measured = reduced.measure(q, v2)
+    measured = reduced.at(q, v2).measure()
     assert_matches(measured.x1, expected["x1"])
     assert_matches(measured.x2, expected["x2"])
 

@@ -51,7 +51,7 @@ def test_toed_wheels_keep_their_yaw():
         rounded.forward_dynamics(q, [0.2, 0.5], T), ideal.forward_dynamics(q, [0.2, 0.5], T), rtol=1e-4
     )
     np.testing.assert_allclose(
-        rounded.contact_forces(q, [0.2, 0.5], T), ideal.contact_forces(q, [0.2, 0.5], T), rtol=1e-4, atol=1e-5
+        rounded.at(q, [0.2, 0.5]).contact_forces(T), ideal.at(q, [0.2, 0.5]).contact_forces(T), rtol=1e-4, atol=1e-5
     )
 
 

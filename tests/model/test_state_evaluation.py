@@ -16,6 +16,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.independence import _choose
+from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
@@ -191,16 +192,16 @@ def test_a_measured_velocity_is_kept():
     (q, v2), _ = random_states(reduced, 2)
     t = reduced.terms(q, v2)
     slip = np.array([0.02, -0.03, 0.01, 0.005, -0.004])
-    seen = reduced.measured(q, t.v + slip)
+    seen = reduced.at(q, v=t.v + slip).measure()
     state = reduced.at(q)
     np.testing.assert_array_equal(seen.v, t.v + slip)
     np.testing.assert_allclose(seen.residual, t.A @ slip, atol=ROUNDING)
     np.testing.assert_allclose(seen.v1, state.J1 @ (t.v + slip), atol=ROUNDING)
     np.testing.assert_allclose(seen.v2, v2 + state.J2 @ slip, atol=ROUNDING)
     assert np.abs(seen.v1 - seen.A_star @ seen.v2).max() > 1e-3
-    own = reduced.measure(q, v2)
+    own = reduced.at(q, v2).measure()
     np.testing.assert_allclose(own.residual, 0.0, atol=ROUNDING)
-    batch = reduced.measured(np.stack([q, q]), np.stack([t.v, t.v + slip]))
+    batch = reduced.at(np.stack([q, q]), v=np.stack([t.v, t.v + slip])).measure()
     np.testing.assert_allclose(batch.residual[1], seen.residual, atol=ROUNDING)
     with pytest.raises(rnc.InputError, match="takes v2 or v, not both"):
         reduced.at(q, v2, v=t.v)
@@ -221,7 +222,7 @@ def test_an_estimator_in_a_loop_of_its_own_learns_the_robot_that_is_there():
     )
     (q, v2), _ = random_states(believed, 2)
     v = real.terms(q, v2).v
-    replaced, seen = believed.measure(q, v2), believed.measured(q, v)
+    replaced, seen = believed.at(q, v2).measure(), believed.at(q, v=v).measure()
     assert np.abs(replaced.residual).max() < ROUNDING  # this is how the load stayed hidden
     assert np.abs(seen.residual).max() > 1e-3
     np.testing.assert_allclose(seen.v1, v[:1], atol=ROUNDING)
@@ -230,11 +231,11 @@ def test_an_estimator_in_a_loop_of_its_own_learns_the_robot_that_is_there():
 def test_a_run_records_what_was_measured():
     reduced = space_robot()
     q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
-    x2 = reduced.outputs(q0)[1]
+    x2 = reduced.at(q0).outputs()[1]
     tracker = PositionTracker(Hold(x2 + np.array([0.1, 0.0, 0.0])))
     run = rnc.simulate(reduced, tracker, q0, 0.2, 0.002)
     for i in (0, 40, 100):
-        seen = reduced.measured(run.q[i], run.v[i])
+        seen = reduced.at(run.q[i], v=run.v[i]).measure()
         np.testing.assert_allclose(run.v1[i], seen.v1, atol=ROUNDING)
         np.testing.assert_allclose(run.v2[i], seen.v2, atol=ROUNDING)
         np.testing.assert_allclose(run.constraint_residual[i], seen.residual, atol=ROUNDING)
@@ -248,31 +249,25 @@ def test_a_run_records_what_was_measured():
 def test_what_is_not_finite_is_refused_everywhere(make, bad):
     reduced = make()
     ((q, v2),) = random_states(reduced, 1)
-    v, T = reduced.velocity(q, v2), np.zeros(reduced.p)
-    good = {"q": q, "v2": v2, "v": v, "T": T, "F": v2, "v2_dot": v2, "integrals": v2, "along": v}
+    v, T = reduced.at(q, v2).v, np.zeros(reduced.p)
+    good = {"q": q, "v2": v2, "v": v, "T": T, "F": v2, "v2_dot": v2, "integrals": v2}
     calls = {
         "forward_dynamics": "q v2 T",
         "inverse_dynamics": "q v2 v2_dot",
-        "flow": "q v2 T",
         "allocate": "q F",
         "multipliers": "q v2 T",
-        "contact_forces": "q v2 T",
         "energy": "q v2",
         "terms": "q v2",
         "lagrangian_terms": "q v2",
-        "inertia": "q",
-        "input_matrix": "q",
-        "drive_jacobian": "q",
-        "basis_rate": "q along",
-        "measure": "q v2",
-        "measured": "q v",
-        "outputs": "q",
-        "velocity": "q v2",
-        "constraint_residual": "q v",
-        "condition": "q",
-        "smallest_singular_value": "q",
-        "stacked_rows": "q",
+        "at": "q",
+        "at, reduced velocity": "q v2",
+        "at, full velocity": "q v",
+        "flow": "q v2 T",
+        "contact_forces": "q v2 T",
     }
+    functions = {name: getattr(reduced, name.split(",")[0], None) for name in calls}
+    functions["flow"] = lambda q, v2, T: reduced.at(q, v2).flow(T)
+    functions["contact_forces"] = lambda q, v2, T: reduced.at(q, v2).contact_forces(T)
     for call, names in calls.items():
         for spoilt in names.split():
             for batch in (False, True):
@@ -281,36 +276,31 @@ def test_what_is_not_finite_is_refused_everywhere(make, bad):
                 if batch:
                     given = {name: np.stack([good[name], array]) for name, array in given.items()}
                 with pytest.raises(rnc.InputError) as caught:
-                    getattr(reduced, call)(**given)
+                    functions[call](**given)
                 assert "not finite" in str(caught.value), (call, spoilt, batch)
                 assert "\n" not in str(caught.value)
         short = {name: good[name][:-1] for name in names.split()}
         with pytest.raises(rnc.InputError, match=r"has shape \(\d+,\), expected \(\.\.\., \d+\)"):
-            getattr(reduced, call)(**short)
+            functions[call](**short)
 
 
 def test_every_call_takes_many_states():
     reduced = spinning_space_robot()
     q, v2 = states_of(reduced, 4)
-    v = reduced.velocity(q, v2)
-    for call, given in {
-        "constraint_residual": (q, v),
-        "basis_rate": (q, v),
-        "drive_jacobian": (q,),
-        "outputs": (q,),
-        "energy": (q, v2),
-        "condition": (q,),
-        "kinematic_gradient": (q, [0, 2]),
-        "log_determinant_gradient": (q, [0, 2]),
+    v = reduced.at(q, v2).v
+    for name, (call, *states) in {
+        "residual": (lambda q, v: reduced.at(q, v=v).residual, q, v),
+        "R_dot": (lambda q, v: reduced.at(q, v=v).R_dot, q, v),
+        "outputs": (lambda q: np.concatenate(reduced.at(q).outputs(), axis=-1), q),
+        "energy": (reduced.energy, q, v2),
+        "condition": (lambda q: reduced.at(q).condition, q),
+        "kinematic_gradient": (lambda q: kinematic_gradient(reduced.at(q), [0, 2]), q),
+        "log_determinant_gradient": (lambda q: log_determinant_gradient(reduced.at(q), [0, 2]), q),
     }.items():
-        states = [array for array in given if isinstance(array, np.ndarray)]
-        rest = given[len(states) :]
-        many = getattr(reduced, call)(*given)
+        many = call(*states)
         for i in range(len(q)):
-            one = getattr(reduced, call)(*(array[i] for array in states), *rest)
-            pairs = zip(many, one, strict=True) if isinstance(one, tuple) else [(many, one)]
-            for there, here in pairs:
-                np.testing.assert_allclose(there[i], here, atol=ROUNDING, err_msg=call)
+            one = call(*(array[i] for array in states))
+            np.testing.assert_allclose(many[i], one, atol=ROUNDING, err_msg=name)
 
 
 def test_an_integral_that_a_task_needs_is_asked_for():
@@ -319,7 +309,7 @@ def test_an_integral_that_a_task_needs_is_asked_for():
     task = rnc.Task.of(reduced, names[1:], names[:1], reduced.vertical.names[:1])
     ((q, _),) = random_states(reduced, 1)
     rest = np.zeros(4)
-    seen = reduced.measure(q, rest)
+    seen = reduced.at(q, rest).measure()
     assert np.isnan(seen.x2[2])
     assert np.isfinite(seen.x2[[0, 1, 3]]).all()
     redundant = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, 1.0)
@@ -327,8 +317,9 @@ def test_an_integral_that_a_task_needs_is_asked_for():
     words = "a feedback gain acts on an output without a value: it is a quasi-velocity"
     for controller in (tracker, VelocityTracker(redundant, VelocityGains.paper())):
         with pytest.raises(rnc.InputError, match=words):
-            controller.step(0.0, seen, controller.initial_state(reduced.measure(q, rest, rest)))
-        controller.step(0.0, reduced.measure(q, rest, rest), controller.initial_state(reduced.measure(q, rest, rest)))
+            controller.step(0.0, seen, controller.initial_state(reduced.at(q, rest).measure(rest)))
+        known = reduced.at(q, rest).measure(rest)
+        controller.step(0.0, known, controller.initial_state(known))
     without = RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)), 1.0, np.array([1.0, 0.0, 1.0]))
     target, _ = without.step(0.0, seen, None)
     assert np.isfinite(target.v2).all()
@@ -357,16 +348,16 @@ def test_a_row_that_vanishes_is_singular(off):
     for call in (
         lambda: reduced.terms(q, v2),
         lambda: reduced.forward_dynamics(q, v2, np.zeros(2)),
-        lambda: reduced.measure(q, v2),
-        lambda: reduced.velocity(np.stack([0 * q, q]), np.stack([v2, v2])),
+        lambda: reduced.at(q, v2).measure(),
+        lambda: reduced.at(np.stack([0 * q, q]), np.stack([v2, v2])).v,
     ):
         with pytest.raises(rnc.SingularityError) as caught:
             call()
         assert list(caught.value.rows) == ["tip_y"]
         assert caught.value.condition > 1e8
         np.testing.assert_array_equal(caught.value.q, q)
-    assert reduced.smallest_singular_value(q) < 1e-8
-    assert reduced.condition(np.zeros(2)) < 3
+    assert reduced.at(q).smallest_singular_value < 1e-8
+    assert reduced.at(np.zeros(2)).condition < 3
 
 
 def test_a_motion_goes_through_a_row_that_vanishes():
@@ -399,7 +390,7 @@ def test_two_wheels_of_one_axle_share_the_lateral_force():
         np.testing.assert_allclose(forces, smallest, atol=KKT * (1 + np.abs(forces).max()))
     run = rnc.free_motion(reduced, q, v2, 0.02, 0.01)
     assert run.contact_forces.shape == (3, 6)
-    np.testing.assert_allclose(run.contact_forces[0], reduced.contact_forces(q, v2, np.zeros(reduced.p)), atol=1e-9)
+    np.testing.assert_allclose(run.contact_forces[0], reduced.at(q, v2).contact_forces(np.zeros(reduced.p)), atol=1e-9)
 
 
 def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
@@ -485,24 +476,23 @@ def answers(reduced, q, v2, T, v):
     state = reduced.at(q, v2)
     found = {name: getattr(state, name) for name in QUANTITIES}
     found |= vars(reduced.terms(q, v2)) | vars(reduced.lagrangian_terms(q, v2))
-    found |= reduced.measure(q, v2, v2)._asdict() | reduced.flow(q, v2, T, np.ones(reduced.n))._asdict()
-    found |= {f"measured {name}": each for name, each in reduced.measured(q, v)._asdict().items()}
+    found |= reduced.at(q, v2).measure(v2)._asdict() | reduced.at(q, v2).flow(T, np.ones(reduced.n))._asdict()
+    found |= {f"measured {name}": each for name, each in reduced.at(q, v=v).measure()._asdict().items()}
     found |= {
         "forward": reduced.forward_dynamics(q, v2, T),
         "inverse": reduced.inverse_dynamics(q, v2, v2),
         "inputs": reduced.allocate(q, v2) if reduced.p >= reduced.r else T,
         "multipliers": reduced.multipliers(q, v2, T),
-        "contact_forces": reduced.contact_forces(q, v2, T),
+        "contact_forces": reduced.at(q, v2).contact_forces(T),
         "energy": reduced.energy(q, v2),
-        "drive": reduced.drive_jacobian(q),
-        "gradient": reduced.kinematic_gradient(q, [0]),
-        "gradient of nothing": reduced.kinematic_gradient(q, []),
-        "determinant": reduced.log_determinant_gradient(q, [0]),
-        "condition": reduced.condition(q),
-        "singular value": reduced.smallest_singular_value(q),
-        "position": reduced.position_residual(q),
+        "gradient": kinematic_gradient(reduced.at(q), [0]),
+        "gradient of nothing": kinematic_gradient(reduced.at(q), []),
+        "determinant": log_determinant_gradient(reduced.at(q), [0]),
+        "condition": reduced.at(q).condition,
+        "singular value": reduced.at(q).smallest_singular_value,
+        "position": reduced.assembly.residual(q),
     }
-    x1, x2 = reduced.outputs(q)
+    x1, x2 = reduced.at(q).outputs()
     return found | {"x1 alone": x1, "x2 alone": x2}
 
 

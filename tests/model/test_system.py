@@ -44,7 +44,7 @@ def test_momentum_row_is_the_angular_momentum_about_the_pin():
         q, v = reduced.robot.random_configuration(generator), generator.normal(size=4)
         pin.computeCentroidalMomentum(model, data, q, v)
         about_pin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
-        np.testing.assert_allclose(reduced.constraint_residual(q, v), about_pin[2:], atol=ROUNDING * 100)
+        np.testing.assert_allclose(reduced.at(q, v=v).residual, about_pin[2:], atol=ROUNDING * 100)
 
 
 def test_rolling_wheel_keeps_the_lowest_point_at_rest():
@@ -105,7 +105,7 @@ def test_user_defined_output_agrees_with_the_one_it_spells_out():
     reduced = space_robot()
     for q, v2 in random_states(reduced, 5):
         np.testing.assert_allclose(other.terms(q, v2).V, reduced.terms(q, v2).V, atol=1e-9)
-        np.testing.assert_array_equal(other.outputs(q)[1], reduced.outputs(q)[1])
+        np.testing.assert_array_equal(other.at(q).outputs()[1], reduced.at(q).outputs()[1])
 
 
 def test_inputs_can_be_a_matrix_or_a_function():
@@ -133,7 +133,7 @@ def test_more_actuators_than_motions_share_with_the_least_effort():
     )
     reduced = free.reduce([rnc.JointPosition(f"joint_{i}") for i in (1, 2, 3)])
     q, F = robot.configuration({"joint_2": 0.7}), np.array([1.0, 2.0, 3.0])
-    T, matrix = reduced.allocate(q, F), reduced.input_matrix(q)
+    T, matrix = reduced.allocate(q, F), reduced.at(q).input_matrix
     np.testing.assert_allclose(matrix @ T, F, atol=ROUNDING)
     np.testing.assert_allclose(T, np.linalg.lstsq(matrix, F, rcond=None)[0], atol=ROUNDING)
 
@@ -231,7 +231,7 @@ def test_a_straight_arm_is_singular_and_names_the_rows():
     for call in (
         lambda: reduced.terms(q, np.zeros(3)),
         lambda: reduced.forward_dynamics(q, np.zeros(3), np.zeros(3)),
-        lambda: reduced.measure(q, np.zeros(3)),
+        lambda: reduced.at(q, np.zeros(3)).measure(),
     ):
         with pytest.raises(rnc.SingularityError) as caught:
             call()

@@ -50,7 +50,7 @@ def test_rows_are_the_angular_velocity():
         terms = satellite.terms(q, v2)
 
         def turned(s, q=q, v=terms.v):
-            return satellite.outputs(pin.integrate(satellite.robot.model, q, s * v))[0]
+            return satellite.at(pin.integrate(satellite.robot.model, q, s * v)).outputs()[0]
 
         spin = pin.log3(pin.exp3(turned(h)) @ pin.exp3(turned(-h)).T) / (2 * h)
         np.testing.assert_allclose(terms.A_star @ v2, spin, atol=FINITE_DIFFERENCE)
@@ -195,7 +195,7 @@ def test_the_exact_rate_of_the_class_1_target():
 
         def target(s, q=q, v2=v2, v=v):
             moved = pin.integrate(reduced.robot.model, q, s * v)
-            return controller.step(t + s, reduced.measure(moved, v2), None)[0]
+            return controller.step(t + s, reduced.at(moved, v2).measure(), None)[0]
 
         # v2 stands still here, as in every kinematic controller that takes its rate from positions.
         np.testing.assert_allclose(target(0).v2_dot, (target(h).v2 - target(-h).v2) / (2 * h), rtol=1e-5, atol=1e-5)

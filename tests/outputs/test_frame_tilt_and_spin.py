@@ -61,7 +61,7 @@ def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
     assert not reduced.vertical.quasi.any()
     for q, _ in states(arm):
         height = rotation(arm, "hand", q)[2, AXES.index(axis)]
-        np.testing.assert_allclose(reduced.outputs(q)[0], [np.arcsin(height)], atol=ROUNDING)
+        np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -92,7 +92,7 @@ def test_the_lean_of_a_disk(lean):
     own = pin.utils.rotate("y", 2.1).T
     leaning, heading, rolling = own @ [0.7, 0, 0], turn.T @ [0, 0, 0.5], np.array([0, 9.0, 0])
     state = reduced.at(q, np.r_[np.zeros(3), leaning + heading + rolling])
-    np.testing.assert_allclose(reduced.outputs(q)[0], [lean], atol=ROUNDING)
+    np.testing.assert_allclose(reduced.at(q).outputs()[0], [lean], atol=ROUNDING)
     np.testing.assert_allclose(state.v1, [0.7], atol=ROUNDING)  # neither heading nor rolling matters
 
 
@@ -139,13 +139,13 @@ def test_the_roll_rate_of_a_rolling_disk():
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("disk", 0.3, axis="y")])
     reduced = system.reduce([rnc.FrameAngularVelocity("disk", axis) for axis in AXES])
     q = reduced.assembled(robot.configuration())
-    np.testing.assert_allclose(reduced.velocity(q, [0, 4.0, 0]), [1.2, 0, 0, 0, 4.0, 0], atol=ROUNDING)
+    np.testing.assert_allclose(reduced.at(q, [0, 4.0, 0]).v, [1.2, 0, 0, 0, 4.0, 0], atol=ROUNDING)
 
 
 def test_an_angular_velocity_has_no_value_but_its_integral(arm):
     reduced = rnc.NonholonomicSystem(arm).reduce(vertical=[rnc.FrameAngularVelocity("hand", "x")])
     q, v = states(arm, 1)[0]
-    assert not np.nan_to_num(reduced.measure(q, v).x1).any()
+    assert not np.nan_to_num(reduced.at(q, v).measure().x1).any()
 
 
 @pytest.mark.parametrize(

@@ -92,8 +92,8 @@ def _driven(reduced, reference, steps=3000):
     """Pose at the end of a motion at the reference's rates, by the midpoint rule."""
     model, q, h = reduced.robot.model, reduced.robot.configuration(), reference.duration / steps
     for k in range(steps):
-        middle = pin.integrate(model, q, h / 2 * reduced.velocity(q, reference.at(k * h).velocity))
-        q = pin.integrate(model, q, h * reduced.velocity(middle, reference.at((k + 0.5) * h).velocity))
+        middle = pin.integrate(model, q, h / 2 * reduced.at(q, reference.at(k * h).velocity).v)
+        q = pin.integrate(model, q, h * reduced.at(middle, reference.at((k + 0.5) * h).velocity).v)
     return np.array(reduced.robot.joint_values(q)["root_joint"])
 
 

@@ -96,7 +96,7 @@ def test_moderate_damping_keeps_the_order_four():
 def test_stiff_damping_converges_too():
     """Rates times steps from 53 down to 7, where explicit steps are bounded by 2.8: of order one, then more."""
     reduced, q0 = damped_manipulator([2e3, 2e3])
-    rate = np.linalg.eigvals(np.linalg.solve(reduced.inertia(q0), np.diag([0.0, 0.0, 2e3, 2e3]))).real.max()
+    rate = np.linalg.eigvals(np.linalg.solve(reduced.at(q0).H, np.diag([0.0, 0.0, 2e3, 2e3]))).real.max()
     assert rate * 0.5 / 5 > 30
     errors, run = errors_of(reduced, q0, (5, 10, 20, 40))
     assert errors[0] < 1e-2
@@ -165,7 +165,7 @@ def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
     """They swung by 0.06 rad/s at 20 ms for ever, as friction was evaluated once a period."""
     reduced = differential_drive()
     plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(friction=0.6), reduced, dt)
-    plant.reset(reduced.robot.configuration(), reduced.velocity(reduced.robot.configuration(), [3.0, -1.0]))
+    plant.reset(reduced.robot.configuration(), reduced.at(reduced.robot.configuration(), [3.0, -1.0]).v)
     for _ in range(round(3.0 / dt)):
         plant.apply(np.array([0.2, -0.29]))
         plant.advance(dt)
@@ -184,7 +184,7 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
     dt = 0.01
     plant = ReducedPlant(reduced)
     plant.set_actuator_friction(limit)
-    plant.reset(q0, reduced.velocity(q0, V2))
+    plant.reset(q0, reduced.at(q0, V2).v)
     balance = plant.state.energy
     for k in range(round(duration / dt)):
         plant.apply(push(k * dt))
@@ -208,7 +208,7 @@ def test_friction_agrees_with_a_steep_smooth_law_that_is_integrated_finely():
 
 def apply_inputs(reduced, q, v2):
     """Speeds of the actuators."""
-    return reduced.at(q).B.T @ reduced.velocity(q, v2)
+    return reduced.at(q).B.T @ reduced.at(q, v2).v
 
 
 def test_friction_of_a_conserved_momentum_is_refused():

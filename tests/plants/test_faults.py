@@ -186,7 +186,7 @@ def test_a_plant_that_changes_keeps_its_state():
     plant = ChangingPlant(ReducedPlant(reduced), ReducedPlant(reduced), 0.5 * DT)
     twin = ReducedPlant(reduced)
     q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    v = reduced.velocity(q, [0.3, 0.1, 0.2, 0.1])
+    v = reduced.at(q, [0.3, 0.1, 0.2, 0.1]).v
     for each in (plant, twin):
         each.reset(q, v)
         each.apply(np.array([1.0, 0.1, 0.2, -0.1]))

@@ -120,7 +120,7 @@ def driven(reduced, q0, v2_0, T, duration, **settings):
     exact = rnc.free_motion(reduced, q0, v2_0, duration, duration / 10, T)
     plant = MuJoCoPlant(reduced, MuJoCoSettings(**settings), q0)
     assert isinstance(plant, Plant)
-    plant.reset(q0, reduced.velocity(q0, v2_0))
+    plant.reset(q0, reduced.at(q0, v2_0).v)
     plant.apply(np.zeros(reduced.p) if T is None else T)
     plant.advance(duration)
     assert plant.time == pytest.approx(duration)
@@ -163,7 +163,7 @@ def test_geared_joints_and_closed_loops():
     reduced = system.reduce()
     plant, q, _ = driven(reduced, q0, np.zeros(2), np.array([2.0]), 1.0)
     assert q < 1e-5
-    assert np.abs(reduced.position_residual(plant.read()[0])).max() < 1e-6
+    assert np.abs(reduced.assembly.residual(plant.read()[0])).max() < 1e-6
 
 
 def test_steered_wheels_turn_about_one_centre():
@@ -176,7 +176,7 @@ def test_steered_wheels_turn_about_one_centre():
     reduced = system.reduce()
     plant, q, v = driven(reduced, np.zeros(2), np.zeros(1), np.array([0.5]), 2.0)
     assert max(q, v) < 1e-3
-    assert np.abs(reduced.position_residual(plant.read()[0])).max() < 1e-5
+    assert np.abs(reduced.assembly.residual(plant.read()[0])).max() < 1e-5
 
 
 def test_a_free_ball_and_a_leaning_disk_roll():
@@ -211,7 +211,7 @@ def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
     robot = rnc.Robot(model)
     reduced = rnc.NonholonomicSystem(robot, [rnc.Caster(name, radius) for name in corners]).reduce()
     q0 = robot.configuration({"root_joint": [0, 0, 0.5 + radius, 0, 0, 0, 1]})
-    assert np.abs(reduced.position_residual(q0)).max() < 1e-12
+    assert np.abs(reduced.assembly.residual(q0)).max() < 1e-12
     plant = MuJoCoPlant(reduced, q0=q0)
     plant.reset(q0, np.zeros(6))
     plant.advance(0.5)

@@ -226,7 +226,7 @@ def test_outputs_of_one_joint(kind, output, tmp_path):
     rate = gradient(model, lambda p: reduced.terms(p, v2).A_star, q)[..., 0] * v2
     np.testing.assert_allclose(terms.A_star_dot, rate, atol=FINITE_DIFFERENCE)
     if not reduced.vertical.quasi.any() and not isinstance(output, rnc.FrameOrientation):
-        slope = gradient(model, lambda p: reduced.outputs(p)[0], q)
+        slope = gradient(model, lambda p: reduced.at(p).outputs()[0], q)
         np.testing.assert_allclose(terms.A_star, slope, atol=FINITE_DIFFERENCE)
 
 
@@ -253,7 +253,7 @@ def test_analysis_of_one_joint(swing):
     assert report.lemma1_holds
     task = rnc.Task.of(reduced, [], ["hinge"])
     q = robot.configuration({"hinge": 1.0})
-    height = reduced.outputs(q)[0]
+    height = reduced.at(q).outputs()[0]
     margins = rnc.preflight(reduced, task, TaskReference(Hold([]), Hold(height)), q, 0.1)
     assert margins.stack.value == pytest.approx(1.0, abs=ROUNDING)
     # What the tip rises by in a radian.
@@ -327,7 +327,7 @@ def test_a_wheel_rolls_the_way_its_axis_says(left, right, tmp_path):
     rates = np.array([1.7, -0.6])
     forward = RADIUS * rates * [vector(left)[1], vector(right)[1]]  # of the wheels, at y = 0.2 and -0.2
     body = [forward.mean(), 0.0, (forward[1] - forward[0]) / 0.4]
-    np.testing.assert_allclose(reduced.velocity(q, rates), [*body, *rates], atol=ROUNDING)
+    np.testing.assert_allclose(reduced.at(q, rates).v, [*body, *rates], atol=ROUNDING)
 
 
 def test_a_draft_finds_wheels_about_any_direction_of_their_axle(tmp_path):

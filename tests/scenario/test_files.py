@@ -126,15 +126,15 @@ def test_loops_couplings_and_balls_can_be_asked_for(tmp_path):
     crank, fan = (reduced.robot.model.joints[reduced.robot.joint_id(f"{name}_joint")] for name in ("crank", "fan"))
     angles = [np.arctan2(experiment.q0[j.idx_q + 1], experiment.q0[j.idx_q]) for j in (crank, fan)]
     np.testing.assert_allclose(angles, [0.8, 0.25 - 1.6], atol=1e-12)
-    assert np.abs(reduced.position_residual(experiment.q0)).max() < 1e-12
+    assert np.abs(reduced.assembly.residual(experiment.q0)).max() < 1e-12
 
 
 def test_momentum_can_have_a_value(tmp_path):
     reduced = plan_of({"constraints.0": {"momentum": {"joint": "platform", "value": 2.5}}}, tmp_path).experiment.reduced
     assert reduced.affine
-    v = reduced.velocity(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), np.zeros(3))
+    v = reduced.at(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), np.zeros(3)).v
     np.testing.assert_allclose(
-        reduced.constraint_residual(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), v), 0, atol=1e-12
+        reduced.at(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), v=v).residual, 0, atol=1e-12
     )
     assert np.abs(v).max() > 0.01
 
@@ -144,10 +144,10 @@ def test_outputs_without_a_task_are_all_primary(tmp_path):
     experiment = plan_of(changes, tmp_path).experiment
     reduced = experiment.reduced
     v2 = np.zeros(reduced.r)
-    measurement = reduced.measure(experiment.q0, v2, v2)
+    measurement = reduced.at(experiment.q0, v2).measure(v2)
     command, _ = experiment.controller.step(0.0, measurement, experiment.controller.initial_state(measurement))
     # Without a reference every one of them stays where it is.
-    np.testing.assert_array_equal(command.x2_desired, reduced.outputs(experiment.q0)[1])
+    np.testing.assert_array_equal(command.x2_desired, reduced.at(experiment.q0).outputs()[1])
 
 
 def test_a_robot_is_found_beside_its_scenario_from_anywhere(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ def test_preflight_watches_the_smallest_singular_value_of_a_square_a4():
     )
     task = rnc.Task.of(reduced, ["platform", "joint_1"], ["joint_2", "joint_3"])
     q0 = robot.configuration({"joint_1": 0.2, "joint_2": 0.4, "joint_3": 0.9})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     margins = rnc.preflight(reduced, task, TaskReference(Hold(x2[:2]), Hold(x1)), q0, 0.1)
     c, s = np.cos(0.9), np.sin(0.9)
     J = np.array([[-s, -s], [1 + c, c]])  # in axes along the first of the two links

@@ -30,7 +30,7 @@ def integrate(reduced, q, v2, T, duration, steps):
     """(q, v2) after a time under constant inputs."""
 
     def rate(p, y):
-        v, v2_dot, _ = reduced.flow(p, y, T)
+        v, v2_dot, _ = reduced.at(p, y).flow(T)
         return v, v2_dot
 
     integrator, h = LieRungeKutta4(reduced.robot), duration / steps
@@ -76,7 +76,7 @@ def test_reference_simulation_of_the_space_robot():
 
     # The data have smooth torques, so integrate them as such: time goes along as a state.
     def rate(q, y):
-        v, v2_dot, _ = reduced.flow(q, y[:3], torque(y[3]))
+        v, v2_dot, _ = reduced.at(q, y[:3]).flow(torque(y[3]))
         return v, np.append(v2_dot, 1.0)
 
     integrator = LieRungeKutta4(reduced.robot)
@@ -276,7 +276,7 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     )
     model.appendBodyToJoint(joint, pin.Inertia.FromSphere(4.0, 0.1), pin.SE3.Identity())
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
-    mass = float(reduced.inertia(np.zeros(1))[0, 0])
+    mass = float(reduced.at(np.zeros(1)).H[0, 0])
     plant, push = rnc.ReducedPlant(reduced, actuator_limits=True), np.array([3.0])
     run = rnc.free_motion(reduced, np.zeros(1), np.zeros(1), 1.0, 0.1, push, plant=plant)
     np.testing.assert_array_equal(run.T, 2.0)
@@ -328,7 +328,7 @@ def test_a_roll_out_keeps_loops_closed():
     """Steps so coarse that the integrator alone would leave the loop open by more than this."""
     reduced = four_bar()
     q0 = reduced.assembled(reduced.robot.configuration({"crank": 0.3, "coupler": 0.5, "rocker": 1.5}))
-    crank = reduced.outputs(q0)[1]
+    crank = reduced.at(q0).outputs()[1]
 
     class Turn:
         def initial_state(self, measurement):
@@ -338,5 +338,5 @@ def test_a_roll_out_keeps_loops_closed():
             return rnc.control.VelocityTarget(v2=np.array([4.0]), v2_dot=np.zeros(1)), None
 
     _, path = rnc.kinematic_rollout(reduced, Turn(), q0, 1.2, 0.1)
-    assert abs(reduced.outputs(path[-1])[1] - crank) > 1.0
-    assert np.abs(reduced.position_residual(path)).max() < 1e-10
+    assert abs(reduced.at(path[-1]).outputs()[1] - crank) > 1.0
+    assert np.abs(reduced.assembly.residual(path)).max() < 1e-10

@@ -49,7 +49,7 @@ def wide(**changes):
     outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(outputs, [rnc.FrameYaw("base")])
     q0 = robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "joint_1"])
     tip = MinimumJerk(x2[:2], x2[:2] + np.array([0.8, 0.1]), 4.0)
     vertical = MinimumJerk(x1, x1 - 0.1, 4.0)
@@ -127,7 +127,7 @@ ARM_START = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}
 def space_robot_task(duration=6.0, k3=2.0, k21=2.0):
     reduced = space_robot()
     q0 = reduced.robot.configuration(ARM_START)
-    _, x2 = reduced.outputs(q0)
+    _, x2 = reduced.at(q0).outputs()
     task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
     kinematic = RedundancyController(
         task, MinimumJerk(x2[:2], [1.15, 0.6], duration), MinimumJerk([0.0], [0.4], duration), k3, k21

@@ -333,7 +333,7 @@ def random_states(reduced: rnc.ReducedModel, count: int, seed: int = 0, conditio
     """Seeded random (q, v2) at which the outputs parametrise the motion well."""
     generator = np.random.default_rng(seed)
     drawn = (reduced.random_configuration(generator, spread=1.2) for _ in range(100 * count))
-    good = ((q, generator.uniform(-1, 1, reduced.r)) for q in drawn if reduced.condition(q) < condition)
+    good = ((q, generator.uniform(-1, 1, reduced.r)) for q in drawn if reduced.at(q).condition < condition)
     states = list(islice(good, count))
     assert len(states) == count, f"only {len(states)} of {count} configurations have condition below {condition:g}"
     return states

@@ -184,7 +184,7 @@ def states(reduced: rnc.ReducedModel, count: int = STATES) -> list[tuple[np.ndar
     """Seeded random states, the best conditioned of a few times as many."""
     generator = np.random.default_rng(0)
     drawn = [reduced.robot.random_configuration(generator) for _ in range(4 * count)]
-    conditions = [reduced.condition(q) for q in drawn]
+    conditions = [reduced.at(q).condition for q in drawn]
     return [(drawn[k], generator.uniform(-1, 1, reduced.r)) for k in np.argsort(conditions)[:count]]
 
 

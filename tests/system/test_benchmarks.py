@@ -26,7 +26,7 @@ def test_states_are_regular_and_repeat_themselves(experiment):
     assert np.array_equal(states.q, again.q)
     assert len(np.unique(states.q, axis=0)) == 5
     assert np.isfinite(reduced.forward_dynamics(states.q, states.v2, states.T)).all()
-    assert np.abs(reduced.constraint_residual(states.q, states.v)).max() < 1e-12
+    assert np.abs(reduced.at(states.q, v=states.v).residual).max() < 1e-12
 
 
 def test_the_tests_of_mutants_exist():

@@ -102,7 +102,7 @@ def check(recipe, tally):
     for _ in range(8):
         try:
             q = reduced.random_configuration(generator, 1.0)
-            if np.max(reduced.condition(q)) < CONDITION:
+            if np.max(reduced.at(q).condition) < CONDITION:
                 found.append(q)
         except rnc.RncError as error:  # a wheel that lies flat, a loop that does not close there
             in_one_line(error)

@@ -137,7 +137,7 @@ def _renamed():
 def held_tiago():
     reduced = tiago()
     q0 = reduced.robot.configuration({"torso_lift_joint": 0.15, "arm_1_joint": 0.7, "arm_4_joint": 1.9})
-    x2 = reduced.outputs(q0)[1]
+    x2 = reduced.at(q0).outputs()[1]
     rest = np.zeros(reduced.r)
     return reduced, q0, x2, reduced.inverse_dynamics(q0, rest, rest)
 
@@ -159,7 +159,7 @@ def test_a_tracker_that_knows_what_holds_the_robot_lets_nothing_drop():
 def test_the_position_tracker_holds_too():
     reduced, q0, x2, held = held_tiago()
     tracker = PositionTracker(Hold(x2), gravity_compensation=held)
-    measurement = reduced.measure(q0, np.zeros(reduced.r), integrals=x2)
+    measurement = reduced.at(q0, np.zeros(reduced.r)).measure(integrals=x2)
     command, _ = tracker.step(0.0, measurement, tracker.initial_state(measurement))
     np.testing.assert_allclose(command.F, held, atol=1e-9)
 

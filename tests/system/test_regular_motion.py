@@ -225,7 +225,7 @@ def test_a_sample_may_fall_on_the_fold():
 def v2_of(reduced, q, v):
     """Reducing velocities of a motion v that complies, for outputs that somebody else chose."""
     v2, *_ = np.linalg.lstsq(reduced.terms(q, np.zeros(reduced.r)).R, v)
-    np.testing.assert_allclose(reduced.velocity(q, v2), v, atol=ROUNDING)
+    np.testing.assert_allclose(reduced.at(q, v2).v, v, atol=ROUNDING)
     return v2
 
 
@@ -254,7 +254,7 @@ def test_a_measurement_in_dependent_outputs_is_refused():
     reduced = racer_in_speed_and_pivot()
     q, v = racer_from_bodies(state_when_folded())
     with pytest.raises(rnc.SingularityError) as refused:
-        reduced.measure(q, v[[0, 3]])
+        reduced.at(q, v[[0, 3]]).measure()
     error = refused.value
     np.testing.assert_allclose(error.q, q, atol=ROUNDING)
     assert error.condition > 1e8
@@ -263,7 +263,7 @@ def test_a_measurement_in_dependent_outputs_is_refused():
     # Beside the fold there is nothing to refuse.
     for beside in (-1e-3, 1e-3):
         near = np.append(q[:4], FOLDED + beside)
-        assert np.isfinite(reduced.measure(near, v[[0, 3]]).v).all()
+        assert np.isfinite(reduced.at(near, v[[0, 3]]).measure().v).all()
 
 
 def test_a_controlled_run_ends_on_the_fold_with_what_was_recorded():
@@ -354,9 +354,9 @@ def test_cars_turn_about_their_centre_in_every_order(car, order):
     states = car_states(car)
     for curvature, q, v2, _ in states:
         expected = car.basis(curvature)[0] @ car.own_rates(curvature, v2)
-        close(reduced.velocity(q, v2), expected, KKT)
+        close(reduced.at(q, v2).v, expected, KKT)
     # One call for straight and turning alike: what is chosen for one state must not be kept for the next.
-    together = reduced.velocity(np.stack([q for _, q, _, _ in states]), np.stack([v2 for _, _, v2, _ in states]))
+    together = reduced.at(np.stack([q for _, q, _, _ in states]), np.stack([v2 for _, _, v2, _ in states])).v
     expected = [car.basis(curvature)[0] @ car.own_rates(curvature, v2) for curvature, _, v2, _ in states]
     close(together, np.stack(expected), KKT)
 

@@ -181,7 +181,7 @@ def test_null_motion_moves_one_output_and_no_other(name, output):
     names = list(reduced.reducing.names)
     q = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.6})
     moved = NullMotion(reduced, output)(q)
-    change = reduced.outputs(moved)[1] - reduced.outputs(q)[1]
+    change = reduced.at(moved).outputs()[1] - reduced.at(q).outputs()[1]
     expected = np.zeros(len(names))
     expected[names.index(output)] = 0.35
     np.testing.assert_allclose(change[~reduced.reducing.quasi], expected[~reduced.reducing.quasi], atol=1e-5)

@@ -236,7 +236,8 @@ class MuJoCoPlant:
 
     def slip(self) -> Float[Array, " m"]:
         """Return ``A v - mu`` at the current velocity, in the order of ``reduced.constraints.names``."""
-        return self._reduced.constraint_residual(*self.read())
+        q, v = self.read()
+        return self._reduced.at(q, v=v).residual
 
     def friction_used(self) -> Float[Array, " w"]:
         """Return tangential force over friction limit of each of ``wheel_names``; zero off the ground."""

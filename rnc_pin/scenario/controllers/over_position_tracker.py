@@ -87,7 +87,7 @@ def _two_phase_gains(settings: TwoPhaseSettings, context: ControllerContext) -> 
     dead_zone, bound = sized_gain("dead_zone", settings.dead_zone, reduced.r), inertia_bound(settings, reduced.r)
     with at_key("controller"):
         hand = design_position_gains(
-            lambda q: reduced.inertia(q)[..., primary, :][..., primary],
+            lambda q: reduced.at(q).H[..., primary, :][..., primary],
             start,
             dt,
             preset=preset,

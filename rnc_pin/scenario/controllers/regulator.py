@@ -36,7 +36,7 @@ def _state_feedback(settings: StateFeedbackSettings, context: ControllerContext)
         parts.append(getattr(context, which))
         names += getattr(context.task, f"{which}_names")
     reference = Joined(parts) if parts else None
-    smallest = float(np.min(reduced.smallest_singular_value(np.stack([context.q0, found.q]))))
+    smallest = float(np.min(reduced.at(np.stack([context.q0, found.q])).smallest_singular_value))
     limit = MIN_SINGULAR_VALUE
     near = f"start is near a singular configuration: smallest singular value {smallest:.2g}, limit {limit:g}"
     complaints = () if smallest > limit else (near,)

@@ -266,7 +266,7 @@ class DraftAttempt:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         if self.mobility.feedback is not None:
             return self.candidates.sure
-        matrix = self.system.reduce(chosen.kinds).input_matrix(self.q0)
+        matrix = self.system.reduce(chosen.kinds).at(self.q0).input_matrix
         driving = self.candidates.enough(matrix)
         added = [str(each[0]) for each in driving if each in self.candidates.joints]
         if added:

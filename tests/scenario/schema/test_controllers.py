@@ -123,7 +123,7 @@ def test_what_a_controller_is_built_from_cannot_be_changed():
     _, reduced = build_reduced(given, find_scenario("space-robot").parent)
     task = build_task(given, reduced)
     q0 = reduced.robot.configuration(given.initial.q)
-    x1, x2 = reduced.outputs(q0)
+    x1, x2 = reduced.at(q0).outputs()
     starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
     context = ControllerContext(
         reduced=reduced,
