@@ -3,9 +3,7 @@
 
 import json
 import struct
-import time
 import warnings
-from contextlib import contextmanager
 from pathlib import Path
 
 import coal
@@ -15,6 +13,7 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks import fuzz_meshes as solid
+from patience import ending_within
 from rnc_pin.robots import urdf_files
 from rnc_pin.robots.sources import mesh_shapes
 from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh
@@ -23,13 +22,6 @@ SINGLE = 1e-7  # [m], of vertices kept in single precision
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 PLY = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n{}end_header\n"
 LIST = "property list uchar int vertex_indices\n"
-
-
-@contextmanager
-def within(seconds):
-    start = time.process_time()
-    yield
-    assert time.process_time() - start < seconds
 
 
 def write(path, content):
@@ -185,11 +177,11 @@ BROKEN = {
 @pytest.mark.parametrize(("name", "content", "says"), BROKEN.values(), ids=BROKEN)
 def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_path):
     path = write(tmp_path / name, content)
-    with within(5), pytest.raises(MeshError, match=says):
+    with ending_within(5), pytest.raises(MeshError, match=says):
         read_mesh(path)
     (tmp_path / "r.urdf").write_text(solid.urdf([name]))
     robot = rnc.Robot.from_urdf(tmp_path / "r.urdf")
-    with within(5), pytest.warns(rnc.ModelWarning, match=f"1 mesh was not readable: {name} \\(.*({says})"):
+    with ending_within(5), pytest.warns(rnc.ModelWarning, match=f"1 mesh was not readable: {name} \\(.*({says})"):
         assert robot.stand_ins == {"b_stand_in"}
     assert not robot.collision_model.ngeoms
 

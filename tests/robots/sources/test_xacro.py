@@ -4,7 +4,6 @@
 import contextlib
 import io
 import os
-import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,6 +12,7 @@ import xacro
 from xacro import substitution_args
 
 import rnc_pin as rnc
+from patience import ending_within
 from places import ROOT
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro import expand
@@ -188,12 +188,11 @@ def test_each_thing_that_xacro_does_is_done_as_by_the_library(name, tmp_path):
     assert agree(path)
 
 
-def test_parameters_are_read_quickly():
+def test_parameters_of_many_letters_are_read():
     """The library's pattern takes time that doubles with each letter here."""
     element = ElementTree.Element("macro", {"params": f"x:={'a' * 5000}'"})
-    start = time.process_time()
-    assert len(read_macro(element, "m").parameters) == 1
-    assert time.process_time() - start < 1
+    with ending_within(1):
+        assert len(read_macro(element, "m").parameters) == 1
 
 
 # ---------------------------------------------------------------------- what must not happen
@@ -303,14 +302,13 @@ def test_no_file_runs_a_program(inside, tmp_path):
     ],
 )
 def test_an_expression_computes_or_is_refused_at_once(expression):
-    start = time.process_time()
     said = ""
-    try:
-        admit(evaluate(expression, builtins()))
-    except rnc.ModelError as error:
-        said = str(error)
+    with ending_within(5):
+        try:
+            admit(evaluate(expression, builtins()))
+        except rnc.ModelError as error:
+            said = str(error)
     assert len(said) < 300
-    assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize(
@@ -390,10 +388,8 @@ def test_a_file_that_would_not_end_is_refused(inside, tmp_path):
     (tmp_path / "bomb.yaml").write_text(
         "a0: &a0 {x: 1}\n" + "".join(f"a{k + 1}: &a{k + 1} {{<<: [{', '.join([f'*a{k}'] * 9)}]}}\n" for k in range(9))
     )
-    start = time.process_time()
-    with pytest.raises(rnc.ModelError):
+    with ending_within(20), pytest.raises(rnc.ModelError):
         expanded(tmp_path, inside)
-    assert time.process_time() - start < 20
 
 
 def test_values_inside_are_those_of_the_file():
