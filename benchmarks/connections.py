@@ -1,8 +1,8 @@
-"""Visitors of all kinds at a live view: none costs anything that stays, and only proper ones are let in.
+"""Connections of many kinds to a live view: none leaves anything behind, and only correct ones are admitted.
 
     python -m benchmarks.connections --count 1700
 
-Each visitor is one of those in ``VISITORS``, by a seed. Afterwards the view is closed with browsers connected, and
+A seed selects each client from ``CLIENTS``. Afterwards the view is closed with browsers connected, and
 sockets, threads and memory are counted.
 """
 
@@ -29,7 +29,7 @@ from rnc_pin.visualization.viewers import MeshcatViewer, Viewer
 from rnc_pin.visualization.viser_viewer import ViserViewer
 
 PATIENCE = 60.0  # [s]
-GROWTH = 40.0  # [MB] of a process that serves; of 10 MB a visitor, as it once was, 4 would be too many
+GROWTH = 40.0  # [MB] of a process that serves; at 10 MB per client, as in earlier versions, 4 clients would exceed it
 VIEWERS: dict[str, Callable[..., Viewer]] = {"meshcat": MeshcatViewer, "viser": ViserViewer}
 
 _KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
@@ -37,7 +37,7 @@ _UPGRADE = f"Upgrade: websocket\r\nConnection: Upgrade\r\n{_KEY}"
 _VERSION = [f"Sec-WebSocket-Protocol: viser-v{metadata.version('viser')}"] if find_spec("viser") else []
 
 
-class Visitor:
+class Client:
     """One connection, and the dice that say what it does."""
 
     def __init__(self, port: int, dice: random.Random) -> None:
@@ -92,82 +92,82 @@ def frame(size: int, sent: int, opcode: int = 2, final: bool = True) -> bytes:
     return struct.pack("!BBQ", (0x80 if final else 0) | opcode, 0x80 | 127, size) + bytes(4) + bytes(sent)
 
 
-def garbage(visitor: Visitor) -> bool:
-    visitor.send(visitor.dice.randbytes(visitor.dice.randint(1, 3000)) + b"\r\n\r\n")
-    visitor.socket.shutdown(socket.SHUT_WR)
-    return visitor.is_hung_up_on()
+def garbage(client: Client) -> bool:
+    client.send(client.dice.randbytes(client.dice.randint(1, 3000)) + b"\r\n\r\n")
+    client.socket.shutdown(socket.SHUT_WR)
+    return client.is_hung_up_on()
 
 
-def half_a_request(visitor: Visitor) -> bool:
-    whole = f"GET / HTTP/1.1\r\nHost: localhost:{visitor.port}\r\n{_UPGRADE}\r\n\r\n".encode()
-    visitor.send(whole[: visitor.dice.randrange(len(whole) - 1)])
+def half_a_request(client: Client) -> bool:
+    whole = f"GET / HTTP/1.1\r\nHost: localhost:{client.port}\r\n{_UPGRADE}\r\n\r\n".encode()
+    client.send(whole[: client.dice.randrange(len(whole) - 1)])
     return True  # and leaves
 
 
-def strange_host(visitor: Visitor) -> bool:
-    name = visitor.dice.choice(["evil.com", f"evil.com:{visitor.port}", "127.0.0.1.evil.com", "192.168.1.2", "a b", ""])
-    headers = [f"Host: {name}", *([_UPGRADE] if visitor.dice.random() < 0.5 else [])]
-    return visitor.ask("/", *headers) in (400, 403)
+def strange_host(client: Client) -> bool:
+    name = client.dice.choice(["evil.com", f"evil.com:{client.port}", "127.0.0.1.evil.com", "192.168.1.2", "a b", ""])
+    headers = [f"Host: {name}", *([_UPGRADE] if client.dice.random() < 0.5 else [])]
+    return client.ask("/", *headers) in (400, 403)
 
 
-def strange_origin(visitor: Visitor) -> bool:
-    origin = visitor.dice.choice(["http://evil.com", "null", "file://", "https://localhost", "x" * 5000, ""])
-    return visitor.ask("/", f"Host: localhost:{visitor.port}", f"Origin: {origin}", _UPGRADE) in (400, 403)
+def strange_origin(client: Client) -> bool:
+    origin = client.dice.choice(["http://evil.com", "null", "file://", "https://localhost", "x" * 5000, ""])
+    return client.ask("/", f"Host: localhost:{client.port}", f"Origin: {origin}", _UPGRADE) in (400, 403)
 
 
-def two_hosts(visitor: Visitor) -> bool:
-    return visitor.ask("/", f"Host: localhost:{visitor.port}", "Host: evil.com", _UPGRADE) in (400, 403)
+def two_hosts(client: Client) -> bool:
+    return client.ask("/", f"Host: localhost:{client.port}", "Host: evil.com", _UPGRADE) in (400, 403)
 
 
-def endless_head(visitor: Visitor) -> bool:
+def endless_head(client: Client) -> bool:
     ends = [b"GET /" + b"a" * 300_000, b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 50_000]
-    return not visitor.send(visitor.dice.choice(ends)) or visitor.is_hung_up_on()
+    return not client.send(client.dice.choice(ends)) or client.is_hung_up_on()
 
 
-def oversized_frame(visitor: Visitor) -> bool:
-    if visitor.open() != 101:
+def oversized_frame(client: Client) -> bool:
+    if client.open() != 101:
         return False
-    visitor.send(frame(10_000_000, visitor.dice.choice([0, 1_000_000])))
-    return visitor.is_hung_up_on()
+    client.send(frame(10_000_000, client.dice.choice([0, 1_000_000])))
+    return client.is_hung_up_on()
 
 
-def endless_fragments(visitor: Visitor) -> bool:
-    if visitor.open() != 101:
+def endless_fragments(client: Client) -> bool:
+    if client.open() != 101:
         return False
     for k in range(200):
-        if not visitor.send(frame(50_000, 50_000, opcode=0 if k else 2, final=False)):
+        if not client.send(frame(50_000, 50_000, opcode=0 if k else 2, final=False)):
             break
-    return visitor.is_hung_up_on()
+    return client.is_hung_up_on()
 
 
-def rubbish_in_frames(visitor: Visitor) -> bool:
-    if visitor.open() != 101:
+def rubbish_in_frames(client: Client) -> bool:
+    if client.open() != 101:
         return False
-    for _ in range(visitor.dice.randint(1, 5)):
-        content = visitor.dice.randbytes(visitor.dice.randint(0, 100))
-        visitor.send(struct.pack("!BB", 0x82, 0x80 | len(content)) + bytes(4) + content)
+    for _ in range(client.dice.randint(1, 5)):
+        content = client.dice.randbytes(client.dice.randint(0, 100))
+        client.send(struct.pack("!BB", 0x82, 0x80 | len(content)) + bytes(4) + content)
     return True
 
 
-def reads_nothing(visitor: Visitor) -> bool:
-    visitor.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    return visitor.open() == 101
+def reads_nothing(client: Client) -> bool:
+    client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    return client.open() == 101
 
 
-def leaves_at_once(visitor: Visitor) -> bool:
+def leaves_at_once(client: Client) -> bool:
     linger = struct.pack("ii", 1, 0)  # closing then resets
-    visitor.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
-    return visitor.dice.random() < 0.5 or visitor.open() == 101
+    client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+    return client.dice.random() < 0.5 or client.open() == 101
 
 
-def proper(visitor: Visitor) -> bool:
-    if visitor.dice.random() < 0.5:
-        return visitor.ask("/static/", f"Host: localhost:{visitor.port}", "Connection: close") in (200, 404)
+def proper(client: Client) -> bool:
+    if client.dice.random() < 0.5:
+        return client.ask("/static/", f"Host: localhost:{client.port}", "Connection: close") in (200, 404)
     ping = struct.pack("!BB", 0x89, 0x80) + bytes(4)
-    return visitor.open() == 101 and visitor.send(ping) and len(visitor.socket.recv(4096)) > 0
+    return client.open() == 101 and client.send(ping) and len(client.socket.recv(4096)) > 0
 
 
-VISITORS: Sequence[Callable[[Visitor], bool]] = (
+CLIENTS: Sequence[Callable[[Client], bool]] = (
     *(garbage, half_a_request, strange_host, strange_origin, two_hosts, endless_head, oversized_frame),
     *(endless_fragments, rubbish_in_frames, reads_nothing, leaves_at_once, proper),
 )
@@ -195,16 +195,16 @@ def eventually(true: Callable[[], bool]) -> bool:
     return True
 
 
-def visit(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
-    """Let so many visitors come to a live view, and close it while some are there.
+def connect(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
+    """Let so many clients come to a live view, and close it while some are there.
 
     Returns:
         How many of each kind came, what went wrong, and what is left: sockets, threads, and memory [MB].
     """
-    _visited(viewer, 2 * len(VISITORS), random.Random(-1))  # what is loaded once is not growth
+    _connect_clients(viewer, 2 * len(CLIENTS), random.Random(-1))  # what is loaded once is not growth
     gc.collect()
     before = sockets(), threading.active_count(), memory()
-    counts, faults = _visited(viewer, count, random.Random(seed))
+    counts, faults = _connect_clients(viewer, count, random.Random(seed))
     eventually(lambda: sockets() <= before[0])
     gc.collect()
     left = {
@@ -217,42 +217,42 @@ def visit(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[st
     return counts, faults, left
 
 
-def _visited(viewer: str, count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
+def _connect_clients(viewer: str, count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
     counts: Counter[str] = Counter()
     faults: list[str] = []
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     live = LiveView(robot, open_browser=False, viewer=VIEWERS[viewer])
-    staying: list[Visitor] = []
+    staying: list[Client] = []
     try:
         port = int(live.url.split(":")[2].split("/")[0])
         for number in range(count):
-            act = VISITORS[number % len(VISITORS)]
+            act = CLIENTS[number % len(CLIENTS)]
             counts[act.__name__] += 1
-            visitor = Visitor(port, random.Random(dice.random()))
+            client = Client(port, random.Random(dice.random()))
             try:
-                if not act(visitor):
+                if not act(client):
                     faults.append(f"{viewer} {number}: {act.__name__} was not ended as it should be")
             except Exception as error:
                 faults.append(f"{viewer} {number}: {act.__name__}: {type(error).__name__}: {error}")
-            staying.append(visitor)
+            staying.append(client)
             if len(staying) > 8:
                 staying.pop(dice.randrange(8)).socket.close()
-        with_browser = Visitor(port, dice)
+        with_browser = Client(port, dice)
         staying.append(with_browser)
         if with_browser.open() != 101:
-            faults.append(f"{viewer}: a proper visitor is not let in at the end")
+            faults.append(f"{viewer}: a proper client is not let in at the end")
         if live.problem is not None:
             faults.append(f"{viewer}: the view stopped: {live.problem}")
     finally:
         live.close()
-        for visitor in staying:
-            visitor.socket.close()
+        for client in staying:
+            client.socket.close()
     return counts, faults
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1700, help="visitors of each viewer")
+    parser.add_argument("--count", type=int, default=1700, help="clients of each viewer")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--viewer", choices=list(VIEWERS), action="append", help="by default both, where viser is installed"
@@ -261,7 +261,7 @@ def main() -> None:
     wrong = 0
     for viewer in options.viewer or (VIEWERS if _VERSION else ["meshcat"]):
         start = time.perf_counter()
-        counts, faults, left = visit(viewer, options.count, options.seed)
+        counts, faults, left = connect(viewer, options.count, options.seed)
         for kind, number in counts.items():
             print(f"{viewer:8} {kind:20} {number:6,}")
         print(

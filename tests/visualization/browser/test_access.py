@@ -97,13 +97,13 @@ def test_a_web_socket_is_opened_for_our_own_page_alone(port):
 def test_who_is_admitted_elsewhere():
     everywhere, one = RequestFilter("0.0.0.0"), RequestFilter("192.0.2.7")
     here = socket.gethostname()
-    for visitors, hosts in ((everywhere, ["192.0.2.9:80", "[2001:db8::1]:80", here]), (one, ["192.0.2.7:80"])):
-        assert all(visitors.allows(host, f"http://{host}") for host in hosts)
-        assert not visitors.allows("evil.com", "http://evil.com")
-        assert not visitors.allows("evil.com", None)
-        assert not visitors.allows(None, None)
-        assert not visitors.allows("", None)
-        assert not visitors.allows(hosts[0], "http://evil.com")
+    for requests, hosts in ((everywhere, ["192.0.2.9:80", "[2001:db8::1]:80", here]), (one, ["192.0.2.7:80"])):
+        assert all(requests.allows(host, f"http://{host}") for host in hosts)
+        assert not requests.allows("evil.com", "http://evil.com")
+        assert not requests.allows("evil.com", None)
+        assert not requests.allows(None, None)
+        assert not requests.allows("", None)
+        assert not requests.allows(hosts[0], "http://evil.com")
     assert not one.allows("192.0.2.9", None)
 
 
