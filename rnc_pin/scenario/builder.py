@@ -30,9 +30,9 @@ from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
+from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.run_info import provenance_of
 
-_MAX_TIME_SCALINGS = 6  # one factor may not suffice, because feedback of the initial error is not slowed down
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
 
@@ -170,25 +170,32 @@ def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltCo
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
         return build_controller(scenario.controller, context)
-    time_scale, slowed = 1.0, replace(context, preflight="warn")
-    for _ in range(_MAX_TIME_SCALINGS):
-        built = build_controller(scenario.controller, slowed)
-        if built.time_scale == 1.0 or not np.isfinite(built.time_scale):
-            break
-        time_scale *= built.time_scale
-        slowed = replace(
-            slowed,
-            primary=Slowed(context.primary, time_scale),
-            redundant=Slowed(context.redundant, time_scale),
-            vertical=Slowed(context.vertical, time_scale),
-            monitored=context.monitored and (context.monitored[0], Slowed(context.monitored[1], time_scale)),
-        )
+    settings = scenario.controller
+
+    def slowed(time_scale: float) -> BuiltController:
+        return build_controller(settings, _slowed(context, time_scale))
+
+    built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
     if built.warnings and scenario.preflight == "refuse":
         raise InfeasibleError("; ".join(built.warnings))
     if time_scale > 1.0:
         said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
         built = replace(built, warnings=(said, *built.warnings))
     return built
+
+
+def _slowed(context: ControllerContext, time_scale: float) -> ControllerContext:
+    """The context with slower references. The check before the run only warns."""
+    context = replace(context, preflight="warn")
+    if time_scale == 1.0:
+        return context
+    return replace(
+        context,
+        primary=Slowed(context.primary, time_scale),
+        redundant=Slowed(context.redundant, time_scale),
+        vertical=Slowed(context.vertical, time_scale),
+        monitored=context.monitored and (context.monitored[0], Slowed(context.monitored[1], time_scale)),
+    )
 
 
 def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:

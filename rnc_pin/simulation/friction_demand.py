@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from rnc_pin.simulation.rollout_evaluation import RolloutEvaluation
 _LARGEST_TIME_SCALE = 64.0
 _CLOSE = 1e-3
 _TRIES = 6
+_Attempt = TypeVar("_Attempt")
 
 
 @dataclass(frozen=True)
@@ -140,14 +142,40 @@ def within_grip(
     Raises:
         InfeasibleError: no time scale is enough. The response to an initial error does not slow down.
     """
-    time_scale, slowed = 1.0, reference
+    follow = controller or partial(class_1_controller, task)
+
+    def attempt(time_scale: float) -> tuple[TaskReference, FrictionDemand]:
+        slowed = reference
+        if time_scale != 1.0:
+            slowed = TaskReference(Slowed(reference.primary, time_scale), Slowed(reference.vertical, time_scale))
+        rollout = kinematic_rollout(reduced, follow(slowed), q0, slowed.duration, dt * time_scale)
+        return slowed, grip_along(reduced, grip, *rollout)
+
+    (slowed, demand), _ = iterate_time_scale(attempt, lambda result: result[1].time_scale)
+    if demand.time_scale > 1.0:
+        raise InfeasibleError("; ".join(demand.complaints()))
+    return slowed
+
+
+def iterate_time_scale(
+    attempt: Callable[[float], _Attempt], further: Callable[[_Attempt], float]
+) -> tuple[_Attempt, float]:
+    """Slow a motion down until no contact slips.
+
+    One factor may not suffice, because the feedback of an initial error does not slow down.
+
+    Args:
+        attempt: the motion at a time scale.
+        further: time scale that an attempt still needs; 1 if no contact slips.
+
+    Returns:
+        The last attempt, and the product of all time scales.
+    """
+    time_scale = 1.0
     for _ in range(_TRIES):
-        target = (controller or partial(class_1_controller, task))(slowed)
-        demand = grip_along(reduced, grip, *kinematic_rollout(reduced, target, q0, slowed.duration, dt * time_scale))
-        if demand.used <= 1.0 + _CLOSE:
-            return slowed
-        time_scale *= demand.time_scale
-        if not np.isfinite(time_scale):
+        motion = attempt(time_scale)
+        factor = further(motion)
+        if factor == 1.0 or not np.isfinite(factor):
             break
-        slowed = TaskReference(Slowed(reference.primary, time_scale), Slowed(reference.vertical, time_scale))
-    raise InfeasibleError("; ".join(demand.complaints()))
+        time_scale *= factor
+    return motion, time_scale

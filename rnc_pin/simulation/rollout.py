@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control import KinematicController, RedundancyController
+from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.admission import vector
 from rnc_pin.model.reduced_model import ReducedModel
@@ -14,8 +15,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
 from rnc_pin.simulation.ending import run_error
-
-_OUTER_GAIN = 2.0  # [1/s]
 
 
 class Rollout(NamedTuple):
@@ -87,4 +86,5 @@ def kinematic_rollout(
 
 def class_1_controller(task: Task, reference: TaskReference) -> RedundancyController:
     """Return the kinematic controller that follows a reference by default."""
-    return RedundancyController(task, reference.primary, reference.vertical, k3=_OUTER_GAIN, k21=_OUTER_GAIN)
+    gains = OUTER_GAINS["scaled"]
+    return RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
