@@ -192,3 +192,10 @@ def test_frame_spin_keeps_the_names_of_its_outputs(tmp_path):
     with pytest.warns(DeprecationWarning, match="frame_angular_velocity"):
         scenario = validate(read_yaml(file), "ball")
     assert scenario.outputs.reducing[0].bind(robot).names == ("ball_spin_x",)
+
+
+def test_former_names_of_a_friction_demand():
+    with pytest.warns(DeprecationWarning, match="GripNeeded: renamed, use 'FrictionDemand'"):
+        demand = rnc.simulation.GripNeeded(2.0, "wheel", 0.1, 1.5)
+    with pytest.warns(DeprecationWarning, match="use 'time_scale'"):
+        assert demand.slower == demand.time_scale == 1.5

@@ -94,5 +94,5 @@ def _add_payload(robot: Robot, frame: str, mass: float) -> list[Pfaffian]:
 
 def _lock_joint(robot: Robot, joint: str) -> list[Pfaffian]:
     rows = np.eye(robot.nv)[robot.velocity_indices(joint)]
-    nothing = np.zeros_like(rows)
-    return [Pfaffian(lambda q: rows, lambda q, v: nothing, [f"stuck({joint})"] if len(rows) == 1 else None)]
+    zeros = np.zeros_like(rows)
+    return [Pfaffian(lambda q: rows, lambda q, v: zeros, [f"stuck({joint})"] if len(rows) == 1 else None)]

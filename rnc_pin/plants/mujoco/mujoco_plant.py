@@ -36,7 +36,7 @@ _WHOLE = 1e-9  # tolerance of the number of steps
 
 
 class MuJoCoPlant:
-    """Robot of a reduced model in MuJoCo: a ``Machine``.
+    """Robot of a reduced model in MuJoCo: a ``Plant``.
 
     The MuJoCo model is built from the loaded robot. Joint names match. Conservation of momentum is not imposed; it
     follows from the dynamics. Wheels drive by friction. For a vehicle whose model is planar only x, y and heading are

@@ -27,6 +27,22 @@ def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
     return mask
 
 
+def check_conserved(reduced: ReducedModel, coefficients: np.ndarray, effect: str) -> None:
+    """Raise an error if an effect acts on a momentum that the model declares conserved.
+
+    Args:
+        reduced: reduced model.
+        coefficients: coefficients (nv,) of the effect; zero where it does not act.
+        effect: name of the effect, for the message.
+
+    Raises:
+        ConstraintError: names the effect and the momentum.
+    """
+    for block, *_ in reduced.constraints.places:
+        if block.conserved is not None and coefficients[block.conserved].any():
+            raise ConstraintError(f"{effect} acts on {block.names[0]}, which the model declares conserved")
+
+
 class ConstrainedDynamics:
     """Equations of motion of a constrained system, with optional damping and actuator limits.
 
@@ -57,9 +73,7 @@ class ConstrainedDynamics:
         self.damping: np.ndarray | None = None
         if joint_damping and np.any(model.damping):
             self.damping = np.array(model.damping)
-            for block, *_ in reduced.constraints.places:
-                if block.conserved is not None and self.damping[block.conserved].any():
-                    raise ConstraintError(f"joint damping acts on {block.names[0]}, which is said to be conserved")
+            check_conserved(reduced, self.damping, "joint damping")
         self._r, x2 = reduced.r, reduced.reducing
         self.integrated = integrated_outputs(reduced)
         self._integrands = RowStack([place.block for place in x2.places if self.integrated[place.where].any()])
@@ -95,7 +109,7 @@ class ConstrainedDynamics:
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
         here = self.at(q, y)
-        if self._chart.is_left(here):
+        if self._chart.is_ill_conditioned(here):
             v = here.v
             self._chart = VelocityChart(self.reduced.reduction_data, q)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])

@@ -41,8 +41,8 @@ class DissipativeStep:
         """Generalized forces (nv,) of dry friction at a state."""
         state = self._dynamics.at(q, y)
         linear, w_dot = self._linear(state, T)
-        chosen = self.friction.choose(state, w_dot, linear, _INSTANT)
-        return chosen.forces @ self.friction.rows(state)
+        friction = self.friction.forces_in_step(state, w_dot, linear, _INSTANT)
+        return friction.forces @ self.friction.rows(state)
 
     def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the state after a time h under inputs T.
@@ -55,27 +55,31 @@ class DissipativeStep:
             state = self._dynamics.at(q, y)
             linear, _ = self._linear(state, T)
             return self._smooth(q, y, T, None, None, linear, h)
-        events, left = 2 * len(limits), h
+        events, remaining = 2 * len(limits), h
         while True:
             state = self._dynamics.at(q, y)
             linear, w_dot = self._linear(state, T)
-            chosen = self.friction.choose(state, w_dot, linear, left)
-            first = float(chosen.stops.min())
-            if events == 0 or first >= left:
-                y = self._stopped(state, y, chosen.sticking)
-                return self._sliding(q, y, T, chosen.forces, chosen.sticking, linear, left)
+            friction = self.friction.forces_in_step(state, w_dot, linear, remaining)
+            first = float(friction.stops.min())
+            if events == 0 or first >= remaining:
+                y = self._stopped(state, y, friction.sticking)
+                return self._sliding(q, y, T, friction.forces, friction.sticking, linear, remaining)
             events -= 1
-            stopping = chosen.stops <= (1.0 + _SHORT) * first
+            stopping = friction.stops <= (1.0 + _SHORT) * first
             if first < _SHORT * h:
-                y = self._stopped(state, y, chosen.resting | stopping)
+                y = self._stopped(state, y, friction.resting | stopping)
                 continue
-            q, y = self._sliding(q, y, T, self._against(chosen), chosen.resting, linear, first)
-            y = self._stopped(self._dynamics.at(q, y), y, chosen.resting | stopping)
-            left -= first
+            q, y = self._sliding(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
+            y = self._stopped(self._dynamics.at(q, y), y, friction.resting | stopping)
+            remaining -= first
 
-    def _against(self, chosen: FrictionForces) -> np.ndarray:
+    def _sliding_forces(self, friction: FrictionForces) -> np.ndarray:
         """Friction forces (k,) until the first row comes to rest."""
-        return np.where(np.isinf(chosen.stops), chosen.forces, -self.friction.limits * np.sign(chosen.speeds))
+        return np.where(
+            np.isinf(friction.stops),
+            friction.forces,
+            -self.friction.limits * np.sign(friction.speeds),
+        )
 
     def _stopped(self, state: StateEvaluation, y: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Return y with the selected rows (k,) at rest. The lost kinetic energy is work of friction."""

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
-from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.reduced.constrained_dynamics import check_conserved
 
 _AT_REST = 1e-9  # speed that counts as rest, relative to the speed that friction removes in the step
 _RANK = 1e-12
@@ -54,9 +54,7 @@ class DryFriction:
 
     def __init__(self, reduced: ReducedModel, joints: bool) -> None:
         limits = np.array(reduced.robot.model.upperDryFrictionLimit) if joints else np.zeros(reduced.n)
-        for block, *_ in reduced.constraints.places:
-            if block.conserved is not None and limits[block.conserved].any():
-                raise ConstraintError(f"joint friction acts on {block.names[0]}, which is said to be conserved")
+        check_conserved(reduced, limits, "joint friction")
         self._joints = np.flatnonzero(limits > 0)
         self._rows = np.eye(reduced.n)[self._joints]
         self._limits, self._p = limits[self._joints], reduced.p
@@ -80,7 +78,7 @@ class DryFriction:
         """Generalized joint forces (nv,) of the forces (k,); None without joint friction."""
         return forces[: len(self._joints)] @ self._rows if len(self._joints) else None
 
-    def choose(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
+    def forces_in_step(self, state: StateEvaluation, w_dot: np.ndarray, linear: LinearPart, h: float) -> FrictionForces:
         """Compute friction forces for a step.
 
         Args:
@@ -93,22 +91,22 @@ class DryFriction:
         growth = phi_functions(-h * linear.decay, 1)[1]
         modes = (rows @ state.R @ linear.modes).T
         speeds = rows @ state.v
-        bent = rows @ (state.v_dot(w_dot) - state.R @ w_dot)  # the rows rotate relative to the chart
-        free = speeds + h * (bent + modes.T @ (growth * (linear.inverse @ w_dot)))
-        pushed = np.sqrt(growth)[:, None] * modes
-        forces, sticking = _least_energy(pushed, free / h, limits)
-        taken = h * (pushed * pushed).sum(axis=0) * limits
-        at_rest = np.abs(speeds) <= _AT_REST * taken
-        against = np.where(at_rest, forces, -limits * np.sign(speeds))
-        a_dot = linear.inverse @ w_dot + modes @ against
+        bias = rows @ (state.v_dot(w_dot) - state.R @ w_dot)  # the rows rotate relative to the chart
+        free = speeds + h * (bias + modes.T @ (growth * (linear.inverse @ w_dot)))
+        basis = np.sqrt(growth)[:, None] * modes
+        forces, sticking = _least_energy(basis, free / h, limits)
+        removable = h * (basis * basis).sum(axis=0) * limits
+        at_rest = np.abs(speeds) <= _AT_REST * removable
+        opposing = np.where(at_rest, forces, -limits * np.sign(speeds))
+        a_dot = linear.inverse @ w_dot + modes @ opposing
 
-        def later(t: float) -> np.ndarray:
+        def speeds_at(t: float) -> np.ndarray:
             """Speeds (k,) after a time t while rows slide."""
-            return speeds + t * (bent + modes.T @ (phi_functions(-t * linear.decay, 1)[1] * a_dot))
+            return speeds + t * (bias + modes.T @ (phi_functions(-t * linear.decay, 1)[1] * a_dot))
 
         stops = np.where(~at_rest & sticking, h, np.inf)
-        for row in np.flatnonzero(~at_rest & (speeds * later(h) < 0)):
-            stops[row] = brentq(lambda t, row=row: later(t)[row], 0.0, h, rtol=_RANK)
+        for row in np.flatnonzero(~at_rest & (speeds * speeds_at(h) < 0)):
+            stops[row] = brentq(lambda t, row=row: speeds_at(t)[row], 0.0, h, rtol=_RANK)
         return FrictionForces(forces, sticking, speeds, stops)
 
     def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
@@ -122,15 +120,15 @@ class DryFriction:
         return state.with_velocity(state.v - R @ (moved @ impulse))
 
 
-def _least_energy(pushed: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _least_energy(basis: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Forces f (k,) within limits that minimize ``f^T P^T P f / 2 + f^T free``, and a mask of those below their limits.
 
     Args:
-        pushed: matrix P (r, k).
+        basis: matrix P (r, k).
         free: linear coefficients (k,).
         limits: largest forces (k,), positive.
     """
-    scaled = pushed * limits
+    scaled = basis * limits
     size = np.abs(scaled).max(initial=0.0)
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)

@@ -8,7 +8,7 @@ import scipy.linalg
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_FAR = 3.0  # growth of |R|^2 at which the chart is replaced: some velocity is then 60 degrees off the basis
+_MAX_GROWTH = 3.0  # growth of |R|^2 at which the chart is replaced: some velocity is then 60 degrees off the basis
 
 
 class VelocityChart:
@@ -19,22 +19,22 @@ class VelocityChart:
     singular only where the constraints lose rank.
 
     Args:
-        parts: data of any reduction of the system.
+        data: data of any reduction of the system.
         q: centre of the chart (nq,).
     """
 
-    def __init__(self, parts: ReductionData, q: np.ndarray) -> None:
-        m, n = parts.m, parts.n
-        A = StateEvaluation.at(parts.in_entries(range(parts.r), free=True), q).A
-        self._scale = parts.lengths[:m]
+    def __init__(self, data: ReductionData, q: np.ndarray) -> None:
+        m, n = data.m, data.n
+        A = StateEvaluation.at(data.in_entries(range(data.r), free=True), q).A
+        self._scale = data.lengths[:m]
         self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
-        self.reduction_data = parts.in_velocities(self.W)
+        self.reduction_data = data.in_velocities(self.W)
 
     def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:
         """Return the state at (q, w) of this chart."""
         return StateEvaluation.at(self.reduction_data, q, w)
 
-    def is_left(self, state: StateEvaluation) -> bool:
+    def is_ill_conditioned(self, state: StateEvaluation) -> bool:
         """True if a state needs a new chart."""
         size = state.R.ravel("K")
-        return not size.dot(size) < self.reduction_data.r + _FAR
+        return not size.dot(size) < self.reduction_data.r + _MAX_GROWTH
