@@ -6,7 +6,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -15,7 +14,7 @@ Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
-def requests_to_end(handler: Handler, instead_of: Handler | signal.Handlers) -> Iterator[None]:
+def termination_handler(handler: Handler, instead_of: Handler | signal.Handlers) -> Iterator[None]:
     """Handle SIGINT (Ctrl-C), SIGTERM and SIGHUP (closed terminal) inside.
 
     Args:
@@ -23,80 +22,79 @@ def requests_to_end(handler: Handler, instead_of: Handler | signal.Handlers) -> 
         instead_of: expected current handler. Signals with another handler do not change, nor do threads other than
             the main one.
     """
-    main = threading.current_thread() is threading.main_thread()
-    ours = [number for number in _SIGNALS if main and signal.getsignal(number) is instead_of]
-    for number in ours:
+    replaced = [number for number in _SIGNALS if _in_main_thread() and signal.getsignal(number) is instead_of]
+    for number in replaced:
         signal.signal(number, handler)
     try:
         yield
     finally:
-        for number in ours:
+        for number in replaced:
             signal.signal(number, instead_of)
 
 
-@dataclass
-class _Held:
-    """State of deferred interruptions.
+class _Deferral:
+    """Signal handler that raises KeyboardInterrupt in sections that accept it, and remembers the signal in others."""
 
-    Attributes:
-        open: True if an interruption is raised at once.
-        wanted: an interruption came while ``open`` was False.
-        taken: an interruption was raised; later ones have no further effect.
-    """
+    def __init__(self) -> None:
+        self._accepting = False
+        self._pending = False
+        self._raised = False
 
-    open: bool = False
-    wanted: bool = False
-    taken: bool = False
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if self._accepting:
+            self._raise()
+        self._pending = True
 
-    def take(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal."""
-        if not self.open:
-            self.wanted = True
-            return
-        self.open, self.taken = False, True
+    def raise_pending(self) -> None:
+        """Raise a deferred interruption. After one was raised, deferred ones have no further effect."""
+        if self._pending and not self._raised:
+            self._raise()
+
+    @contextmanager
+    def section(self, accepting: bool) -> Iterator[None]:
+        """Accept or defer interruptions inside."""
+        before, self._accepting = self._accepting, accepting
+        try:
+            if accepting:
+                self.raise_pending()
+            yield
+        finally:
+            self._accepting = before
+        if before:
+            self.raise_pending()
+
+    def _raise(self) -> None:
+        self._accepting, self._raised = False, True
         raise KeyboardInterrupt
 
-    def take_wanted(self) -> None:
-        """Raise an earlier interruption that was deferred."""
-        if self.wanted and not self.taken:
-            self.taken = True
-            raise KeyboardInterrupt
 
-
-_held: _Held | None = None
+_deferral: _Deferral | None = None
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Defer interruptions to the next ``interruptible`` inside, or to the end if there is none.
 
-    After one interruption was raised inside, further ones are ignored. Signals with another handler do not change, nor
+    After one interruption was raised inside, deferred ones are ignored. Signals with another handler do not change, nor
     do threads other than the main one.
 
     Raises:
         KeyboardInterrupt: at the end, if an interruption came and was not raised inside.
     """
-    global _held
-    if threading.current_thread() is not threading.main_thread():
+    global _deferral
+    if not _in_main_thread():
         yield
-        return
-    if _held is not None:
-        held, before = _held, _held.open
-        held.open = False
+    elif _deferral is not None:
+        with _deferral.section(accepting=False):
+            yield
+    else:
+        _deferral = deferral = _Deferral()
         try:
-            yield
+            with termination_handler(deferral, signal.default_int_handler):
+                yield
         finally:
-            held.open = before
-        if before:
-            held.take_wanted()
-        return
-    held = _held = _Held()
-    try:
-        with requests_to_end(held.take, signal.default_int_handler):
-            yield
-    finally:
-        _held = None
-    held.take_wanted()
+            _deferral = None
+        deferral.raise_pending()
 
 
 @contextmanager
@@ -106,13 +104,12 @@ def interruptible() -> Iterator[None]:
     Raises:
         KeyboardInterrupt: at the beginning if one was deferred; inside, as they come.
     """
-    held = _held
-    if held is None or threading.current_thread() is not threading.main_thread():
+    if _deferral is None or not _in_main_thread():
         yield
         return
-    held.take_wanted()
-    before, held.open = held.open, True
-    try:
+    with _deferral.section(accepting=True):
         yield
-    finally:
-        held.open = before
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from rnc_pin.app.status import FAILED
-from rnc_pin.interruption import requests_to_end
+from rnc_pin.interruption import termination_handler
 
 _WORDS = "rnc-pin: error: interrupted\n"
 
@@ -22,7 +22,7 @@ def interruptible_imports() -> Iterator[None]:
     An exception is not enough: C libraries turn it into an error of their own or print a traceback. No result is lost,
     since nothing is computed during imports.
     """
-    with requests_to_end(_end, signal.default_int_handler):
+    with termination_handler(_end, signal.default_int_handler):
         try:
             yield
         except KeyboardInterrupt:
@@ -33,7 +33,7 @@ def interruptible_imports() -> Iterator[None]:
 @contextmanager
 def endings_as_ctrl_c() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP (closed terminal) as Ctrl-C: results so far are kept."""
-    with requests_to_end(signal.default_int_handler, signal.SIG_DFL):
+    with termination_handler(signal.default_int_handler, signal.SIG_DFL):
         yield
 
 

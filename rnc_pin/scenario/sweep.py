@@ -17,7 +17,7 @@ from rnc_pin.scenario.files import chosen, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import data_names, execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
-from rnc_pin.scenario.worker import end_with
+from rnc_pin.scenario.sweep_worker import exit_with_parent
 
 _MOST_DRAWS = 20  # largest number of draws for one run; then its outcome is "infeasible"
 
@@ -67,7 +67,7 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
         parent: id of the main process; this process ends with it.
     """
     if parent is not None:
-        end_with(parent)
+        exit_with_parent(parent)
     for redrawn, candidate in enumerate(islice(draw(scenario, options, run), _MOST_DRAWS)):
         row = {"run": run, **{key: value for key, value in candidate.items() if isinstance(value, float)}}
         try:

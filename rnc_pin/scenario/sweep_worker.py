@@ -7,11 +7,11 @@ import signal
 import threading
 import time
 
-_PATIENCE = 0.5  # [s]
+_PERIOD = 0.5  # [s]
 _watched: set[int] = set()
 
 
-def end_with(parent: int) -> None:
+def exit_with_parent(parent: int) -> None:
     """End this process when its parent ends for any reason, and ignore Ctrl-C.
 
     Args:
@@ -27,5 +27,5 @@ def end_with(parent: int) -> None:
 
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
-        time.sleep(_PATIENCE)
+        time.sleep(_PERIOD)
     os._exit(1)
