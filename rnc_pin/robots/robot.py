@@ -24,7 +24,8 @@ from rnc_pin.robots.model_checks import check_model
 from rnc_pin.robots.named_model import NamedModel
 from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
 from rnc_pin.robots.sources.description import Closure
-from rnc_pin.robots.sources.meshes import STAND_IN
+from rnc_pin.robots.sources.numeric_checks import check_acceleration
+from rnc_pin.robots.sources.urdf_meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
 
@@ -219,7 +220,7 @@ class Robot(NamedModel, SummaryMixin):
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
         if gravity is not None:
-            model.gravity.linear = _acceleration(gravity)
+            model.gravity.linear = check_acceleration(gravity)
         locked = LockedModel(model, lock) if lock else None
         robot = admitted(model if locked is None else locked.model)
         robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
@@ -344,13 +345,3 @@ class Robot(NamedModel, SummaryMixin):
         base = _BASES.get(self.model.joints[1].shortname(), "fixed")
         title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
         return ObjectSummary(title, [("joints", items(self.joint_names))])
-
-
-def _acceleration(gravity: object) -> np.ndarray:
-    try:
-        acceleration = np.asarray(gravity, dtype=float)
-    except (TypeError, ValueError):
-        acceleration = np.empty(0)
-    if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
-        raise ModelError(f"gravity has to be three finite numbers [m/s^2], found {gravity!r}")
-    return acceleration

@@ -176,26 +176,6 @@ def _again(content: bytes, error: Exception) -> ElementTree.Element | None:
     return None
 
 
-def read_numbers(text: str) -> np.ndarray | None:
-    """Return the numbers in an attribute, or None if a word is not a finite number.
-
-    Only whitespace, digits and words that parsers in C accept are valid; Python accepts more.
-    """
-    if not text.isascii() or "_" in text:
-        return None
-    try:
-        numbers = np.array([float(word) for word in text.split()])
-    except ValueError:
-        return None
-    return numbers if np.isfinite(numbers).all() else None
-
-
-def read_number(text: str | None) -> float | None:
-    """Return the single number in an attribute, or None if it does not hold exactly one number."""
-    numbers = read_numbers(text or "")
-    return float(numbers[0]) if numbers is not None and numbers.size == 1 else None
-
-
 def brief(error: Exception) -> str:
     """Text of a C++ exception, without its location in Pinocchio's sources."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]

@@ -10,8 +10,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import FARTHEST, Mesh, MeshError, read_mesh
+from rnc_pin.robots.sources.numeric_checks import read_numbers
 
 MOST_TOGETHER = 3_000_000
 """Largest number of triangles of all meshes of a robot, repeated uses included."""
@@ -61,8 +61,8 @@ class MeshShapes:
 
     def make(self, mesh: Mesh, scale: str | None, file: str = "") -> LoadedMesh:
         """Return the shape of a mesh. Arguments and errors are as for ``load``."""
-        factors = np.ones(3) if scale is None else read_numbers(scale)
-        if factors is None or factors.shape != (3,) or not factors.all():
+        factors = np.ones(3) if scale is None else read_numbers(scale, 3)
+        if factors is None or not factors.all():
             raise MeshError(f"scale takes three numbers that are not zero, found '{str(scale)[:40]}'")
         self._count += len(mesh.triangles)
         if self._count > MOST_TOGETHER:

@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import LARGEST
 from rnc_pin.robots.sources.containment import AllowedFolders
-from rnc_pin.robots.sources.description import parse_xml, read_numbers
+from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.sources.numeric_checks import check_numbers
 
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MOST_ELEMENTS = 20_000  # after expansion of <replicate>
@@ -165,9 +166,6 @@ def _size(element: ElementTree.Element, path: Path) -> int:
 def _check_numbers(root: ElementTree.Element, path: Path) -> None:
     for element in (each for each in root.iter() if each.tag != "flag"):
         for key, text in element.attrib.items():
-            counts = _COUNTS.get(key)
-            numbers = read_numbers(text) if counts else None
-            if counts and (numbers is None or numbers.size not in counts):
-                count = " or ".join(map(str, counts)) if len(counts) < 3 else "some"
+            if key in _COUNTS:
                 where = f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
-                raise ModelError(f"{path}: {where}: {key} takes {count} finite numbers, found '{text}'")
+                check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.sources.description import read_numbers
 from rnc_pin.robots.sources.mesh_formats import (
     FARTHEST,
     Mesh,
@@ -22,6 +21,7 @@ from rnc_pin.robots.sources.mesh_formats import (
     read_mesh,
 )
 from rnc_pin.robots.sources.mesh_shapes import MOST_TOGETHER, LoadedMesh, MeshShapes
+from rnc_pin.robots.sources.numeric_checks import read_numbers
 
 _KEPT = ("class", "scale", "inertia", "maxhullvert")
 _STAND_IN = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"  # corners of a tetrahedron
@@ -114,8 +114,7 @@ class MeshAssets:
 
 
 def _numbers(attributes: Mapping[str, str], key: str, count: int) -> np.ndarray | None:
-    numbers = read_numbers(attributes.get(key, _USUAL[key]))
-    return numbers if numbers is not None and numbers.size == count else None
+    return read_numbers(attributes.get(key, _USUAL[key]), count)
 
 
 def _is_flat(mesh: Mesh, scale: np.ndarray) -> bool:

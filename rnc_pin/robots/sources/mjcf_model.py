@@ -12,6 +12,7 @@ from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
 from rnc_pin.robots.sources.description import ROOT_JOINTS
 from rnc_pin.robots.sources.mjcf_compiler import SMALLEST
+from rnc_pin.robots.sources.numeric_checks import check_not_negative
 
 FREE, BALL, SLIDE, HINGE = range(4)
 _ALIGNED = {HINGE: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)}
@@ -158,8 +159,8 @@ class ModelBuilder:
         compiled, kind, name = self._compiled, self._compiled.jnt_type[k], self.joint_name(k)
         low, high = compiled.jnt_range[k]
         damping = compiled.dof_damping.reshape(compiled.nv, -1)[compiled.jnt_dofadr[k], 0]
-        if damping < 0:
-            raise ModelError(f"damping of joint '{name}' is negative: {damping:g}")
+        friction = compiled.dof_frictionloss[compiled.jnt_dofadr[k]]
+        check_not_negative({"damping": damping, "friction": friction}, f"joint '{name}'")
         if low > high:
             raise ModelError(f"range of joint '{name}' has a lower limit above the upper: {low:g} {high:g}")
         anchor, rest = pin.SE3(np.eye(3), compiled.jnt_pos[k]), pin.SE3.Identity()
@@ -181,7 +182,6 @@ class ModelBuilder:
         index, frame, _ = self._add_joint(parent, frame, joint, place * anchor * rest, name, endless, endless, *limits)
         model, added = self.model, self.model.joints[index]
         entries = slice(added.idx_v, added.idx_v + added.nv)
-        friction = compiled.dof_frictionloss[compiled.jnt_dofadr[k]]
         model.damping[entries], model.armature[entries] = damping, compiled.dof_armature[compiled.jnt_dofadr[k]]
         model.lowerDryFrictionLimit[entries], model.upperDryFrictionLimit[entries] = -friction, friction
         self.joints[k] = index

@@ -12,25 +12,18 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import (
-    ROOT_JOINTS,
-    Description,
-    Mimic,
-    captured_stderr,
-    check_base,
-    parse_xml,
-    read_numbers,
-)
-from rnc_pin.robots.sources.masses import bodies_of, give_masses
-from rnc_pin.robots.sources.mending import ENDLESS, mend
-from rnc_pin.robots.sources.meshes import Meshes
+from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
+from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
 from rnc_pin.robots.sources.packages import Packages
-from rnc_pin.robots.sources.plausible import check_values
 from rnc_pin.robots.sources.rounding import Roundings
+from rnc_pin.robots.sources.urdf_inertias import bodies_of, give_masses
+from rnc_pin.robots.sources.urdf_meshes import Meshes
+from rnc_pin.robots.sources.urdf_repairs import ENDLESS, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _LONGEST_CHAIN = 1000
+_NOT_NEGATIVE = {"dynamics": ("damping", "friction"), "limit": ("effort", "velocity")}
 _ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
@@ -59,7 +52,8 @@ def read_urdf(
     check_base(base)
     packages = Packages(path.parent, package_dirs)
     root = parse_urdf(path, xacro_arguments, packages)
-    notes = [*mend(root, path), *check_values(root, path)]
+    notes = repair(root, path)
+    _check_joints(root, path)
     meshes = Meshes(root, path, packages)
     if masses:
         give_masses(root, masses, path)
@@ -128,8 +122,7 @@ def _snap(root: ElementTree.Element) -> list[str]:
     roundings = Roundings()
     for link in root.findall("link"):
         origin = link.find("inertial/origin")
-        numbers = None if origin is None else read_numbers(origin.get("rpy", ""))
-        if origin is not None and numbers is not None and numbers.size == 3:
+        if origin is not None and read_numbers(origin.get("rpy"), 3) is not None:
             origin.set("rpy", roundings.angles_of(origin.get("rpy", ""), f"inertia of link '{link.get('name')}'"))
     for joint in root.findall("joint"):
         where = f"joint '{joint.get('name')}'"
@@ -138,10 +131,8 @@ def _snap(root: ElementTree.Element) -> list[str]:
             ("axis", "xyz", roundings.direction),
         ):
             element = joint.find(tag)
-            text = None if element is None else element.get(key)
-            numbers = None if text is None else read_numbers(text)
-            if element is not None and text is not None and numbers is not None and numbers.size == 3:
-                element.set(key, exact(text, where))
+            if element is not None and read_numbers(element.get(key), 3) is not None:
+                element.set(key, exact(element.get(key, ""), where))
     words = roundings.words()
     return [words] if words else []
 
@@ -173,6 +164,15 @@ def _first_complaint(lines: list[str]) -> str | None:
         return None
     place = next((error for error in errors[1:] if "[" in error), None)
     return errors[0] if place is None else f"{errors[0]} ({place[0].lower()}{place[1:]})"
+
+
+def _check_joints(root: ElementTree.Element, path: Path) -> None:
+    for joint in root.findall("joint"):
+        for tag, keys in _NOT_NEGATIVE.items():
+            element = joint.find(tag)
+            if element is not None and joint.get("type") != "fixed":
+                values = {key: read_number(element.get(key)) for key in keys}
+                check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:
@@ -230,10 +230,10 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
     mass = element.find("inertial/mass")
-    numbers = None if mass is None else read_numbers(mass.get("value", ""))
-    if numbers is not None and numbers.size == 1 and numbers[0] < 0:
+    number = None if mass is None else read_number(mass.get("value"))
+    if number is not None and number < 0:
         remedy = f"give it another with masses={{'{link}': 0.1}}"
-        raise ModelError(f"{path}: mass of link '{link}' is negative: {numbers[0]:g} kg; {remedy}")
+        raise ModelError(f"{path}: mass of link '{link}' is negative: {number:g} kg; {remedy}")
 
 
 def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
@@ -250,12 +250,10 @@ def _mimics(root: ElementTree.Element, path: Path) -> tuple[Mimic, ...]:
             hint = "" if strangers else nearest(source, [each for each in joints if each != name])
             strangers.append(f"'{name}' of '{source}'{hint}")
             continue
-        factors = []
-        for key, default in (("multiplier", "1"), ("offset", "0")):
-            numbers = read_numbers(mimic.get(key, default))
-            if numbers is None or numbers.size != 1:
-                raise ModelError(f"{path}: {key} of joint '{name}' has to be a finite number, found '{mimic.get(key)}'")
-            factors.append(float(numbers[0]))
+        factors = [
+            float(check_numbers(mimic.get(key, usual), (1,), f"{path}: {key} of joint '{name}'")[0])
+            for key, usual in (("multiplier", "1"), ("offset", "0"))
+        ]
         mimics.append(Mimic(name, source, *factors))
     if strangers:
         more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""

@@ -17,9 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few
-from rnc_pin.robots.sources.description import GEOMETRY, geometry_errors, read_numbers
+from rnc_pin.robots.sources.description import GEOMETRY, geometry_errors
 from rnc_pin.robots.sources.mesh_formats import MeshError
 from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
+from rnc_pin.robots.sources.numeric_checks import read_numbers
 from rnc_pin.robots.sources.packages import Packages
 
 STAND_IN = "_stand_in"
@@ -189,5 +190,4 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
 
 
 def _attribute(element: ElementTree.Element | None, key: str, count: int) -> np.ndarray | None:
-    numbers = None if element is None else read_numbers(element.get(key, ""))
-    return numbers if numbers is not None and numbers.size == count else None
+    return None if element is None else read_numbers(element.get(key), count)

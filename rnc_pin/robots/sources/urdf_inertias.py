@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.description import Body, read_number, read_numbers
+from rnc_pin.robots.sources.description import Body
 from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
+from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
 
 BALL = 0.05  # radius [m] of the ball that represents a link without geometry
 _FLAT = 1e-2  # shortest edge of a box, relative to its longest edge
@@ -65,8 +66,8 @@ def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
     if mass is None or tensor is None:
         return 0.0, np.zeros((3, 3))
     words = [mass.get("value", "")] + [tensor.get(key, "") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-    numbers = read_numbers(" ".join(words))
-    if numbers is None or numbers.size != 7:
+    numbers = read_numbers(" ".join(words), 7)
+    if numbers is None:
         return 0.0, np.zeros((3, 3))
     kg, xx, xy, xz, yy, yz, zz = numbers
     return float(kg), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -146,7 +147,4 @@ def _vertices(file: str) -> np.ndarray | None:
 
 
 def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
-    if text is None:
-        return np.full(3, default)
-    numbers = read_numbers(text)
-    return numbers if numbers is not None and numbers.size == 3 else None
+    return np.full(3, default) if text is None else read_numbers(text, 3)

@@ -1,4 +1,4 @@
-"""Repair of common deviations of URDF files that urdfdom refuses, with a note on each repair."""
+"""Repair of common deviations of URDF files, with a note on each. urdfdom refuses most of them, or ignores them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, few
-from rnc_pin.robots.sources.description import read_number, read_numbers
+from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
 from rnc_pin.robots.sources.rounding import PRECISION
 
 ENDLESS = 1e300
@@ -18,11 +18,12 @@ _LIMITED = ("revolute", "prismatic")
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
 _COUNTS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3, "rgba": 4}
 _PRODUCTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_ONCE = {"link": ("inertial",), "joint": ("origin", "axis", "limit", "dynamics", "mimic")}
 _INSTALLED = (".urdf", ".xacro", ".xml")
 
 
-def mend(root: ElementTree.Element, path: Path) -> list[str]:
-    """Change the XML of a robot in place so that urdfdom accepts it.
+def repair(root: ElementTree.Element, path: Path) -> list[str]:
+    """Change the XML of a robot in place so that urdfdom accepts it, and remove duplicate elements.
 
     Returns:
         Notes on the changes to the model; each can follow the file name. Changes of notation only are not reported.
@@ -32,7 +33,7 @@ def mend(root: ElementTree.Element, path: Path) -> list[str]:
         ModelError: numbers with a decimal comma, or a planar joint in another plane than its own x-y plane.
     """
     notes = [*_name(root, path), *_numbers(root, path), *_inertials(root), *_geometry(root)]
-    notes += [*_limits(root), *_world(root), *_planar(root, path)]
+    notes += [*_limits(root), *_world(root), *_planar(root, path), *_duplicates(root)]
     _drop_unused(root)
     return notes
 
@@ -116,9 +117,9 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
             capsule = shape.find("geometry/capsule")
             if capsule is not None:  # shape of some simulators, replaced by a cylinder of the same length and width
                 capsule.tag = "cylinder"
-                radius, length = (read_numbers(capsule.get(key, "")) for key in ("radius", "length"))
-                if radius is not None and length is not None and radius.size == length.size == 1:
-                    capsule.set("length", repr(float(length[0] + 2 * radius[0])))
+                radius, length = (read_number(capsule.get(key)) for key in ("radius", "length"))
+                if radius is not None and length is not None:
+                    capsule.set("length", repr(length + 2 * radius))
             if not any(shape.find(f"geometry/{kind}") is not None for kind in _SHAPES):
                 link.remove(shape)
                 left_out.append(f"<{shape.tag}> of '{link.get('name')}'")
@@ -172,7 +173,7 @@ def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
     without = []
     for joint in root.findall("joint[@type='planar']"):
         axis = joint.find("axis")
-        numbers = None if axis is None else read_numbers(axis.get("xyz", ""))
+        numbers = None if axis is None else read_numbers(axis.get("xyz"))
         if numbers is None:
             without.append(str(joint.get("name")))
         elif numbers.size == 3 and numbers[:2].any():
@@ -182,6 +183,20 @@ def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
             )
     if without:
         yield f"planar joint without an axis, which moves in its x-y plane: {few(without)}"
+
+
+def _duplicates(root: ElementTree.Element) -> Iterator[str]:
+    """Remove all but the first of elements that are valid only once."""
+    for owner, tags in _ONCE.items():
+        for tag in tags:
+            names = []
+            for each in root.findall(owner):
+                others = each.findall(tag)[1:]
+                for other in others:
+                    each.remove(other)
+                names += [str(each.get("name"))] if others else []
+            if names:
+                yield f"has a second <{tag}>, which is left out: {owner} {few(names)}"
 
 
 def _drop_unused(root: ElementTree.Element) -> None:
