@@ -11,7 +11,7 @@ from rnc_pin.robots.sources.containment import AllowedFolders
 from rnc_pin.robots.sources.description import Description, brief, check_base
 from rnc_pin.robots.sources.mjcf_compiler import compile_document
 from rnc_pin.robots.sources.mjcf_couplings import closures, mark_passive_joints, mimics, unread
-from rnc_pin.robots.sources.mjcf_document import read_document, reduce_document
+from rnc_pin.robots.sources.mjcf_document import read_with_includes, reduce_document
 from rnc_pin.robots.sources.mjcf_geometry import MjcfGeometry
 from rnc_pin.robots.sources.mjcf_meshes import MeshAssets
 from rnc_pin.robots.sources.mjcf_model import ModelBuilder
@@ -33,7 +33,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     if base is not None:
         check_base(base)
     allowed = AllowedFolders(path.parent, package_dirs)
-    root = read_document(path, allowed)
+    root = read_with_includes(path, allowed)
     name = root.get("model") or path.stem
     ignored = unread(root)
     reduce_document(root, path)

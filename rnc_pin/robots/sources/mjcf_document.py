@@ -39,7 +39,7 @@ _COUNTS = {  # numbers per attribute
 }  # fmt: skip
 
 
-def read_document(path: Path, allowed: AllowedFolders) -> ElementTree.Element:
+def read_with_includes(path: Path, allowed: AllowedFolders) -> ElementTree.Element:
     """Return a file with its included files, in which each asset names an allowed file by its absolute path.
 
     Args:

@@ -48,6 +48,14 @@ class Packages:
         """Return the folder of a package, or None."""
         return self._recorded(name, next(self.candidates(name), None))
 
+    def admit(self, file: Path, what: str) -> Path:
+        """Return the absolute path of a file that the description may name; see ``AllowedFolders.admit``."""
+        return self.allowed.admit(file, what)
+
+    def allow(self, path: Path) -> None:
+        """Allow an additional folder, or a single file."""
+        self.allowed.add(path)
+
     @property
     def found(self) -> Mapping[str, Path]:
         """Name to folder of each package that was requested and found."""

@@ -16,10 +16,10 @@ from patience import ending_within
 from places import ROOT
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro import expand
+from rnc_pin.robots.sources.xacro.bounded_values import admit
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins
 from rnc_pin.robots.sources.xacro.macros import read_macro
-from rnc_pin.robots.sources.xacro.values import admit
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 HERE = ROOT / "tests"

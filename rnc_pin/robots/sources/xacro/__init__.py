@@ -5,6 +5,6 @@ The format is that of ``xacro`` 2.1, and the tests compare with it. That library
 listed functions, methods and environment variables are allowed, and time and size are bounded.
 """
 
-from rnc_pin.robots.sources.xacro.files import expand, has_macros, is_xacro
+from rnc_pin.robots.sources.xacro.expand import expand, has_macros, is_xacro
 
 __all__ = ["expand", "has_macros", "is_xacro"]

@@ -16,12 +16,11 @@ from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.documents import read_document
 from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
 from rnc_pin.robots.sources.xacro.scopes import Scope, ScopeNamespace, truth
-from rnc_pin.robots.sources.xacro.substitution import Arguments, Substitution
-from rnc_pin.robots.sources.xacro.values import Function, Namespace, Value
+from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
 _DEEPEST = 100  # nesting depth of macros and includes
@@ -36,12 +35,12 @@ class Expander:
     Args:
         path: path of the file.
         arguments: its arguments.
-        packages: packages for ``$(find ...)``.
+        access: files and packages that it may name.
     """
 
-    def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
+    def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
         self._path = path
-        self._substitution = Substitution(path, arguments, packages)
+        self._substitution = Substitution(path, arguments, access)
         self._arguments = arguments
         self._depth = 0
         self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {

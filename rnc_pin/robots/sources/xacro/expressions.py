@@ -13,8 +13,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from rnc_pin.errors import ModelError, nearest
+from rnc_pin.robots.sources.xacro.bounded_values import BITS, ITEMS, LETTERS, Budget, Function, Namespace, Value, admit
 from rnc_pin.robots.sources.xacro.functions import attribute
-from rnc_pin.robots.sources.xacro.values import BITS, ITEMS, LETTERS, Budget, Function, Namespace, Value, admit
 
 _LONGEST = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {

@@ -9,7 +9,7 @@ from functools import partial
 from string import Formatter
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.sources.xacro.values import ITEMS, LETTERS, Function, Namespace, Value, admit
+from rnc_pin.robots.sources.xacro.bounded_values import ITEMS, LETTERS, Function, Namespace, Value, admit
 
 _NUMBER = (bool, int, float)
 _WIDEST = 1000  # characters of a field in a format

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.sources.xacro.values import Namespace, Value
+from rnc_pin.robots.sources.xacro.bounded_values import Namespace, Value
 
 
 class Scope(Mapping[str, Value]):

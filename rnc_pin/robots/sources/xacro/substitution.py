@@ -8,17 +8,17 @@ import warnings
 from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Protocol
 
 import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_yaml import load_yaml
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.xacro.bounded_values import LETTERS, Budget, Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
 from rnc_pin.robots.sources.xacro.units import unit_loader
-from rnc_pin.robots.sources.xacro.values import LETTERS, Budget, Function, Namespace, Value
 
 ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
@@ -76,13 +76,29 @@ class Arguments(Mapping[str, Value]):
         return len(self._texts)
 
 
+class FileAccess(Protocol):
+    """Files and packages that a file may name."""
+
+    def folder(self, name: str) -> Path | None:
+        """Folder of a package, or None if it is not found."""
+        ...
+
+    def admit(self, file: Path, what: str) -> Path:
+        """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed."""
+        ...
+
+    def allow(self, path: Path) -> None:
+        """Allow a file that the user named."""
+        ...
+
+
 class Substitution:
     """Substitution of expressions and commands in texts.
 
     Args:
         path: path of the file that is expanded.
         arguments: arguments of the file.
-        packages: packages for ``$(find ...)``.
+        access: files and packages that the file may name.
 
     Attributes:
         files: files being read, the innermost last.
@@ -90,11 +106,11 @@ class Substitution:
         symbols: predefined names of all expressions in the file.
     """
 
-    def __init__(self, path: Path, arguments: Arguments, packages: Packages) -> None:
+    def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
         self.files = [path]
         self.budget = Budget()
         self.arguments = arguments
-        self._packages = packages
+        self._access = access
         for text in arguments.given:
             self._chosen(text)
         self.symbols = builtins() | self._xacro()
@@ -141,7 +157,7 @@ class Substitution:
 
     def admitted(self, path: Path) -> Path:
         """Return the absolute path of a file; raise ModelError if the description may not name it."""
-        return self._packages.allowed.admit(path, f"file '{path}'")
+        return self._access.admit(path, f"file '{path}'")
 
     def _expression(self, text: str, names: Mapping[str, Value]) -> Value:
         value = evaluate(str(self.value(text, names)), names, self.budget)
@@ -169,7 +185,7 @@ class Substitution:
         return str(self.files[-1].parent.resolve())
 
     def _found(self, name: str) -> str:
-        folder = self._packages.folder(name)
+        folder = self._access.folder(name)
         if folder is None:
             remedy = "give its folder in package_dirs (--package-dir) or in ROS_PACKAGE_PATH"
             raise ModelError(f"no package '{name}': {remedy}")
@@ -190,7 +206,7 @@ class Substitution:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and os.path.isfile(path):
-            self._packages.allowed.add(path)
+            self._access.allow(path)
         return text
 
     def _xacro(self) -> dict[str, Value]:

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 import yaml
 
 from rnc_pin.io.safe_yaml import BoundedLoader
+from rnc_pin.robots.sources.xacro.bounded_values import Budget
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins
-from rnc_pin.robots.sources.xacro.values import Budget
 
 _UNITS: Mapping[str, float] = {
     "!radians": 1.0,

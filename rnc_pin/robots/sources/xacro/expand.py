@@ -9,9 +9,8 @@ from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.xacro.expander import Expander
-from rnc_pin.robots.sources.xacro.substitution import Arguments
+from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess
 
 _NAMESPACE = re.compile(r"\{https?://(www\.)?(ros\.org/wiki/xacro|wiki\.ros\.org/xacro)[^}]*\}")
 _EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
@@ -35,19 +34,19 @@ def has_macros(root: Element, path: Path) -> bool:
     return used and b"xmlns:xacro" in read_bytes(path)
 
 
-def expand(path: Path, arguments: Mapping[str, object] | None, packages: Packages) -> Element:
+def expand(path: Path, arguments: Mapping[str, object] | None, access: FileAccess) -> Element:
     """Return the root element of an expanded xacro file.
 
     Args:
         path: path of the file.
         arguments: values for its ``<xacro:arg>``.
-        packages: packages for ``$(find ...)``.
+        access: files and packages that it may name.
 
     Raises:
         ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
     """
     given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
-    expander = Expander(path, given, packages)
+    expander = Expander(path, given, access)
     try:
         root = expander.expand()
     except RecursionError:
