@@ -7,21 +7,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
-from rnc_pin.scenario.draft.attempt import DraftAttempt
-from rnc_pin.scenario.draft.balancing import balances, balancing_base, bicycle_base, is_bicycle
-from rnc_pin.scenario.draft.ball import find_shell, spherical_base
-from rnc_pin.scenario.draft.chassis import WheelLayout, chassis
+from rnc_pin.scenario.draft.balancing_base import balances, balancing_base, bicycle_base, is_bicycle
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions
+from rnc_pin.scenario.draft.base_without_wheels import fixed_base_with_locked_joints, without_wheels
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
-from rnc_pin.scenario.draft.joints import start_values
-from rnc_pin.scenario.draft.mobility import BaseAssumptions
-from rnc_pin.scenario.draft.on_rollers import force_driven_base, has_rollers, omnidirectional_base
-from rnc_pin.scenario.draft.on_wheels import knife_edge_base, wheeled_base
-from rnc_pin.scenario.draft.site import RobotAtStart
-from rnc_pin.scenario.draft.snake import find_snake, snake_base
+from rnc_pin.scenario.draft.joint_properties import start_values
+from rnc_pin.scenario.draft.omnidirectional_base import force_driven_base, has_rollers, omnidirectional_base
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+from rnc_pin.scenario.draft.scenario_candidate import ScenarioCandidate
+from rnc_pin.scenario.draft.snake_base import find_snake, snake_base
 from rnc_pin.scenario.draft.source import DraftOptions, Source
+from rnc_pin.scenario.draft.spherical_base import find_shell, spherical_base
 from rnc_pin.scenario.draft.trial import FAR, LOST, Trial
-from rnc_pin.scenario.draft.wheels import find_wheels
-from rnc_pin.scenario.draft.without_wheels import fixed_base_with_locked_joints, without_wheels
+from rnc_pin.scenario.draft.wheel_detection import find_wheels
+from rnc_pin.scenario.draft.wheel_layout import WheelLayout, classify_wheels
+from rnc_pin.scenario.draft.wheeled_base import knife_edge_base, wheeled_base
 
 _BaseBuilder = Callable[[], BaseAssumptions]
 
@@ -48,17 +48,17 @@ def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
 def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     robot, is_rigid = source.load_for_detection()
     source.remember_packages(robot)
-    site = RobotAtStart(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
+    at_start = RobotAtStart(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
     first: RncError | None = None
     best: tuple[Trial, str] | None = None
-    for way in _candidate_bases(site, asked, source, source.driven()):
+    for way in _candidate_bases(at_start, asked, source, source.driven()):
         mobility = way()
-        if site.loose:
-            mobility.lock.update(site.loose)
-            mobility.notes.append(f"locked, because nothing drives them: {', '.join(site.loose)}")
+        if at_start.loose:
+            mobility.lock.update(at_start.loose)
+            mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
         try:
-            attempt = DraftAttempt(mobility, source, site.start, folder)
+            attempt = ScenarioCandidate(mobility, source, at_start.start, folder)
             mobility.notes += source.remarks + failures
             text = attempt.text()
         except RncError as error:
@@ -84,43 +84,45 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
 
 
 def _candidate_bases(
-    site: RobotAtStart, asked: str | None, source: Source, driven: frozenset[str]
+    at_start: RobotAtStart, asked: str | None, source: Source, driven: frozenset[str]
 ) -> Iterator[_BaseBuilder]:
     """Candidate bases, the most likely first; only one if the user chose the base."""
-    shell = find_shell(site, driven) if asked in (None, "free") else None
+    shell = find_shell(at_start, driven) if asked in (None, "free") else None
     if shell is not None:
-        yield lambda: spherical_base(shell, site, driven)
+        yield lambda: spherical_base(shell, at_start, driven)
     if asked in (None, "planar"):
-        wheels = find_wheels(site)
-        axles = find_drawn_axles(site)
-        segments = find_snake(wheels, [] if wheels else axles, site, driven)
+        wheels = find_wheels(at_start)
+        axles = find_drawn_axles(at_start)
+        segments = find_snake(wheels, [] if wheels else axles, at_start, driven)
         if segments:
-            yield lambda: snake_base(segments, site)
+            yield lambda: snake_base(segments, at_start)
         if wheels:
-            yield from _candidate_wheeled_bases(chassis(wheels), site, asked, source, driven)
+            yield from _candidate_wheeled_bases(classify_wheels(wheels), at_start, asked, source, driven)
             return
-        if axles and not site.own_planar_joints:
-            yield lambda: knife_edge_base(axles, site)
-    yield lambda: without_wheels(site, asked, source.mass_of_base)
+        if axles and not at_start.own_planar_joints:
+            yield lambda: knife_edge_base(axles, at_start)
+    yield lambda: without_wheels(at_start, asked, source.mass_of_base)
     if asked is None:
-        yield lambda: without_wheels(site, "fixed", source.mass_of_base, "taken to be bolted down, for lack of better")
-        yield lambda: fixed_base_with_locked_joints(site)
+        yield lambda: without_wheels(
+            at_start, "fixed", source.mass_of_base, "taken to be bolted down, for lack of better"
+        )
+        yield lambda: fixed_base_with_locked_joints(at_start)
 
 
 def _candidate_wheeled_bases(
-    found: WheelLayout, site: RobotAtStart, asked: str | None, source: Source, driven: frozenset[str]
+    found: WheelLayout, at_start: RobotAtStart, asked: str | None, source: Source, driven: frozenset[str]
 ) -> Iterator[_BaseBuilder]:
-    if asked is None and balances(found, site):
-        yield lambda: balancing_base(found, site)
+    if asked is None and balances(found, at_start):
+        yield lambda: balancing_base(found, at_start)
     if asked is None and is_bicycle(found):
-        yield lambda: bicycle_base(found, site)
-    if has_rollers(found, site):
-        yield lambda: omnidirectional_base(found, site)
+        yield lambda: bicycle_base(found, at_start)
+    if has_rollers(found, at_start):
+        yield lambda: omnidirectional_base(found, at_start)
     elif found.fixed and found.is_straight:
-        yield lambda: wheeled_base(found, site, driven)
+        yield lambda: wheeled_base(found, at_start, driven)
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
-        yield lambda: without_wheels(site, asked, source.mass_of_base)
+        yield lambda: without_wheels(at_start, asked, source.mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
     if found.fixed:
         why = "these wheels cannot roll together as they are read"
-    yield lambda: force_driven_base(found, site, why)
+    yield lambda: force_driven_base(found, at_start, why)

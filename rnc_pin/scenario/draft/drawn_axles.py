@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
-from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import PLACED, SAME
 
 
@@ -33,9 +33,9 @@ class DrawnAxle:
     center: np.ndarray
 
 
-def find_drawn_axles(site: RobotAtStart) -> list[DrawnAxle]:
+def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
     """Return pairs of coaxial horizontal disks at the ground on one body: wheels without joints in the model."""
-    drawn = site.shapes["visual"]
+    drawn = at_start.shapes["visual"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
     disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
@@ -51,7 +51,7 @@ def find_drawn_axles(site: RobotAtStart) -> list[DrawnAxle]:
             aligned = apart > radii[0] and abs(between @ axle) > (1 - SAME) * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > SAME * radii[0]:
                 continue
-            place = _frame_on(site, one.joint, one.points.mean(axis=0), axle)
+            place = _frame_on(at_start, one.joint, one.points.mean(axis=0), axle)
             if place is not None and all(place[0] != each.frame for each in axles):
                 center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
                 axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
@@ -69,14 +69,14 @@ def _radius(cylinder: Shape) -> float:
     return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
 
 
-def _frame_on(site: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
+def _frame_on(at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
     """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
     best = None
-    for index, frame in enumerate(site.robot.model.frames):
+    for index, frame in enumerate(at_start.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
             continue
-        offset = site.data.oMf[index].translation - point
-        along = np.abs(site.data.oMf[index].rotation.T @ axle)
+        offset = at_start.data.oMf[index].translation - point
+        along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
         beside = across(offset, axle)
         if np.hypot(beside[0], beside[1]) < 10 * PLACED and along.max() > 1 - SAME:
             best = (str(frame.name), "xyz"[int(along.argmax())])

@@ -18,7 +18,7 @@ from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
-from rnc_pin.scenario.draft.driven import driven_joints
+from rnc_pin.scenario.draft.driven_joints import driven_joints
 from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot import RobotSource

@@ -5,7 +5,7 @@ import pytest
 
 from places import DIRT
 from rnc_pin.errors import ModelError
-from rnc_pin.scenario.draft import DraftOptions, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
     """Drafts are tried out for a moment here; the runs of these tests are longer."""
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def drafted(name, folder, **wishes):

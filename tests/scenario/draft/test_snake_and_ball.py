@@ -5,8 +5,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rnc_pin.scenario.draft import DraftOptions, attempt, draft
-from rnc_pin.scenario.draft.driven import driven_joints
+from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
+from rnc_pin.scenario.draft.driven_joints import driven_joints
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -86,7 +86,7 @@ def test_a_snake_winds_its_way(forward, tmp_path):
 
 
 def test_the_wheels_of_a_snake_are_not_driven(tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     content, kind, path = drafted(snake(5), tmp_path)
     assert kind == "# base planar: a snake of 5 bodies on wheels that nothing drives"
     assert content["actuators"] == [f"yaw_{k}" for k in range(1, 5)]
@@ -107,7 +107,7 @@ def test_the_wheels_of_a_snake_are_not_driven(tmp_path, monkeypatch):
     ],
 )
 def test_other_rows_of_bodies_are_no_snakes(options, words, tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     _, kind, _ = drafted(snake(**{"bodies": 4, **options}), tmp_path)
     assert "snake" not in kind
     assert words in kind or "any direction" in kind or "differential" in kind
@@ -115,7 +115,7 @@ def test_other_rows_of_bodies_are_no_snakes(options, words, tmp_path, monkeypatc
 
 def test_what_the_file_drives_decides(tmp_path, monkeypatch):
     """Transmissions on the wheels make no snake; on joints without an effort they do."""
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
     def transmissions(names):
         return "".join(f'<transmission name="t_{each}"><joint name="{each}"/></transmission>' for each in names)
@@ -183,7 +183,7 @@ def test_a_ball_rolls_as_its_pendulum_turns(tmp_path):
 
 
 def test_a_shell_may_be_a_mesh(tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     lines, faces, size = [], [], 16
     for i in range(size + 1):
         for j in range(size):
@@ -205,7 +205,7 @@ def test_a_shell_may_be_a_mesh(tmp_path, monkeypatch):
 )
 def test_other_bodies_are_no_balls(text, tmp_path, monkeypatch):
     """A box, a ball that something sticks out of, and one in which nothing is driven."""
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     assert "a ball that" not in drafted(text, tmp_path)[1]
 
 
@@ -214,7 +214,7 @@ def test_other_bodies_are_no_balls(text, tmp_path, monkeypatch):
 
 def test_wheels_that_the_file_does_not_drive_are_not_driven(tmp_path, monkeypatch):
     """Four wheels of which a plugin drives the rear ones: the others roll along."""
-    monkeypatch.setattr(attempt, "_PATIENCE", 0.0)
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     parts = [link("base", 10.0, '<box size="0.6 0.3 0.1"/>')]
     for end, x in (("front", 0.25), ("rear", -0.25)):
         for side, y in (("left", 0.2), ("right", -0.2)):

@@ -11,7 +11,7 @@ from places import DIRT
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.builder import build_experiment
-from rnc_pin.scenario.draft import DraftOptions, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.draft.tolerances import first_smallest
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.scenario.loading import validate
@@ -27,10 +27,10 @@ def built_only(monkeypatch):
     """Drafts are built with their preflight here, and not run."""
 
     def build(self, scenario):
-        build_experiment(validate(attempt._without_remarks(scenario), "draft"), self.folder)
+        build_experiment(validate(scenario_candidate._without_remarks(scenario), "draft"), self.folder)
         return Trial(0.0)
 
-    monkeypatch.setattr(attempt.DraftAttempt, "_try_out", build)
+    monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_try_out", build)
 
 
 def drafted(path, original, folder, base=None):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.errors import ModelWarning
-from rnc_pin.scenario.draft import DraftOptions, attempt, draft
+from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.run import execute, plan
 
@@ -38,7 +38,7 @@ def test_gravity_is_seen_beside_a_symmetric_pose(tmp_path):
 
 
 def test_a_tracker_that_misses_its_reference_gives_way_to_the_next(tmp_path, monkeypatch):
-    monkeypatch.setattr(attempt.DraftAttempt, "_is_loaded", lambda self: False)
+    monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_is_loaded", lambda self: False)
     text, path = drafted(tmp_path)
     assert read_yaml(path)["controller"]["tracker"] == "computed_torque"
     said = next(line for line in text.splitlines() if line.startswith("# computed_torque"))
@@ -47,8 +47,8 @@ def test_a_tracker_that_misses_its_reference_gives_way_to_the_next(tmp_path, mon
 
 def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
     """With an adaptive tracker alone, which has not learnt the gravity by the end of the run."""
-    monkeypatch.setattr(attempt.DraftAttempt, "_is_loaded", lambda self: False)
-    monkeypatch.setattr(attempt, "_TRACKERS", attempt._TRACKERS[:1])
+    monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_is_loaded", lambda self: False)
+    monkeypatch.setattr(scenario_candidate, "_TRACKERS", scenario_candidate._TRACKERS[:1])
     with pytest.warns(ModelWarning, match="'arm' is drafted, but its run misses its reference: .* is off by"):
         text, path = drafted(tmp_path)
     line = next(line for line in text.splitlines() if line.startswith("# tried for"))

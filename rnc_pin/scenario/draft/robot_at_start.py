@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.joints import body_frame, sliding_axis, turning_axis
+from rnc_pin.scenario.draft.joint_properties import body_frame, sliding_axis, turning_axis
 from rnc_pin.scenario.draft.shapes import Shape, shapes
 from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.joints import is_revolute, joint_limits
+from rnc_pin.scenario.draft.joint_properties import is_revolute, joint_limits
 
 _SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
 _PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]

@@ -15,8 +15,8 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.joints import is_revolute, joint_limits
-from rnc_pin.scenario.draft.mobility import BENT, BaseAssumptions
+from rnc_pin.scenario.draft.base_assumptions import BENT, BaseAssumptions
+from rnc_pin.scenario.draft.joint_properties import is_revolute, joint_limits
 from rnc_pin.scenario.draft.tolerances import DRIVEN, SAME
 from rnc_pin.scenario.schema.outputs import OutputItem
 
@@ -24,7 +24,7 @@ _SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 
 
 @dataclass
-class Outputs:
+class SelectedOutputs:
     """Chosen reducing outputs.
 
     Attributes:
@@ -40,7 +40,7 @@ class Outputs:
     steps: list[float] = field(default_factory=list)
 
 
-def candidates(
+def output_candidates(
     mobility: BaseAssumptions, robot: Robot, start: Mapping[str, float]
 ) -> list[tuple[Mapping[str, Json], float]]:
     """Return output entries by preference with reference displacements: base, driven joints, passive joints."""
@@ -49,13 +49,15 @@ def candidates(
     return [*mobility.outputs, *(({"joint": name}, _step(robot, name, start[name])) for name in joints)]
 
 
-def choose(wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray) -> Outputs:
+def select_outputs(
+    wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray
+) -> SelectedOutputs:
     """Return the candidates, in order, whose Jacobian rows at ``q`` (nq,) are independent of the rows before them.
 
     Raises:
         ConfigurationError: fewer than r independent rows.
     """
-    chosen = Outputs()
+    chosen = SelectedOutputs()
     position = Kinematics(system.robot).position(q)
     rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
     for entry, step in wanted:

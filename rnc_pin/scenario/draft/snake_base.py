@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from rnc_pin.io.json import Json
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry, measured, rolls
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
-from rnc_pin.scenario.draft.joints import effort_limit, joint_limits, turning_axis
-from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry, measured, rolls
-from rnc_pin.scenario.draft.on_wheels import planar
-from rnc_pin.scenario.draft.site import RobotAtStart
-from rnc_pin.scenario.draft.wheels import Wheel
+from rnc_pin.scenario.draft.joint_properties import effort_limit, joint_limits, turning_axis
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+from rnc_pin.scenario.draft.wheel_detection import Wheel
+from rnc_pin.scenario.draft.wheeled_base import planar
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
 _SNAKE = re.compile("snake|serpent|worm|acm")
@@ -47,48 +47,48 @@ class Segment:
 
 
 def find_snake(
-    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], site: RobotAtStart, driven: frozenset[str]
+    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: RobotAtStart, driven: frozenset[str]
 ) -> list[Segment]:
     """Return the segments of a snake from its root on; empty if the robot is no snake.
 
     Args:
         wheels: wheels with joints.
         axles: axles of wheels that are only drawn.
-        site: the robot.
+        at_start: the robot.
         driven: driven joints of the file; empty if the file does not name any.
     """
-    segments = sorted([*_on_wheels(wheels), *_on_axles(axles, site)], key=lambda each: len(each.chain))
+    segments = sorted([*_on_wheels(wheels), *_on_axles(axles, at_start)], key=lambda each: len(each.chain))
     chain = segments[-1].chain if segments else ()
     in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
     bodies = len({each.chain for each in segments})
-    enough = bodies >= (_BODIES - 1 if _SNAKE.search(site.words) else _BODIES)
+    enough = bodies >= (_BODIES - 1 if _SNAKE.search(at_start.words) else _BODIES)
     if not in_a_row or not enough or bodies < len(segments) or segments[0].chain:
         return []
-    if any(_TOWED.search(joint.lower()) or not _drives(joint, site, driven) for joint in chain):
+    if any(_TOWED.search(joint.lower()) or not _drives(joint, at_start, driven) for joint in chain):
         return []
     if any(joint in driven for each in segments for joint in each.wheels):
         return []
     return segments if all(_crosses(one, other) for one, other in pairwise(segments)) else []
 
 
-def snake_base(segments: list[Segment], site: RobotAtStart) -> BaseAssumptions:
+def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptions:
     """Snake whose first body follows a serpenoid path and whose other bodies follow it; the start lies on this path."""
-    result = planar(site, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
+    result = planar(at_start, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
     for segment in segments:
         result.constraints += segment.entries
         result.passive |= set(segment.wheels)
     result.ground = segments[0].ground
-    gait = _Gait.of(segments, site)
-    speed, axis, sense = gait.speed(site)
-    yaw = f"{site.frame}_yaw"
+    gait = _Gait.of(segments, at_start)
+    speed, axis, sense = gait.speed(at_start)
+    yaw = f"{at_start.frame}_yaw"
     columns: dict[str, Callable[[np.ndarray], np.ndarray]] = {speed: lambda way: sense * way, yaw: gait.heading}
     columns |= {name: partial(gait.angle, k) for k, name in enumerate(gait.joints)}
     result.pose = {name: round(float(gait.angle(k, np.zeros(1))[0]), 4) for k, name in enumerate(gait.joints)}
     result.outputs += [
-        ({"frame_speed": {"frame": site.frame, "axis": axis}}, gait.wave),
-        ({"frame_yaw": site.frame}, gait.bend),
+        ({"frame_speed": {"frame": at_start.frame, "axis": axis}}, gait.wave),
+        ({"frame_yaw": at_start.frame}, gait.bend),
     ]
-    result.vertical.append({"frame_position": {"frame": site.frame, "axes": "xy"}})
+    result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
     result.reference = lambda names: _through([columns[name] for name in names if name in columns], gait.wave)
     result.duration = _DURATION
     result.notes.append(
@@ -121,18 +121,18 @@ class _Gait:
     bend: float
 
     @classmethod
-    def of(cls, segments: list[Segment], site: RobotAtStart) -> _Gait:
+    def of(cls, segments: list[Segment], at_start: RobotAtStart) -> _Gait:
         """Return the gait within the joint limits."""
         head, joints = segments[0], segments[-1].chain
-        indices = [site.robot.joint_id(name) for name in joints]
+        indices = [at_start.robot.joint_id(name) for name in joints]
         along = np.cross(head.axle, [0.0, 0.0, 1.0])
         away = np.mean([each.center for each in segments[1:]], axis=0) - head.center
         along *= -np.sign(along @ away) / np.linalg.norm(along)
-        places = np.array([(head.center - site.data.oMi[index].translation) @ along for index in indices])
+        places = np.array([(head.center - at_start.data.oMi[index].translation) @ along for index in indices])
         spacing = float(np.mean(np.diff(places)))
-        signs = np.array([np.sign(turning_axis(site.robot.model, site.data, index)[2]) for index in indices])
+        signs = np.array([np.sign(turning_axis(at_start.robot.model, at_start.data, index)[2]) for index in indices])
         wave = (len(joints) + 1) * spacing
-        room = [_SHARE * min(high, -low) for low, high in (joint_limits(site.robot, name) for name in joints)]
+        room = [_SHARE * min(high, -low) for low, high in (joint_limits(at_start.robot, name) for name in joints)]
         bend = min([_BEND, *(each / (2 * np.sin(np.pi * spacing / wave)) for each in room if each > 0)])
         return cls(joints, places, signs, along, spacing, wave, bend)
 
@@ -145,11 +145,11 @@ class _Gait:
         s, half = way - self.places[joint], self.spacing / 2
         return np.asarray(self.signs[joint] * (self.heading(s - half) - self.heading(s + half)))
 
-    def speed(self, site: RobotAtStart) -> tuple[str, str, float]:
+    def speed(self, at_start: RobotAtStart) -> tuple[str, str, float]:
         """Return the output name of the first body's speed, its axis, and its sign: 1 along the axis, -1 against it."""
-        axis = site.along(self.along)
-        sense = float(np.sign(site.placement.rotation[:, "xyz".index(axis)] @ self.along))
-        return f"{site.frame}_speed_{axis}", axis, sense
+        axis = at_start.along(self.along)
+        sense = float(np.sign(at_start.placement.rotation[:, "xyz".index(axis)] @ self.along))
+        return f"{at_start.frame}_speed_{axis}", axis, sense
 
 
 def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float) -> Mapping[str, Json]:
@@ -179,12 +179,12 @@ def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
     ]
 
 
-def _on_axles(axles: Iterable[DrawnAxle], site: RobotAtStart) -> list[Segment]:
-    model, found = site.robot.model, []
+def _on_axles(axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segment]:
+    model, found = at_start.robot.model, []
     for each in axles:
         chain: list[str] = []
         index = each.joint
-        while index > site.root:
+        while index > at_start.root:
             chain.insert(0, str(model.names[index]))
             index = int(model.parents[index])
         edge: dict[str, Json] = {"no_side_slip": {"frame": each.frame, "axis": each.axis}}
@@ -196,9 +196,9 @@ def _on_axles(axles: Iterable[DrawnAxle], site: RobotAtStart) -> list[Segment]:
     return found
 
 
-def _drives(joint: str, site: RobotAtStart, driven: frozenset[str]) -> bool:
-    upright = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(joint))[2]) > 0.99
-    return upright and (joint in driven if driven else effort_limit(site.robot, joint) > 0)
+def _drives(joint: str, at_start: RobotAtStart, driven: frozenset[str]) -> bool:
+    upright = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(joint))[2]) > 0.99
+    return upright and (joint in driven if driven else effort_limit(at_start.robot, joint) > 0)
 
 
 def _crosses(one: Segment, other: Segment) -> bool:

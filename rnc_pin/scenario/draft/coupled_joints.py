@@ -11,7 +11,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.mobility import Entry
+from rnc_pin.scenario.draft.base_assumptions import Entry
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 
 _COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint

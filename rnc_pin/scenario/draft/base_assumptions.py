@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.wheels import Wheel
+from rnc_pin.scenario.draft.wheel_detection import Wheel
 
 Entry = str | Mapping[str, Json]
 

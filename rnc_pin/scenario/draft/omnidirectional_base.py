@@ -6,39 +6,39 @@ import numpy as np
 
 from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.scenario.draft.chassis import WheelLayout
-from rnc_pin.scenario.draft.joints import turning_axis
-from rnc_pin.scenario.draft.mobility import BaseAssumptions, measured, rolls
-from rnc_pin.scenario.draft.on_wheels import planar
-from rnc_pin.scenario.draft.site import RobotAtStart
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, measured, rolls
+from rnc_pin.scenario.draft.joint_properties import turning_axis
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME
-from rnc_pin.scenario.draft.wheels import Wheel
+from rnc_pin.scenario.draft.wheel_detection import Wheel
+from rnc_pin.scenario.draft.wheel_layout import WheelLayout
+from rnc_pin.scenario.draft.wheeled_base import planar
 
 _OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
 _APART = 0.05  # smallest singular value of three independent rows on the base velocity
 _MECANUM = np.pi / 4
 
 
-def has_rollers(chassis: WheelLayout, site: RobotAtStart) -> bool:
+def has_rollers(layout: WheelLayout, at_start: RobotAtStart) -> bool:
     """True if wheels have rollers: as joints of the file, by name, or because their headings differ."""
-    wheels = chassis.fixed
-    if len(wheels) < 3 or chassis.steered:
+    wheels = layout.fixed
+    if len(wheels) < 3 or layout.steered:
         return False
     if any(wheel.rollers for wheel in wheels):
         return True
-    return not chassis.is_straight or any(word in site.words for word in _OMNIDIRECTIONAL)
+    return not layout.is_straight or any(word in at_start.words for word in _OMNIDIRECTIONAL)
 
 
-def omnidirectional_base(chassis: WheelLayout, site: RobotAtStart) -> BaseAssumptions:
+def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
-    wheels, parallel = chassis.fixed, chassis.is_straight
-    angles = [_angle(wheel, wheels, site, parallel) for wheel in wheels]
+    wheels, parallel = layout.fixed, layout.is_straight
+    angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
     if np.linalg.svd(unit_rows(_on_base(wheels, angles)), compute_uv=False)[2] < _APART:
-        return force_driven_base(chassis, site, "these rollers do not constrain the base in three directions")
+        return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
-    result = planar(site, kind, wheels)
+    result = planar(at_start, kind, wheels)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
-    result.hold(modelled, site.start, "the roller at the ground is a constraint row; those of the file are locked")
+    result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):
         doubt = "" if wheel.rollers else "MEASURE its angle; "
         if parallel and not wheel.rollers:
@@ -48,22 +48,22 @@ def omnidirectional_base(chassis: WheelLayout, site: RobotAtStart) -> BaseAssump
         result.actuators.append((wheel.joint, ""))
     if not parallel:
         result.notes.append("wheels with different headings can move the base only if they are omni wheels")
-    _release(result, chassis, site)
+    _release(result, layout, at_start)
     result.add_planar_pose_outputs()
     return result
 
 
-def force_driven_base(chassis: WheelLayout, site: RobotAtStart, why: str) -> BaseAssumptions:
+def force_driven_base(layout: WheelLayout, at_start: RobotAtStart, why: str) -> BaseAssumptions:
     """Base that moves in any direction, driven by forces in place of the wheels."""
-    result = planar(site, f"{len(chassis.wheels)} wheels, in any direction", chassis.wheels)
-    pivots = [pivot.joint for wheel in chassis.wheels for pivot in wheel.pivots]
-    rollers = [roller for wheel in chassis.wheels for roller in wheel.rollers]
+    result = planar(at_start, f"{len(layout.wheels)} wheels, in any direction", layout.wheels)
+    pivots = [pivot.joint for wheel in layout.wheels for pivot in wheel.pivots]
+    rollers = [roller for wheel in layout.wheels for roller in wheel.rollers]
     result.hold(
-        [*(wheel.joint for wheel in chassis.wheels), *pivots, *rollers],
-        site.start,
+        [*(wheel.joint for wheel in layout.wheels), *pivots, *rollers],
+        at_start.start,
         f"{why}: the base is assumed to move in any direction, by forces in place of the wheels; locked and only drawn",
     )
-    _release(result, chassis, site)
+    _release(result, layout, at_start)
     push(result)
     return result
 
@@ -77,23 +77,23 @@ def push(result: BaseAssumptions) -> None:
     result.add_planar_pose_outputs()
 
 
-def _release(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
+def _release(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Lock joints that would lift wheels, and wheels that only support."""
-    result.lock_carriers(chassis.wheels, site.start)
+    result.lock_carriers(layout.wheels, at_start.start)
     supports = [
         joint
-        for carriage in (*chassis.casters, *chassis.trailers)
+        for carriage in (*layout.casters, *layout.trailers)
         for joint in carriage.joints
         if joint not in result.lock
     ]
-    supports += [wheel.joint for wheel in chassis.balls if wheel.joint not in result.lock]
-    result.hold(supports, site.start, "wheels that only support are locked and only drawn")
+    supports += [wheel.joint for wheel in layout.balls if wheel.joint not in result.lock]
+    result.hold(supports, at_start.start, "wheels that only support are locked and only drawn")
 
 
-def _angle(wheel: Wheel, wheels: list[Wheel], site: RobotAtStart, parallel: bool) -> float:
+def _angle(wheel: Wheel, wheels: list[Wheel], at_start: RobotAtStart, parallel: bool) -> float:
     """Angle from the wheel's heading to the axis of the roller at the ground [rad]."""
     if wheel.rollers:
-        return _modelled_angle(wheel, site)
+        return _modelled_angle(wheel, at_start)
     if not parallel:
         return 0.0
     # Roller axes through the middle give no torque about it: each roller axis is normal to its diagonal.
@@ -105,11 +105,11 @@ def _angle(wheel: Wheel, wheels: list[Wheel], site: RobotAtStart, parallel: bool
     return float(-_MECANUM * (side or 1.0))
 
 
-def _modelled_angle(wheel: Wheel, site: RobotAtStart) -> float:
+def _modelled_angle(wheel: Wheel, at_start: RobotAtStart) -> float:
     """Roller angle from the file [rad]; all rollers of a wheel have the same angle to the axle, with the same sign."""
-    joint = site.robot.joint_id(wheel.rollers[0])
-    axis = turning_axis(site.robot.model, site.data, joint)
-    out = site.data.oMi[joint].translation - wheel.center
+    joint = at_start.robot.joint_id(wheel.rollers[0])
+    axis = turning_axis(at_start.robot.model, at_start.data, joint)
+    out = at_start.data.oMi[joint].translation - wheel.center
     along_rim = np.cross(out, wheel.axle)  # the wheel's heading if the roller is at the bottom
     angle = np.arcsin(min(abs(float(axis @ wheel.axle)), 1.0))
     return float(angle if (axis @ wheel.axle) * (axis @ along_rim) >= 0 else -angle)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.scenario.draft.joints import body_frame, joint_limits, turning_axis
+from rnc_pin.scenario.draft.joint_properties import body_frame, joint_limits, turning_axis
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, fitted_disk
-from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
@@ -101,28 +101,28 @@ class _Candidate:
     rollers: tuple[int, ...]
 
 
-def find_wheels(site: RobotAtStart) -> list[Wheel]:
+def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
     """Return the wheels that touch the ground."""
-    floor = _floor(site)
+    floor = _floor(at_start)
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
-    candidates = list(_candidates(site))
+    candidates = list(_candidates(at_start))
     rollers = {each for candidate in candidates for each in candidate.rollers}
     for candidate in candidates:
         if candidate.index in rollers:
             continue
-        size = _measured_size(site, candidate, floor)
+        size = _measured_size(at_start, candidate, floor)
         if size is not None:
-            wheel = _wheel(site, candidate, size)
+            wheel = _wheel(at_start, candidate, size)
             found.append(_Found(wheel, size.bottom, candidate.named))
         elif candidate.named:
             unmeasured.append(candidate)
-    wheels = _on_the_ground(found, site.shapes["collision"] or site.shapes["visual"], site.root)
+    wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
     for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
         ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
         height = float(candidate.center[2] - ground)
         if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
-            wheels.append(_wheel(site, candidate, _Size(height, ground, "height")))
+            wheels.append(_wheel(at_start, candidate, _Size(height, ground, "height")))
     carriers = {joint for wheel in wheels for joint in wheel.carriers}
     return [wheel for wheel in wheels if wheel.joint not in carriers]
 
@@ -146,42 +146,42 @@ class _Found:
         return self.bottom - ground < slack * self.wheel.radius
 
 
-def _candidates(site: RobotAtStart) -> Iterator[_Candidate]:
+def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
     """Yield continuous joints with a horizontal axis and no child joints except rollers."""
-    model = site.robot.model
-    for index in range(site.root + 1, model.njoints):
+    model = at_start.robot.model
+    for index in range(at_start.root + 1, model.njoints):
         if model.joints[index].nv != 1:
             continue
-        axle = turning_axis(model, site.data, index)
-        frame, center = _on_axle(site, index, axle)
+        axle = turning_axis(model, at_start.data, index)
+        frame, center = _on_axle(at_start, index, axle)
         named, other = _name_flags(model.names[index], frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(model, rollers):
             if not named:
                 continue
             rollers = []  # a named wheel can carry gears and hubs
-        turns_on = _travel(site, index) > (1 + SAME) * _TURNS
+        turns_on = _travel(at_start, index) > (1 + SAME) * _TURNS
         if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
             continue
         behind = {index, *rollers}
-        parts = {kind: [each for each in every if each.joint in behind] for kind, every in site.shapes.items()}
+        parts = {kind: [each for each in every if each.joint in behind] for kind, every in at_start.shapes.items()}
         yield _Candidate(index, frame, axle, center, named, parts, tuple(rollers))
 
 
-def _travel(site: RobotAtStart, index: int) -> float:
+def _travel(at_start: RobotAtStart, index: int) -> float:
     """Range of a joint [rad or m]: upper limit minus lower limit."""
-    low, high = joint_limits(site.robot, str(site.robot.model.names[index]))
+    low, high = joint_limits(at_start.robot, str(at_start.robot.model.names[index]))
     return high - low
 
 
-def _on_axle(site: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
     """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
-    origin = site.data.oMi[joint].translation
-    for index, frame in enumerate(site.robot.model.frames):
+    origin = at_start.data.oMi[joint].translation
+    for index, frame in enumerate(at_start.robot.model.frames):
         called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
-        if called and np.abs(across(site.data.oMf[index].translation - origin, axle)).max() < PLACED:
-            return str(frame.name), site.data.oMf[index].translation.copy()
-    return body_frame(site.robot, joint), origin.copy()
+        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < PLACED:
+            return str(frame.name), at_start.data.oMf[index].translation.copy()
+    return body_frame(at_start.robot, joint), origin.copy()
 
 
 def _name_flags(joint: str, link: str) -> tuple[bool, bool]:
@@ -196,7 +196,7 @@ def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
     return not joints or (len(joints) >= _ROLLERS and leaves)
 
 
-def _measured_size(site: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
+def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
     """Size of a wheel, or None if the candidate is no wheel.
 
     Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
@@ -206,7 +206,7 @@ def _measured_size(site: RobotAtStart, candidate: _Candidate, floor: float | Non
         disk = fitted_disk(parts, candidate.center, candidate.axle)
         if disk is not None and disk.width < _WIDEST * disk.radius:
             return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
-    spun = _radius_from_inertia(site, candidate)
+    spun = _radius_from_inertia(at_start, candidate)
     if not candidate.named and (spun is None or any(candidate.parts.values())):
         return None
     height = float(candidate.center[2]) - (0.0 if floor is None else floor)
@@ -221,12 +221,12 @@ def _is_plausible(radius: float) -> bool:
     return _SIZES[0] < radius < _SIZES[1]
 
 
-def _radius_from_inertia(site: RobotAtStart, candidate: _Candidate) -> float | None:
+def _radius_from_inertia(at_start: RobotAtStart, candidate: _Candidate) -> float | None:
     """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
-    inertia = site.robot.model.inertias[candidate.index]
+    inertia = at_start.robot.model.inertias[candidate.index]
     if inertia.mass <= 0:
         return None
-    axle = site.data.oMi[candidate.index].rotation.T @ candidate.axle
+    axle = at_start.data.oMi[candidate.index].rotation.T @ candidate.axle
     tensor, lever = inertia.inertia, inertia.lever
     about = float(axle @ tensor @ axle)
     moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
@@ -252,20 +252,20 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
     return [each.wheel for each in found if each.touches(ground)]
 
 
-def _wheel(site: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
-    model, data = site.robot.model, site.data
+def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
+    model, data = at_start.robot.model, at_start.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
     springs = True  # True while all carriers are prismatic: a suspension
     parent = model.parents[candidate.index]
-    while parent > site.root and model.joints[parent].nv == 1:
+    while parent > at_start.root and model.joints[parent].nv == 1:
         axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
         parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
         if parallel and np.abs(across(along, axis)).max() < SAME * size.radius:
             pass  # a gear on the same axle rotates the wheel but does not move it
         elif springs and abs(axis[2]) > _STEERS:
-            free = _travel(site, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
+            free = _travel(at_start, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
             point = data.oMi[parent].translation.copy()
             pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
         else:
@@ -286,11 +286,11 @@ def _wheel(site: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
     )
 
 
-def _floor(site: RobotAtStart) -> float | None:
+def _floor(at_start: RobotAtStart) -> float | None:
     """Height of the base's footprint frame [m], or None."""
     heights = [
-        float(site.data.oMf[index].translation[2])
-        for index, frame in enumerate(site.robot.model.frames)
-        if frame.parentJoint <= site.root and "footprint" in frame.name.lower()
+        float(at_start.data.oMf[index].translation[2])
+        for index, frame in enumerate(at_start.robot.model.frames)
+        if frame.parentJoint <= at_start.root and "footprint" in frame.name.lower()
     ]
     return min(heights, default=None)

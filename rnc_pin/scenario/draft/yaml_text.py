@@ -9,7 +9,7 @@ from typing import NotRequired, TypedDict
 import yaml
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.scenario.json_schema import schema_path
 
 _WIDTH = 118

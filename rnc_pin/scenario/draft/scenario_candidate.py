@@ -16,14 +16,15 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, RncError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.scenario.draft import actuators, outputs
-from rnc_pin.scenario.draft.couplings import loop_closures, uncoupled_joints
-from rnc_pin.scenario.draft.joints import effort_limit
-from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.actuator_selection import actuator_candidates
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.coupled_joints import loop_closures, uncoupled_joints
+from rnc_pin.scenario.draft.joint_properties import effort_limit
+from rnc_pin.scenario.draft.output_selection import SelectedOutputs, output_candidates, select_outputs
+from rnc_pin.scenario.draft.regular_start import with_regular_inertia
 from rnc_pin.scenario.draft.source import Source
-from rnc_pin.scenario.draft.start import with_regular_inertia
-from rnc_pin.scenario.draft.text import Drafted, write_draft
 from rnc_pin.scenario.draft.trial import FAR, Trial, worst_output
+from rnc_pin.scenario.draft.yaml_text import Drafted, write_draft
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import Plan, execute
 from rnc_pin.simulation import Outcome, Trajectory
@@ -46,7 +47,7 @@ _TRACKERS = (
 
 
 @dataclass
-class DraftAttempt:
+class ScenarioCandidate:
     """Scenario for one assumed base.
 
     Args:
@@ -77,7 +78,7 @@ class DraftAttempt:
         self._motions: dict[str, float] = {}
         self.start, moved = with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
-        self.candidates = actuators.candidates(mobility, self.robot, self.start, self._undriven)
+        self.candidates = actuator_candidates(mobility, self.robot, self.start, self._undriven)
 
     @cached_property
     def system(self) -> NonholonomicSystem:
@@ -227,7 +228,7 @@ class DraftAttempt:
     def _scenario(self) -> Drafted:
         """Scenario without the controller."""
         mobility = self.mobility
-        chosen = outputs.choose(outputs.candidates(mobility, self.robot, self.start), self.system, self.q0)
+        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
         primary = [name for name in chosen.names if name not in mobility.untracked]
         initial: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
         if mobility.initial:
@@ -262,7 +263,7 @@ class DraftAttempt:
             scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
         return scenario
 
-    def _actuators(self, chosen: outputs.Outputs) -> list[tuple[Entry, str]]:
+    def _actuators(self, chosen: SelectedOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         if self.mobility.feedback is not None:
             return self.candidates.sure

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.draft.mobility import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.scenario.draft.tolerances import DRIVEN
 
 _UNPOWERED = "driven, although the file gives no effort or it is usually passive: CHECK"
@@ -17,7 +17,7 @@ _UNTOLD = "in place of actuators that the file does not describe: CHECK"
 
 
 @dataclass(frozen=True)
-class Actuators:
+class ActuatorCandidates:
     """Candidate actuator entries, one input each, with a remark on each.
 
     Attributes:
@@ -48,9 +48,9 @@ class Actuators:
         return [self.all[column] for column in columns]
 
 
-def candidates(
+def actuator_candidates(
     mobility: BaseAssumptions, robot: Robot, start: Iterable[str], undriven: Collection[str] = ()
-) -> Actuators:
+) -> ActuatorCandidates:
     """Return the candidate actuators of a robot with one kind of base.
 
     Args:
@@ -69,7 +69,7 @@ def candidates(
     sure = [name for name in joints if name not in named | mobility.passive | conserved]
     unpowered = [name for name in joints if name in mobility.passive - conserved - named - followers]
     given = [entry for entry, _ in driving]
-    return Actuators(
+    return ActuatorCandidates(
         [*driving, *((name, "") for name in sure)],
         [(name, _UNPOWERED) for name in unpowered],
         [(force, _UNTOLD) for force in _forces(mobility) if force not in given],

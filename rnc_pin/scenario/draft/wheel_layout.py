@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rnc_pin.scenario.draft.wheels import Pivot, Wheel
+from rnc_pin.scenario.draft.wheel_detection import Pivot, Wheel
 
 _TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
 _AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
@@ -104,7 +104,7 @@ def are_parallel(one: Wheel, other: Wheel) -> bool:
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
-def chassis(wheels: list[Wheel]) -> WheelLayout:
+def classify_wheels(wheels: list[Wheel]) -> WheelLayout:
     """Classify wheels by their function."""
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
@@ -124,19 +124,19 @@ def chassis(wheels: list[Wheel]) -> WheelLayout:
     return result
 
 
-def _others_like(carriage: WheelGroup, chassis: WheelLayout) -> list[WheelGroup]:
-    """The list of the chassis to which a carriage belongs."""
+def _others_like(carriage: WheelGroup, layout: WheelLayout) -> list[WheelGroup]:
+    """List of the layout to which a carriage belongs."""
     words, trail, radius = _words(carriage), carriage.trail, carriage.wheels[0].radius
     if _TOWED.search(words):
-        return chassis.trailers
+        return layout.trailers
     if _STEERED.search(words):
-        return chassis.steered
+        return layout.steered
     if _CASTER.search(words):
-        return chassis.casters
+        return layout.casters
     if not carriage.is_lone:
-        return chassis.trailers if trail > _AXLE * radius else chassis.steered
+        return layout.trailers if trail > _AXLE * radius else layout.steered
     follows = trail > _TRAILS * radius and carriage.pivot.is_continuous
-    return chassis.casters if follows else chassis.steered
+    return layout.casters if follows else layout.steered
 
 
 def _words(carriage: WheelGroup) -> str:

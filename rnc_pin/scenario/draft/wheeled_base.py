@@ -5,92 +5,92 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.chassis import WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.scenario.draft.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
-from rnc_pin.scenario.draft.mobility import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
-from rnc_pin.scenario.draft.site import RobotAtStart
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME, first_smallest
-from rnc_pin.scenario.draft.wheels import UPRIGHT, Wheel
+from rnc_pin.scenario.draft.wheel_detection import UPRIGHT, Wheel
+from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
 
 
-def wheeled_base(chassis: WheelLayout, site: RobotAtStart, driven: frozenset[str] = frozenset()) -> BaseAssumptions:
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[str] = frozenset()) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters and trailers.
 
     Args:
-        chassis: wheels by their function.
-        site: the robot.
+        layout: wheels by their function.
+        at_start: the robot.
         driven: driven joints of the file; empty if the file does not name any.
     """
-    result = planar(site, _kind(chassis), chassis.wheels)
-    result.lock_carriers(chassis.wheels, site.start)
-    gliding = [wheel.joint for wheel in chassis.balls]
-    result.hold(gliding, site.start, "ball casters slide, so that they are locked and only drawn")
-    for dolly in chassis.dollies:
+    result = planar(at_start, _kind(layout), layout.wheels)
+    result.lock_carriers(layout.wheels, at_start.start)
+    gliding = [wheel.joint for wheel in layout.balls]
+    result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
+    for dolly in layout.dollies:
         result.passive.add(dolly)
-    _roll(result, chassis, site)
-    idle = [wheel.joint for wheel in chassis.fixed if wheel.joint not in driven]
-    if 0 < len(idle) < len(chassis.fixed):
+    _roll(result, layout, at_start)
+    idle = [wheel.joint for wheel in layout.fixed if wheel.joint not in driven]
+    if 0 < len(idle) < len(layout.fixed):
         result.actuators = [(entry, remark) for entry, remark in result.actuators if entry not in idle]
         result.passive |= set(idle)
         result.notes.append(f"the file drives other wheels, not {', '.join(idle)}")
-    along = site.along(chassis.fixed[0].heading)
-    result.outputs.append(({"frame_speed": {"frame": site.frame, "axis": along}}, DRIVEN))
-    if chassis.steered:
-        _steer(result, chassis, site)
+    along = at_start.along(layout.fixed[0].heading)
+    result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
+    if layout.steered:
+        _steer(result, layout, at_start)
     else:
-        if len(chassis.fixed) == 1:
-            torque: dict[str, Json] = {"torque": {"frame": site.frame, "axis": "z"}}
+        if len(layout.fixed) == 1:
+            torque: dict[str, Json] = {"torque": {"frame": at_start.frame, "axis": "z"}}
             result.actuators.append((torque, "turns the base: one wheel cannot"))
             result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
-        result.outputs.append(({"frame_yaw": site.frame}, TURNED))
-    for carriage in chassis.casters:
+        result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
+    for carriage in layout.casters:
         for wheel in carriage.wheels:
             result.constraints.append((_turned(wheel), f"a caster, not driven; {measured(wheel)}"))
         result.passive |= set(carriage.joints)
-    for carriage in chassis.trailers:
+    for carriage in layout.trailers:
         _tow(result, carriage)
-    result.vertical.append({"frame_position": {"frame": site.frame, "axes": "xy"}})
-    if chassis.steered:
-        result.vertical.append({"frame_yaw": site.frame})
+    result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
+    if layout.steered:
+        result.vertical.append({"frame_yaw": at_start.frame})
     return result
 
 
-def planar(site: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
+def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
     """Planar base; it uses the file's own planar joints if there are any."""
-    result = BaseAssumptions("planar", kind, site.frame)
-    if site.own_planar_joints:
+    result = BaseAssumptions("planar", kind, at_start.frame)
+    if at_start.own_planar_joints:
         result.base = "fixed"
-        result.passive |= set(site.own_planar_joints)
+        result.passive |= set(at_start.own_planar_joints)
         result.notes.append(
             "the file's own joints let the base move over the ground, its wheels drive it: "
-            f"{', '.join(site.own_planar_joints)}"
+            f"{', '.join(at_start.own_planar_joints)}"
         )
-    elif site.has_replaceable_free_joint:
-        result.lock.update(site.own_joint)
-        result.notes.append(f"a planar base replaces the file's own {', '.join(site.own_joint)}")
-    elif site.root:
-        result.base = "fixed" if site.is_urdf else "planar"
+    elif at_start.has_replaceable_free_joint:
+        result.lock.update(at_start.own_joint)
+        result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
+    elif at_start.root:
+        result.base = "fixed" if at_start.is_urdf else "planar"
     result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
     return result
 
 
-def knife_edge_base(axles: list[DrawnAxle], site: RobotAtStart) -> BaseAssumptions:
+def knife_edge_base(axles: list[DrawnAxle], at_start: RobotAtStart) -> BaseAssumptions:
     """Base whose wheels are only drawn: one knife edge for the axles of each body."""
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
-    result = planar(site, f"wheels are drawn on {count}, and no joint turns them", [])
+    result = planar(at_start, f"wheels are drawn on {count}, and no joint turns them", [])
     result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
     bodies = list(dict.fromkeys(each.joint for each in axles))
     for body in bodies:
         there = [each for each in axles if each.joint == body]
         edge: dict[str, Json] = {"frame": there[0].frame, "axis": there[0].axis}
         if len(there) > 1:
-            if body == site.root:
-                edge = _midway(site, there[0].axle, np.mean([each.center for each in there], axis=0))
+            if body == at_start.root:
+                edge = _midway(at_start, there[0].axle, np.mean([each.center for each in there], axis=0))
             result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
         result.constraints.append(({"no_side_slip": edge}, "knife edge"))
-    own = [each for each in axles if each.joint == site.root] or axles[:1]
-    along = site.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
-    frame = site.frame
+    own = [each for each in axles if each.joint == at_start.root] or axles[:1]
+    along = at_start.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
+    frame = at_start.frame
     result.actuators.append(({"force": {"frame": frame, "axis": along}}, "drives the base"))
     if len(bodies) == 1:
         result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base"))
@@ -99,40 +99,40 @@ def knife_edge_base(axles: list[DrawnAxle], site: RobotAtStart) -> BaseAssumptio
     return result
 
 
-def _midway(site: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
+def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
     """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
-    edge: dict[str, Json] = {"frame": site.frame, "axis": site.along(axle)}
-    height = float(site.placement.translation[2])
-    at = site.own_point(np.array([middle[0], middle[1], height]))
+    edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.along(axle)}
+    height = float(at_start.placement.translation[2])
+    at = at_start.own_point(np.array([middle[0], middle[1], height]))
     if any(at):
         edge["at"] = at
     return edge
 
 
-def _kind(chassis: WheelLayout) -> str:
-    count = f"{len(chassis.wheels)} wheel{'s' * (len(chassis.wheels) > 1)}"
-    if chassis.steered:
+def _kind(layout: WheelLayout) -> str:
+    count = f"{len(layout.wheels)} wheel{'s' * (len(layout.wheels) > 1)}"
+    if layout.steered:
         what = "steered like a car"
-    elif len(chassis.axles) > 1:
+    elif len(layout.axles) > 1:
         what = "skid-steered"
     else:
-        what = "differential drive" if len(chassis.fixed) > 1 else "one wheel"
-    towing = f" with {len(chassis.trailers)} trailer{'s' * (len(chassis.trailers) > 1)}" if chassis.trailers else ""
+        what = "differential drive" if len(layout.fixed) > 1 else "one wheel"
+    towing = f" with {len(layout.trailers)} trailer{'s' * (len(layout.trailers) > 1)}" if layout.trailers else ""
     return f"{count}, {what}{towing}"
 
 
-def _roll(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
+def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
-    axles = chassis.axles
+    axles = layout.axles
     middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
     guide = axles[0]
     if len(axles) > 1:
         distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
         guide = axles[first_smallest(distances, SAME * guide[0].radius)]
         nearby = min(distances) < 0.1 * guide[0].radius
-        if not chassis.steered and not nearby:
+        if not layout.steered and not nearby:
             guide = []
-            edge = _midway(site, chassis.fixed[0].axle, middle)
+            edge = _midway(at_start, layout.fixed[0].axle, middle)
             result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
         result.notes.append(
             f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
@@ -148,12 +148,12 @@ def _roll(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> 
             result.actuators.append((wheel.joint, ""))
 
 
-def _steer(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) -> None:
+def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Add steered wheels: a pair with Ackermann steering, or all wheels of one turntable; lock further pivots."""
-    first, *others = chassis.steered
-    axle = chassis.fixed[0]
+    first, *others = layout.steered
+    axle = layout.fixed[0]
     beside = [each for each in others if _side_by_side(first, each, axle)]
-    leader = site.leader(first.pivot.joint)
+    leader = at_start.leader(first.pivot.joint)
     for wheel in first.wheels:
         result.constraints.append((_turned(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
     result.actuators.append((leader, "steering"))
@@ -161,7 +161,7 @@ def _steer(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) ->
     result.passive |= set(first.joints) - {leader}
     for other in beside[:1]:
         pair = [first.pivot.joint, other.pivot.joint]
-        together = site.leader(pair[1]) == leader
+        together = at_start.leader(pair[1]) == leader
         if together:
             result.notes.append(f"{pair[0]} and {pair[1]} have the same angle, so that the second wheel skids")
         else:
@@ -177,7 +177,7 @@ def _steer(result: BaseAssumptions, chassis: WheelLayout, site: RobotAtStart) ->
             result.constraints.append((rolls(wheel, lateral=False), f"locked straight, skids; {measured(wheel)}"))
         result.passive |= {wheel.joint for wheel in each.wheels}
     pivots = (each.pivot.joint for each in straight)
-    result.hold(pivots, site.start, "only one pair of wheels steers; locked straight")
+    result.hold(pivots, at_start.start, "only one pair of wheels steers; locked straight")
 
 
 def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.joints import effort_limit, is_revolute, joint_limits, turning_axis
-from rnc_pin.scenario.draft.mobility import BaseAssumptions
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions
+from rnc_pin.scenario.draft.joint_properties import effort_limit, is_revolute, joint_limits, turning_axis
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, Shape
-from rnc_pin.scenario.draft.site import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME
 
 _INSIDE = 1.05  # largest distance of an inner shape from the center, in radii
@@ -38,40 +38,40 @@ class Shell:
     height: float
 
 
-def find_shell(site: RobotAtStart, driven: frozenset[str]) -> Shell | None:
+def find_shell(at_start: RobotAtStart, driven: frozenset[str]) -> Shell | None:
     """Return the shell of a spherical robot, or None.
 
     Args:
-        site: the robot.
+        at_start: the robot.
         driven: driven joints of the file; empty if the file does not name any.
     """
-    if not _drives(site, driven):
+    if not _drives(at_start, driven):
         return None
-    for kind, shapes in site.shapes.items():
+    for kind, shapes in at_start.shapes.items():
         for shape in shapes:
-            sphere = _sphere(shape) if shape.joint == site.root else None
-            if sphere is None or not _encloses(sphere, site):
+            sphere = _sphere(shape) if shape.joint == at_start.root else None
+            if sphere is None or not _encloses(sphere, at_start):
                 continue
             center, radius = sphere
-            frame = _frame_at(center, radius, site)
+            frame = _frame_at(center, radius, at_start)
             if frame is not None:
-                origin = float(site.data.oMi[site.root].translation[2])
+                origin = float(at_start.data.oMi[at_start.root].translation[2])
                 return Shell(frame, radius, kind, origin - center[2] + radius)
     return None
 
 
-def spherical_base(shell: Shell, site: RobotAtStart, driven: frozenset[str]) -> BaseAssumptions:
+def spherical_base(shell: Shell, at_start: RobotAtStart, driven: frozenset[str]) -> BaseAssumptions:
     """Ball that rolls on the ground while the inner joints follow their references."""
-    own = bool(site.root) and not site.is_rigid
-    result = BaseAssumptions(None if own else "free", "a ball that joints inside it roll", site.frame)
-    joint = site.robot.joint_names[site.root - 1] if own else "root_joint"
+    own = bool(at_start.root) and not at_start.is_rigid
+    result = BaseAssumptions(None if own else "free", "a ball that joints inside it roll", at_start.frame)
+    joint = at_start.robot.joint_names[at_start.root - 1] if own else "root_joint"
     result.initial[joint] = [0.0, 0.0, round(shell.height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
     entry: dict[str, Json] = {"rolling_ball": {"frame": shell.frame, "radius": round(shell.radius, 6)}}
     result.constraints.append((entry, f"radius from the {shell.measured} geometry"))
-    drives = _drives(site, driven)
-    result.passive |= set(site.start) - set(drives)
-    ways = {name: _step(name, site) for name in drives}
+    drives = _drives(at_start, driven)
+    result.passive |= set(at_start.start) - set(drives)
+    ways = {name: _step(name, at_start) for name in drives}
     result.outputs += [({"joint": name}, way) for name, way in ways.items()]
     result.outputs.append(({"frame_orientation": shell.frame}, 0.0))
     result.untracked |= {f"{shell.frame}_orientation_{axis}" for axis in "xyz"} | result.passive
@@ -85,17 +85,17 @@ def spherical_base(shell: Shell, site: RobotAtStart, driven: frozenset[str]) -> 
     return result
 
 
-def _drives(site: RobotAtStart, driven: frozenset[str]) -> list[str]:
+def _drives(at_start: RobotAtStart, driven: frozenset[str]) -> list[str]:
     """Driven inner joints."""
-    return [name for name in site.start if (name in driven if driven else effort_limit(site.robot, name) > 0)]
+    return [name for name in at_start.start if (name in driven if driven else effort_limit(at_start.robot, name) > 0)]
 
 
-def _step(name: str, site: RobotAtStart) -> float:
+def _step(name: str, at_start: RobotAtStart) -> float:
     """Displacement of a joint's reference [rad or m]; largest for a continuous joint with a horizontal axis."""
-    low, high = joint_limits(site.robot, name)
-    level = abs(turning_axis(site.robot.model, site.data, site.robot.joint_id(name))[2]) < LEVEL
-    length = (_TURNED if level else 0.4) if is_revolute(site.robot, name) else 0.05
-    room = 0.3 * max(high - site.start[name], site.start[name] - low)
+    low, high = joint_limits(at_start.robot, name)
+    level = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(name))[2]) < LEVEL
+    length = (_TURNED if level else 0.4) if is_revolute(at_start.robot, name) else 0.05
+    room = 0.3 * max(high - at_start.start[name], at_start.start[name] - low)
     return round(float(min(length, room)), 4)
 
 
@@ -114,21 +114,21 @@ def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:
     return (center, radius) if whole and distances.min() > (1 - _ROUND) * radius else None
 
 
-def _encloses(sphere: tuple[np.ndarray, float], site: RobotAtStart) -> bool:
+def _encloses(sphere: tuple[np.ndarray, float], at_start: RobotAtStart) -> bool:
     center, radius = sphere
-    everything = [each for kind in site.shapes.values() for each in kind]
+    everything = [each for kind in at_start.shapes.values() for each in kind]
     return all(
         float(np.linalg.norm(each.points - center, axis=1).max()) + each.margin < _INSIDE * radius
         for each in everything
     )
 
 
-def _frame_at(center: np.ndarray, radius: float, site: RobotAtStart) -> str | None:
+def _frame_at(center: np.ndarray, radius: float, at_start: RobotAtStart) -> str | None:
     """Name of a frame of the base with its origin at the center, the base's own frame first, or None."""
-    names = [site.frame]
-    names += [str(frame.name) for frame in site.robot.model.frames if frame.parentJoint == site.root]
+    names = [at_start.frame]
+    names += [str(frame.name) for frame in at_start.robot.model.frames if frame.parentJoint == at_start.root]
     for name in names:
-        away = site.data.oMf[site.robot.frame_id(name)].translation - center
+        away = at_start.data.oMf[at_start.robot.frame_id(name)].translation - center
         if name != "universe" and np.linalg.norm(away) < 10 * SAME * radius:
             return name
     return None

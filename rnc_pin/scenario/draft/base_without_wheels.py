@@ -1,0 +1,117 @@
+"""Robots without wheels: fixed to the ground, floating in space, flying."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pinocchio as pin
+
+from rnc_pin.errors import few
+from rnc_pin.scenario.draft.base_assumptions import DRIVEN, BaseAssumptions
+from rnc_pin.scenario.draft.joint_properties import effort_limit
+from rnc_pin.scenario.draft.omnidirectional_base import push
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+
+_LIMBS = 3  # a body with at least this number of limbs probably floats
+_HEAVY = 0.5  # share of the mass in the first link above which the base probably floats
+_AFLOAT = re.compile(
+    "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
+)
+_WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
+_BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
+
+
+def without_wheels(
+    at_start: RobotAtStart, asked: str | None, mass_of_base: Callable[[], float], because: str = "asked for"
+) -> BaseAssumptions:
+    """Return the assumptions for a robot without wheels.
+
+    Args:
+        at_start: the robot.
+        asked: "fixed", "planar" or "free" if the base is given, else None.
+        mass_of_base: returns the mass of the first link [kg]; it loads the robot.
+        because: reason for the given base.
+    """
+    if asked == "planar":
+        return _doubting_wheels(_on_ice(at_start), at_start)
+    own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid
+    why = because if asked else "a free joint in the file" if own else _floats(at_start, mass_of_base)
+    if asked == "fixed" or not why:
+        kind = why or "no wheels were found, and the first link is taken to be bolted down"
+        result = BaseAssumptions("fixed", kind, at_start.frame)
+        if at_start.own_planar_joints:
+            joints = ", ".join(at_start.own_planar_joints)
+            result.kind = f"joints of the file let it move over the ground: {joints}"
+            result.notes.append(f"{joints} are driven, and the base moves in any direction")
+        elif asked is None:
+            result.notes.append("if it floats, as in space: --base free; if it drives: --base planar")
+        return _doubting_wheels(result, at_start)
+    return _doubting_wheels(_afloat(at_start, None if own and asked is None else "free", why), at_start)
+
+
+def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
+    """Robot on a fixed base with its joints without effort locked, because they would fall."""
+    result = BaseAssumptions("fixed", "bolted down, with the joints held that nothing drives", at_start.frame)
+    weak = [name for name in at_start.start if effort_limit(at_start.robot, name) == 0]
+    why = "effort 0 in the file" if at_start.is_urdf else "no actuator in the file"
+    result.hold(weak, at_start.start, f"{why}, and the rest falls or diverges without them: held")
+    return _doubting_wheels(result, at_start)
+
+
+def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
+    """Add a note on links with a wheel's name that do not roll."""
+    frames = at_start.robot.model.frames
+    named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
+    if named:
+        result.notes.append(
+            f"links that are called wheels or tracks do not roll on the ground as they are read: {few(named)}"
+        )
+    return result
+
+
+def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
+    """Reason why the robot probably floats, or an empty string."""
+    if at_start.is_rigid:
+        return "one rigid body"
+    mass = 0.0 if at_start.root else mass_of_base()
+    if mass <= 0:
+        return ""
+    limbs = len(at_start.robot.model.children[0])
+    if limbs >= _LIMBS:
+        return f"no wheels, and {limbs} limbs on one body"
+    if _AFLOAT.search(at_start.words):
+        return "no wheels, and a name of something that floats"
+    total = mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:])
+    if mass > _HEAVY * total and not _BOLTED.search(at_start.words):
+        return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
+    return ""
+
+
+def _on_ice(at_start: RobotAtStart) -> BaseAssumptions:
+    result = BaseAssumptions(
+        "planar", "asked for; no wheels were found, so that it moves in any direction", at_start.frame
+    )
+    push(result)
+    return result
+
+
+def _afloat(at_start: RobotAtStart, base: str | None, why: str) -> BaseAssumptions:
+    result = BaseAssumptions(base, why, at_start.frame, weightless=True)
+    joint = at_start.robot.joint_names[0] if base is None else "root_joint"
+    result.notes.append(
+        "a floating base is free of contacts and of gravity, as in space; for a bolted one: --base fixed"
+    )
+    place = {"frame_position": {"frame": at_start.frame}}
+    if not at_start.start:  # one rigid body: with conserved momentum it would not move
+        for axis in "xyz":
+            result.actuators.append(({"force": {"frame": at_start.frame, "axis": axis}}, "thrusters"))
+        for axis in "xyz":
+            result.actuators.append(({"torque": {"frame": at_start.frame, "axis": axis}}, "thrusters"))
+        result.outputs += [(place, DRIVEN), ({"frame_orientation": at_start.frame}, 0.0)]
+        result.notes.append("one rigid body: forces and torques stand for its thrusters or rotors")
+        return result
+    result.constraints.append(({"momentum": joint}, "nothing pushes the base, and it starts at rest"))
+    result.vertical += [place, {"frame_yaw": at_start.frame}]
+    result.passive.add(joint)
+    return result
