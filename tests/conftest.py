@@ -19,7 +19,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 install_import_hook(
     [
         f"rnc_pin.{module}"
-        for module in ("model.reduced_model", "model.terms", "model.measurement", "simulation.trajectory")
+        for module in ("model.reduced_model", "model.result_types", "model.measurement", "simulation.trajectory")
     ],
     "shape_checker.check",
 )

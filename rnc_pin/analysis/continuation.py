@@ -16,7 +16,7 @@ from rnc_pin.analysis.equilibrium import Equilibrium, Velocities, search, veloci
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, nearest
-from rnc_pin.model.admission import vector
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 

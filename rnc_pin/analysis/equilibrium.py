@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
-from rnc_pin.model.admission import vector
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 

@@ -10,8 +10,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
+from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import NotNegative
 from rnc_pin.robots.robot import Robot
 
 _UP = 2

@@ -14,8 +14,8 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import Placement, PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import FrameAnchor, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame, triple
+from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import Vector
 from rnc_pin.robots.robot import Robot
 
 _KINDS = ("frame", "point")

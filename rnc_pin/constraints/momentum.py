@@ -11,8 +11,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import Phrases
+from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import Numbers
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 4

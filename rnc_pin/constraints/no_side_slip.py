@@ -16,8 +16,8 @@ from rnc_pin.model.kinematics import (
 )
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame
+from rnc_pin.model.parameter_types import Axis, Vector
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import Axis, Vector
 from rnc_pin.robots.robot import Robot
 
 

@@ -11,8 +11,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.values import Positive
 from rnc_pin.robots.robot import Robot
 
 

@@ -22,8 +22,8 @@ from rnc_pin.model.kinematics import (
     VelocityKinematics,
 )
 from rnc_pin.model.mechanisms import Friction, GroundContact, Phrases
+from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import Rows, check_defined
-from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
 
 _FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat

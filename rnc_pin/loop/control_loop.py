@@ -22,7 +22,7 @@ from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.state_checks import check_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.admission import vector
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.errors import InputError
 from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.velocity import VelocityEstimate
-from rnc_pin.model.admission import Admission
+from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 
 _LARGEST = 1e15
@@ -45,10 +45,10 @@ def check_state(state: LoopState, reduced: ReducedModel) -> None:
         optional = not name.startswith("motion.")
         if value is not None or not optional:
             _check_vector(name, value, size)
-    admission = Admission(reduced.robot)
+    validator = ConfigurationValidator(reduced.robot)
     for q in (state.q, None if state.motion is None else state.motion.q):
         if q is not None:
-            admission.configuration(q)
+            validator.validate(q)
     if state.fault is not None and not isinstance(state.fault, str):
         raise InputError(f"fault is not text: {_shown(state.fault)}")
     if not isinstance(state.failed, bool):

@@ -10,8 +10,8 @@ import numpy as np
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, RateKinematics, over_states
+from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import admit_rows
-from rnc_pin.model.values import Axis, Positive
 from rnc_pin.robots.robot import Robot
 
 

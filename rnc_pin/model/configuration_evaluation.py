@@ -17,9 +17,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, inverse, product
-from rnc_pin.model.admission import ArrayInput, vector
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
+from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 

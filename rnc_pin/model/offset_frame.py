@@ -15,7 +15,7 @@ from rnc_pin.model.kinematics import (
     RateKinematics,
     VelocityKinematics,
 )
-from rnc_pin.model.values import Vector
+from rnc_pin.model.parameter_types import Vector
 from rnc_pin.robots.robot import Robot
 
 _UNIT = np.eye(3)

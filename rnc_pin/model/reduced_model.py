@@ -16,16 +16,16 @@ from numpy import ndarray as Array
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.admission import Admission, ArrayInput, spread, vector
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.former_methods import FormerMethods
 from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, broadcast_states, vector
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.result_types import LagrangianTerms, ReducedTerms
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system_summary import output_items, system_headline, system_lines
-from rnc_pin.model.terms import LagrangianTerms, ReducedTerms
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
@@ -58,7 +58,7 @@ class ReducedModel(FormerMethods, SummaryMixin):
 
     def __init__(self, parts: ReductionData, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
         self._data = parts
-        self._admission = Admission(parts.robot)
+        self._validator = ConfigurationValidator(parts.robot)
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
         """Redundant constraint rows, with the reasons."""
@@ -148,16 +148,16 @@ class ReducedModel(FormerMethods, SummaryMixin):
             v2: reduced velocities (..., r).
             v: measured full velocities (..., nv), instead of v2; they need not satisfy the constraints.
         """
-        q = self._admission.configuration(q)
+        q = self._validator.validate(q)
         if v2 is not None:
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
             v2 = vector(v2, self._data.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
-                q, v2 = spread(q, v2, "v2")
+                q, v2 = broadcast_states(q, v2, "v2")
             return StateEvaluation.at(self._data, q, v2)
         if v is not None:
-            q, v = spread(q, vector(v, self._data.n, "v"), "v")
+            q, v = broadcast_states(q, vector(v, self._data.n, "v"), "v")
             return StateEvaluation.at(self._data, q, v=v.copy())
         return ConfigurationEvaluation.at(self._data, q)
 
@@ -225,7 +225,7 @@ class ReducedModel(FormerMethods, SummaryMixin):
         Raises:
             ConstraintError: no such configuration was found.
         """
-        return self.assembly.project(self._admission.configuration(q), hold)
+        return self.assembly.project(self._validator.validate(q), hold)
 
     def random_configuration(self, generator: np.random.Generator, spread: float = np.pi) -> Float[Array, " nq"]:
         """Random configuration from ``generator`` within ``spread`` of neutral, projected onto the holonomic rows."""

@@ -20,13 +20,13 @@ from numpy import ndarray as Array
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, product, solve_positive_definite
-from rnc_pin.model.admission import ArrayInput, vector
 from rnc_pin.model.cached_property import cached_property, forwarded
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.terms import ReducedTerms, StateDerivative
+from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 
 _AT = "configuration"
 

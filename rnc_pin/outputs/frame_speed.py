@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kinematics import OWN_AXES
+from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows
-from rnc_pin.model.values import Axis
 from rnc_pin.robots.robot import Robot
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from rnc_pin.math.components import Component
 from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows, check_defined
-from rnc_pin.model.values import Axis
 from rnc_pin.outputs.direction_angle import DirectionAngleRow, Vector
 from rnc_pin.robots.robot import Robot
 

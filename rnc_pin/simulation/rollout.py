@@ -9,7 +9,7 @@ import numpy as np
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.integrators import LieRungeKutta4
-from rnc_pin.model.admission import vector
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task

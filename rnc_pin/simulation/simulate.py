@@ -10,7 +10,7 @@ from rnc_pin.control.protocol import Command, Controller
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
-from rnc_pin.model.admission import numbers_of
+from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation

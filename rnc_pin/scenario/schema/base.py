@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import nearest
-from rnc_pin.model.values import Positive as Positive
+from rnc_pin.model.parameter_types import Positive as Positive
 
 _LARGEST = 1e15  # largest magnitude of a number in a scenario; products stay finite
 

@@ -14,7 +14,7 @@ from rnc_pin.robots.robot import Robot
 ArrayInput = Any  # anything that NumPy converts to a float array
 
 
-class Admission:
+class ConfigurationValidator:
     """Validation of a robot's configurations: shape, finite numbers, unit complex numbers and unit quaternions.
 
     Args:
@@ -25,7 +25,7 @@ class Admission:
         self._model, self._nq, self._shape = robot.model, robot.nq, (robot.nq,)
         self._on_spheres = any(joint.nq != joint.nv for joint in list(robot.model.joints)[1:])
 
-    def configuration(self, q: ArrayInput) -> np.ndarray:
+    def validate(self, q: ArrayInput) -> np.ndarray:
         """Validated copy of q (..., nq), so that later changes of the caller's array have no effect."""
         try:
             q = np.array(q, float)  # by position: a keyword costs as much as the call
@@ -90,7 +90,7 @@ def check_finite(name: str, array: np.ndarray) -> None:
         raise InputError(f"{name} holds values that are not finite{where}: {values}")
 
 
-def spread(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+def broadcast_states(q: np.ndarray, beside: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Broadcast configurations and velocities to the same leading axes."""
     if q.shape[:-1] == beside.shape[:-1]:
         return q, beside

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.admission import Admission, check_finite, spread, vector
+from rnc_pin.model.input_validation import ConfigurationValidator, broadcast_states, check_finite, vector
 from systems import (
     free_flying_panda,
     sleigh,
@@ -27,32 +27,30 @@ def test_batches_that_do_not_go_together_are_refused():
 
 
 def test_configurations_are_admitted_by_shape_number_and_length():
-    flat, turning = Admission(sliders()), Admission(sliders("UXX"))
+    flat, turning = ConfigurationValidator(sliders()), ConfigurationValidator(sliders("UXX"))
     given = np.array([1.0, 2.0, 3.0])
-    admitted = flat.configuration(given)
+    admitted = flat.validate(given)
     given[0] = 9.0
     assert admitted.tolist() == [1.0, 2.0, 3.0]
-    assert flat.configuration(np.ones((2, 4, 3))).shape == (2, 4, 3)
+    assert flat.validate(np.ones((2, 4, 3))).shape == (2, 4, 3)
     unit = np.array([0.6, 0.8, 5.0, 6.0])
     for q in (unit, np.stack([unit, unit])):
-        np.testing.assert_array_equal(
-            turning.configuration(q * [1 + 1e-9, 1 + 1e-9, 1, 1]), q * [1 + 1e-9, 1 + 1e-9, 1, 1]
-        )
+        np.testing.assert_array_equal(turning.validate(q * [1 + 1e-9, 1 + 1e-9, 1, 1]), q * [1 + 1e-9, 1 + 1e-9, 1, 1])
         longer = q * np.where(np.arange(q.size) >= q.size - 4, [1.001, 1.001, 1, 1] * (q.size // 4), 1.0).reshape(
             q.shape
         )
         with pytest.raises(rnc.InputError, match="not of unit length"):
-            turning.configuration(longer)
+            turning.validate(longer)
     for wrong, words in (
         (1.0, r"q has shape \(\), expected \(..., 3\)"),
         (np.ones((3, 2)), r"q has shape \(3, 2\), expected \(..., 3\)"),
         ([1.0, np.inf, 0.0], r"q holds values that are not finite: \[ 1., inf,  ?0.\]"),
     ):
         with pytest.raises(rnc.InputError, match=words):
-            flat.configuration(wrong)
+            flat.validate(wrong)
     batch = np.zeros((2, 3, 3))
     batch[1, 0, 2] = np.nan
-    for call in (lambda: flat.configuration(batch), lambda: vector(batch, 3, "q"), lambda: check_finite("q", batch)):
+    for call in (lambda: flat.validate(batch), lambda: vector(batch, 3, "q"), lambda: check_finite("q", batch)):
         with pytest.raises(
             rnc.InputError, match=r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
         ):
@@ -68,27 +66,27 @@ def test_configurations_are_admitted_by_shape_number_and_length():
 
 def test_one_configuration_goes_with_many_velocities():
     q, v = np.arange(3.0), np.arange(8.0).reshape(4, 2)
-    wide, same = spread(q, v, "v")
+    wide, same = broadcast_states(q, v, "v")
     np.testing.assert_array_equal(wide, np.tile(q, (4, 1)))
     np.testing.assert_array_equal(same, v)
-    many, wide = spread(np.ones((2, 4, 3)), v, "v")
+    many, wide = broadcast_states(np.ones((2, 4, 3)), v, "v")
     assert many.shape == (2, 4, 3)
     np.testing.assert_array_equal(wide, np.stack([v, v]))
     with pytest.raises(rnc.InputError, match=r"q of shape \(3, 3\) and v of shape \(4, 2\) do not broadcast"):
-        spread(np.ones((3, 3)), v, "v")
+        broadcast_states(np.ones((3, 3)), v, "v")
 
 
 @pytest.mark.parametrize("kinds", ["U", "XU", "UU"])
 def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
-    admission = Admission(sliders(kinds))
+    validator = ConfigurationValidator(sliders(kinds))
     unit = np.concatenate([[0.6, -0.8] if kind == "U" else [7.0] for kind in kinds])
     for off, good in ((0.95e-6, True), (-0.95e-6, True), (1.05e-6, False), (-1.05e-6, False)):
         q = unit * np.where(np.arange(len(unit)) >= len(unit) - 2, 1 + off, 1.0)
         for given in (q, np.stack([unit, q]), np.stack([[q, unit], [unit, unit]])):
             if good:
-                np.testing.assert_array_equal(admission.configuration(given), given)
+                np.testing.assert_array_equal(validator.validate(given), given)
             else:
                 with pytest.raises(
                     rnc.InputError, match=r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
                 ):
-                    admission.configuration(given)
+                    validator.validate(given)
