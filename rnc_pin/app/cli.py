@@ -4,7 +4,7 @@ import time
 
 _STARTED = [time.perf_counter()]  # before anything else is imported
 
-from rnc_pin.app.interruption import interruptible_imports  # noqa: E402
+from rnc_pin.app.termination import interruptible_imports  # noqa: E402
 
 with interruptible_imports():
     from rnc_pin.app.command_line import main as _main

@@ -8,9 +8,9 @@ import traceback
 
 import click
 
-from rnc_pin.app.interruption import endings_as_ctrl_c
 from rnc_pin.app.messages import complain, told_warnings
 from rnc_pin.app.status import DONE, FAILED, USAGE
+from rnc_pin.app.termination import endings_as_ctrl_c
 from rnc_pin.app.usage import cli
 from rnc_pin.errors import RncError
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from rnc_pin.scenario.sweep_table import Spread
+from rnc_pin.scenario.sweep_table import SweepStatistics
 from rnc_pin.simulation import Summary
 
 
@@ -61,7 +61,7 @@ def print_elapsed(elapsed: float, simulation: float | None) -> None:
     console.print(f"done in {elapsed:.1f} s{part}", highlight=False)
 
 
-def print_spread(scenario: str, summary: Spread, folder: Path) -> None:
+def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path) -> None:
     """Print outcomes and errors of a sweep."""
     console = Console(markup=False, emoji=False)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())

@@ -13,8 +13,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from rnc_pin.app import commands
-from rnc_pin.app.interruption import interruptible_imports
 from rnc_pin.app.messages import announce
+from rnc_pin.app.termination import interruptible_imports
 from rnc_pin.scenario.files import built_in_names, find_scenario
 
 Given: TypeAlias = Any

@@ -147,31 +147,31 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
     """
     if plant is None:
         return {}
-    said = read_yaml(find_scenario(scenario)).get("plant")
-    return {"plant.type" if isinstance(said, Mapping) and plant == "mujoco" else "plant": plant}
+    found = read_yaml(find_scenario(scenario)).get("plant")
+    return {"plant.type" if isinstance(found, Mapping) and plant == "mujoco" else "plant": plant}
 
 
-def chosen(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
+def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
     """Return a scenario with its options, its ``variant`` and the ``presets`` of the controller's preset applied.
 
     Options override presets, and presets override the variant. The result contains the new values, and no applied
     ``variants`` or ``presets``.
     """
-    said = with_options(raw, options)
-    variant = _of(said.get("variants"), said.get("variant"))
+    applied = with_options(raw, options)
+    variant = _choice(applied.get("variants"), applied.get("variant"))
     if variant is not None:
         raw, options = ({key: each[key] for key in each if key != "variant"} for each in (raw, options))
         raw = {key: value for key, value in with_options(raw, variant).items() if key != "variants"}
-        said = with_options(raw, options)
-    controller = said.get("controller")
-    preset = _of(said.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
+        applied = with_options(raw, options)
+    controller = applied.get("controller")
+    preset = _choice(applied.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
     if preset is None:
-        return said
-    said = with_options(with_options(raw, preset), options)
-    return {key: value for key, value in said.items() if key != "presets"}
+        return applied
+    applied = with_options(with_options(raw, preset), options)
+    return {key: value for key, value in applied.items() if key != "presets"}
 
 
-def _of(choices: object, name: object) -> dict[str, Json] | None:
+def _choice(choices: object, name: object) -> dict[str, Json] | None:
     found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
     return found if isinstance(found, dict) else None
 

@@ -14,7 +14,7 @@ import yaml
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
-from rnc_pin.scenario.files import chosen, find_scenario, is_built_in, read_yaml, with_options
+from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import Observer, Outcome, Sample, SimulationOptions, Summary, Trajectory, simulate, summarize
@@ -78,7 +78,7 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         RncError: the scenario is invalid.
     """
     path = find_scenario(scenario).resolve()
-    raw = chosen(read_yaml(path), options or {})
+    raw = apply_options(read_yaml(path), options or {})
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
     experiment = _located(source, checked, path.parent)

@@ -13,7 +13,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.files import chosen, find_scenario, read_yaml
+from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import data_names, execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
@@ -29,7 +29,7 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
         ConfigurationError: the scenario has no ``sweep``, or a minimum is greater than its maximum.
     """
     path = find_scenario(scenario)
-    checked = validate(chosen(read_yaml(path), options), path.name)
+    checked = validate(apply_options(read_yaml(path), options), path.name)
     if not checked.sweep:
         raise ConfigurationError(
             f"{path.name}: sweep: is missing; give dotted keys and ranges, e.g. initial.q.joint: [0, 1]"
@@ -37,7 +37,7 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
     for key, (low, high) in checked.sweep.items():
         if low > high:
             raise ConfigurationError(f"{path.name}: sweep.{key}: minimum {low:g} is greater than maximum {high:g}")
-        validate(chosen(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
+        validate(apply_options(read_yaml(path), {**options, key: low}), f"{path.name}: sweep.{key}")
     return checked.sweep, checked.seed
 
 

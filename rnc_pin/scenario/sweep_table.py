@@ -11,17 +11,17 @@ import numpy as np
 Row = dict[str, float | str | None]
 """One run of a sweep: drawn values by dotted key, outcome and result values."""
 
-Figures = TypedDict("Figures", {"median": float, "95 %": float, "max": float})
+ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, "max": float})
 """Statistics of the final errors of one output."""
 
 
-class Spread(TypedDict):
+class SweepStatistics(TypedDict):
     """Outcomes of a sweep, and final errors of the completed runs by output."""
 
     runs: int
     redrawn: int
     outcomes: dict[str, int]
-    final_error: dict[str, Figures]
+    final_error: dict[str, ErrorStatistics]
 
 
 def write_table(rows: list[Row], path: Path) -> None:
@@ -33,13 +33,13 @@ def write_table(rows: list[Row], path: Path) -> None:
         writer.writerows(rows)
 
 
-def _figure(row: Row, key: str) -> float:
+def _number(row: Row, key: str) -> float:
     value = row[key]
     assert isinstance(value, float | int)
     return value
 
 
-def spread(rows: list[Row]) -> Spread:
+def sweep_statistics(rows: list[Row]) -> SweepStatistics:
     """Return counts of outcomes and redraws, and the median, 95th percentile and maximum of completed final errors."""
     outcomes: dict[str, int] = {}
     for row in rows:
@@ -47,13 +47,13 @@ def spread(rows: list[Row]) -> Spread:
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
     done = [row for row in rows if row["outcome"] == "completed"]
     names = [key for key in (done[0] if done else {}) if key.startswith("final_error.")]
-    errors: dict[str, Figures] = {
+    errors: dict[str, ErrorStatistics] = {
         name.removeprefix("final_error."): {
-            "median": float(np.median([_figure(row, name) for row in done])),
-            "95 %": float(np.percentile([_figure(row, name) for row in done], 95)),
-            "max": float(np.max([_figure(row, name) for row in done])),
+            "median": float(np.median([_number(row, name) for row in done])),
+            "95 %": float(np.percentile([_number(row, name) for row in done], 95)),
+            "max": float(np.max([_number(row, name) for row in done])),
         }
         for name in names
     }
-    redrawn = sum(int(_figure(row, "redrawn")) for row in rows)
+    redrawn = sum(int(_number(row, "redrawn")) for row in rows)
     return {"runs": len(rows), "redrawn": redrawn, "outcomes": outcomes, "final_error": errors}

@@ -7,7 +7,7 @@ from rnc_pin.app.messages import print_json
 from rnc_pin.app.report import print_report
 from rnc_pin.app.sentences import sentences
 from rnc_pin.scenario.builder import build_reduced, build_task
-from rnc_pin.scenario.files import chosen, find_scenario, parse_options, read_yaml
+from rnc_pin.scenario.files import apply_options, find_scenario, parse_options, read_yaml
 from rnc_pin.scenario.loading import validate
 
 
@@ -16,7 +16,7 @@ def inspect_system(
 ) -> None:
     """Print the analysis of a system."""
     path = find_scenario(system)
-    checked = validate(chosen(read_yaml(path), parse_options(options)), path.name)
+    checked = validate(apply_options(read_yaml(path), parse_options(options)), path.name)
     built, reduced = build_reduced(checked, path.parent)
     task = build_task(checked, reduced)
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)

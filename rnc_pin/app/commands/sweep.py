@@ -9,14 +9,14 @@ from rich.console import Console
 from rnc_pin.app.messages import complain, print_json
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
-from rnc_pin.app.tables import print_spread
+from rnc_pin.app.tables import print_sweep_statistics
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io.json import dump_json
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.sweep import drawn_keys, run_files, run_folders, sweep
-from rnc_pin.scenario.sweep_table import Row, spread, write_table
+from rnc_pin.scenario.sweep_table import Row, sweep_statistics, write_table
 
 _TABLES = 100  # tables written during a sweep, so that an abort loses little
 
@@ -57,7 +57,7 @@ def sweep_scenario(
         if interrupted and not rows:
             complain("interrupted before the end of the first run")
             return FAILED
-        figures = spread(rows)
+        figures = sweep_statistics(rows)
         summary = {"scenario": scenario, **figures}
         with folder.writing() as fresh:
             write_table(rows, fresh / "sweep.csv")
@@ -66,7 +66,7 @@ def sweep_scenario(
     if as_json:
         print_json(summary)
     else:
-        print_spread(scenario, figures, folder.path)
+        print_sweep_statistics(scenario, figures, folder.path)
     if interrupted:
         complain(f"interrupted after {len(rows)} of {runs} runs; results so far are in {folder.path}")
     return DONE if figures["outcomes"].get("completed", 0) == runs else FAILED
