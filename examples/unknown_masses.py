@@ -26,7 +26,7 @@ exact = RedundancyController(task, tip, platform, k21=2.0)
 unknown = MomentumRegressor(robot, "platform", [UnknownMass(joint, unit=10.0) for joint in joints])
 for alpha in (0.0, 20.0):
     estimator = Estimator(reduced, unknown, [1.6, 0.4, 1.5], alpha=alpha)
-    tracker = rnc.tuned_tracker(estimator.model, exact, q0, duration=10.0, dt=0.005)  # gains for what is believed
+    tracker = rnc.tuned_tracker(estimator.model, exact, q0, duration=10.0, dt=0.005)  # gains for the estimated masses
     run = rnc.simulate(reduced, UncertainController(estimator, tracker), q0, duration=16.0, dt=0.005)
     late = run.time > 8.0
     error = np.sqrt(np.mean(run.prediction_error[late] ** 2))

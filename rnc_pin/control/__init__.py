@@ -2,7 +2,7 @@
 
 from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
-from rnc_pin.control.estimation import EstimatedModel, Regressor
+from rnc_pin.control.estimation import AdaptedModel, EstimatedModel, ParametrizedCopy, Regressor
 from rnc_pin.control.estimator import Estimator
 from rnc_pin.control.gain_design import (
     PositionGains,
@@ -37,6 +37,7 @@ from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
 
 __all__ = [
+    "AdaptedModel",
     "ChainedStabilizer",
     "Combined",
     "Command",
@@ -51,6 +52,7 @@ __all__ = [
     "JointLimits",
     "KinematicController",
     "MomentumRegressor",
+    "ParametrizedCopy",
     "PositionGains",
     "PositionState",
     "PositionTracker",

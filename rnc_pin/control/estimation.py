@@ -1,12 +1,13 @@
-"""Common parts of estimators of uncertain kinematics: a linear regression, and a model with estimated parameters.
+"""Common parts of estimators of uncertain kinematics: a linear regression, and models with estimated parameters.
 
 Paper (14)-(21), for any constraint that is affine in its unknown parameters p: ``A_known(q) v + Y(q, v) p = 0``.
 """
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +21,7 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
+_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, ReducedModel)
 
 
 class Regressor(Protocol):
@@ -44,41 +46,116 @@ class Regressor(Protocol):
         """Return a model with the outputs of ``reduced``, and estimates in place of the unknown parameters."""
 
 
-class EstimatedModel:
-    """Model with the same outputs and actuators, under constraints with estimated parameters.
+class ParametrizedCopy(NamedTuple):
+    """Copies of a Pinocchio model and of its rows, and a function that writes parameters (s,) into them."""
 
-    Bound rows refer to joints and frames by index only. So rows without unknown parameters are shared.
+    model: pin.Model
+    rows: RowStack
+    """All constraint rows. Rows without unknown parameters may be the given ones: they refer to joints by index."""
+    set_parameters: Callable[[Array], None]
+
+
+class EstimatedModel:
+    """Models with the same outputs and actuators, under constraints with estimated parameters.
+
+    A model with other parameters is another model: none changes while it, a part or an evaluation of it exists. The
+    memory of models that no longer exist is used again, so that a new model costs little.
 
     Args:
         reduced: the model with the true constraints.
-        model: a copy of its Pinocchio model; parameters change it.
-        rows: all its constraint rows, with copies of those that parameters change.
-        believe: function that writes parameters (s,) into the copies.
+        make_copy: function that returns new copies of its Pinocchio model and rows, with valid parameters.
     """
 
-    def __init__(
-        self, reduced: ReducedModel, model: pin.Model, rows: RowStack, believe: Callable[[Array], None]
-    ) -> None:
-        self._believe = believe
-        known, robot = reduced.reduction_data, Robot(model)
-        generator = np.random.default_rng(0)
-        samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
-        parts = ReductionData(
+    def __init__(self, reduced: ReducedModel, make_copy: Callable[[], ParametrizedCopy]) -> None:
+        self._reduced, self._make_copy = reduced, make_copy
+        self._scales: Array | None = None
+        self._memory = [self._allocate()]
+
+    def at(self, p: Float[Array, " s"]) -> ReducedModel:
+        """Return a model with these parameters, which never changes."""
+        memory = next((each for each in self._memory if each.is_free), None)
+        if memory is None:
+            memory = self._allocate()
+            self._memory.append(memory)
+        return memory.lend(p)
+
+    def _allocate(self) -> _ModelMemory:
+        copied, known = self._make_copy(), self._reduced.reduction_data
+        robot = Robot(copied.model)
+        if self._scales is None:  # the scales of the true rows are unknown
+            generator = np.random.default_rng(0)
+            samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
+            self._scales = row_scales(robot, copied.rows, known.reducing, samples)
+        data = ReductionData(
             robot,
-            rows,
+            copied.rows,
             known.kept,
             known.actuation,
             known.reducing,
             known.vertical,
             known.singularity_limit,
-            row_scales(robot, rows, known.reducing, samples),  # the scales of the true rows are unknown
+            self._scales,
         )
-        self._reduced = ReducedModel(parts, reduced.assembly)
+        return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters)
 
-    def at(self, p: Float[Array, " s"]) -> ReducedModel:
-        """Return the model for these parameters; always the same object, which the next call changes."""
-        self._believe(p)
-        return self._reduced
+
+class _Lease:
+    """Mark of the parts of a lent model. It exists as long as one of them does."""
+
+
+class _ModelMemory:
+    """Model whose parameters change only while nobody uses it.
+
+    Args:
+        model: the model.
+        set_parameters: writes parameters into it.
+    """
+
+    def __init__(self, model: ReducedModel, set_parameters: Callable[[Array], None]) -> None:
+        self._model, self._set_parameters = model, set_parameters
+        self._lease: weakref.ref[_Lease] | None = None
+
+    @property
+    def is_free(self) -> bool:
+        """True if no part and no evaluation of the lent model exists."""
+        return self._lease is None or self._lease() is None
+
+    def lend(self, p: Array) -> ReducedModel:
+        """Return the model with parameters p (s,)."""
+        own, lease = self._model.reduction_data, _Lease()
+        self._set_parameters(p)
+        own.kinematics.invalidate()
+        # Evaluations and other reductions of the same model hold these robot and rows.
+        robot, rows, data, model = _shallow(own.robot), _shallow(own.rows), _shallow(own), _shallow(self._model)
+        vars(robot)["_lease"] = vars(rows)["_lease"] = lease
+        vars(data).update(robot=robot, rows=rows)
+        vars(model)["_data"] = data
+        self._lease = weakref.ref(lease)
+        return model
+
+
+def _shallow(thing: _Thing) -> _Thing:
+    """Return another object with the same attributes; ``copy`` drops some."""
+    other = object.__new__(type(thing))
+    vars(other).update(vars(thing))
+    return other
+
+
+class AdaptedModel(ReducedModel):
+    """Reduced model with the estimates of the last sample, for controllers that need a model.
+
+    An evaluation keeps the estimates of its construction.
+
+    Args:
+        model: the model with the first estimates.
+    """
+
+    def __init__(self, model: ReducedModel) -> None:
+        self.use(model)
+
+    def use(self, model: ReducedModel) -> None:
+        """Evaluate another model from now on."""
+        vars(self).update(vars(model))
 
 
 def adapt(

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.estimation import Regressor, adapt
+from rnc_pin.control.estimation import AdaptedModel, Regressor, adapt
 from rnc_pin.control.protocol import Description, elapsed_time, listed
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
@@ -45,8 +45,8 @@ class Estimator(ReprMixin):
         dead_zone: prediction error below which estimates do not change; a number or one for each entry.
 
     Attributes:
-        model: the estimated model, with the estimates of the last step; at first with ``initial``. Use it for every
-            controller that needs a model, and for gains that are scaled to an inertia.
+        model: the model with the estimates of the last step; at first with ``initial``. Use it for every controller
+            that needs a model, and for gains that are scaled to an inertia. Its evaluations never change.
 
     Raises:
         ConfigurationError: estimates are outside the bounds or of the wrong number, or the momentum is not zero.
@@ -79,7 +79,8 @@ class Estimator(ReprMixin):
         if reduced.affine:
             raise ConfigurationError("estimation assumes A v = 0 (zero momentum), but the momentum is not zero")
         self._estimated = regressor.estimated(reduced)
-        self.model = self._estimated.at(self.initial)
+        self._p = self.initial  # parameters of ``model``
+        self.model = AdaptedModel(self._estimated.at(self._p))
 
     def describe(self) -> Description:
         """Return the gain, the first estimates by name, and the bounds."""
@@ -91,8 +92,8 @@ class Estimator(ReprMixin):
         }
 
     def initial_state(self) -> EstimatorState:
-        """Return the first estimates, and write them into ``model``."""
-        self.model = self._estimated.at(self.initial)
+        """Return the first estimates; ``model`` has them too."""
+        self._use(self.initial)
         return EstimatorState(None, self.initial)
 
     def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[EstimatorState, np.ndarray]:
@@ -109,19 +110,25 @@ class Estimator(ReprMixin):
         p = state.p
         if self.alpha > 0:
             p = adapt(p, Y, error, self.alpha, elapsed, self._low, self._high, self.dead_zone)
-        self.model = self._estimated.at(p)
+        self._use(p)
         return EstimatorState(t, p), error
+
+    def _use(self, p: np.ndarray) -> None:
+        """Let ``model`` have parameters p."""
+        if not np.array_equal(p, self._p):
+            self.model.use(self._estimated.at(p))
+            self._p = p
 
     def _settings(self) -> dict[str, object]:
         return {"unknown": list(self.regressor.names), "initial": self.initial, "alpha": self.alpha}
 
 
-def believed(measurement: Measurement, guess: StateEvaluation) -> Measurement:
+def with_estimated_kinematics(measurement: Measurement, estimate: StateEvaluation) -> Measurement:
     """Return a measurement with the kinematics of an estimated model instead of the true kinematics."""
-    seen = measurement._replace(A_star=guess.A_star, A_star_dot=guess.A_star_dot, residual=None)
+    seen = measurement._replace(A_star=estimate.A_star, A_star_dot=estimate.A_star_dot, residual=None)
     if seen.input_deficit is None:
         return seen
-    return seen._replace(force_deficit=apply(guess.input_matrix, seen.input_deficit))
+    return seen._replace(force_deficit=apply(estimate.input_matrix, seen.input_deficit))
 
 
 def _one_each(bound: Bound, size: int) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import MomentumConservation
-from rnc_pin.control.estimation import EstimatedModel
+from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, ModelError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
@@ -79,13 +79,16 @@ class MomentumRegressor:
         return v[self.rows] - W0, W
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return a model whose unknown bodies have the estimated masses."""
-        model = reduced.robot.model.copy()
-        believe = partial(self._believe, model)
-        believe(np.ones(len(self.names)))
-        return EstimatedModel(reduced, model, reduced.all_constraints, believe)
+        """Return models whose unknown bodies have the estimated masses."""
 
-    def _believe(self, model: pin.Model, p: np.ndarray) -> None:
+        def make_copy() -> ParametrizedCopy:
+            model = reduced.robot.model.copy()
+            self._set_parameters(model, np.ones(len(self.names)))
+            return ParametrizedCopy(model, reduced.all_constraints, partial(self._set_parameters, model))
+
+        return EstimatedModel(reduced, make_copy)
+
+    def _set_parameters(self, model: pin.Model, p: np.ndarray) -> None:
         for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
             model.inertias[joint] = self.inertia(index, float(value))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rnc_pin.control.estimator import Estimator, EstimatorState, believed
+from rnc_pin.control.estimator import Estimator, EstimatorState, with_estimated_kinematics
 from rnc_pin.control.protocol import Command, Controller, Description, State, describe
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
@@ -62,13 +62,13 @@ class UncertainController(ReprMixin):
     def initial_state(self, measurement: Measurement) -> UncertainState:
         """Return the first estimates, and the initial state of the controller under them."""
         state = self.estimator.initial_state()
-        seen = believed(measurement, self.estimator.model.at(measurement.q, measurement.v2))
+        seen = with_estimated_kinematics(measurement, self.estimator.model.at(measurement.q, measurement.v2))
         return UncertainState(state, self.controller.initial_state(seen))
 
     def step(self, t: float, measurement: Measurement, state: UncertainState) -> tuple[Command, UncertainState]:
         learnt, error = self.estimator.step(t, measurement, state.estimator)
-        guess = self.estimator.model.at(measurement.q, measurement.v2)
-        command, inner = self.controller.step(t, believed(measurement, guess), state.controller)
+        estimate = self.estimator.model.at(measurement.q, measurement.v2)
+        command, inner = self.controller.step(t, with_estimated_kinematics(measurement, estimate), state.controller)
         if command.F is not None:
-            command = command._replace(F=None, T=guess.allocate(command.F))
+            command = command._replace(F=None, T=estimate.allocate(command.F))
         return command._replace(estimates=learnt.p, prediction_error=error), UncertainState(learnt, inner)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rnc_pin.control.estimation import Regressor
-from rnc_pin.control.estimator import BOUNDS, Bounds, Estimator, EstimatorState, believed
+from rnc_pin.control.estimator import BOUNDS, Bounds, Estimator, EstimatorState, with_estimated_kinematics
 from rnc_pin.control.protocol import Description, VelocityTarget
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.model.measurement import Measurement
@@ -64,6 +64,6 @@ class UncertainRedundancyController(ReprMixin):
 
     def step(self, t: float, measurement: Measurement, state: EstimatorState) -> tuple[VelocityTarget, EstimatorState]:
         state, error = self.estimator.step(t, measurement, state)
-        seen = believed(measurement, self.estimator.model.at(measurement.q, measurement.v2))
+        seen = with_estimated_kinematics(measurement, self.estimator.model.at(measurement.q, measurement.v2))
         target, _ = self.controller.step(t, seen, None)
         return target._replace(estimates=state.p, prediction_error=error), state

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import RollingRows
-from rnc_pin.control.estimation import EstimatedModel
+from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -121,7 +121,7 @@ class WheelRegressor:
             if entry.radius is not None:
                 entry.rows.radius = 1.0
         self._wheels = self._unknown
-        self._wheels = self._that_tell(robot)
+        self._wheels = self._informative_wheels(robot)
         self.predicted = tuple(wheel.rows.names[row] for wheel in self._wheels for row in wheel.kept)
         self.predicted_units = ("m/s",) * len(self.predicted)
 
@@ -136,7 +136,7 @@ class WheelRegressor:
             if wheel in taken or list(each.wheels).count(wheel) > 1:
                 raise ConfigurationError(f"unknown {what}: wheel '{wheel}' is named twice")
 
-    def _that_tell(self, robot: Robot) -> list[_Wheel]:
+    def _informative_wheels(self, robot: Robot) -> list[_Wheel]:
         """Wheels with the rows that depend on a parameter; raise an error if a parameter enters no row."""
         generator = np.random.default_rng(0)
         samples: list[np.ndarray] = []
@@ -182,19 +182,24 @@ class WheelRegressor:
         return y, Y
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
-        """Return a model with the estimated radii and tracks."""
+        """Return models with the estimated radii and tracks."""
+        return EstimatedModel(reduced, partial(self._copy, reduced))
+
+    def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
+        """Copies of the model and of the rolling rows, with unit radii and tracks."""
         model = reduced.robot.model.copy()
         blocks = [
             copy(block) if isinstance(block, RollingRows) else block for block, *_ in reduced.all_constraints.places
         ]
         copies = {block.wheel: block for block in blocks if isinstance(block, RollingRows)}
         wheels = [(copies[wheel.rows.wheel], wheel.radius, wheel.axle) for wheel in self._unknown]
-        believe = partial(_believe, model, wheels)
-        believe(np.ones(len(self.names)))
-        return EstimatedModel(reduced, model, RowStack(blocks), believe)
+        _set_parameters(model, wheels, np.ones(len(self.names)))
+        return ParametrizedCopy(model, RowStack(blocks), partial(_set_parameters, model, wheels))
 
 
-def _believe(model: pin.Model, wheels: Sequence[tuple[RollingRows, int | None, _Axle | None]], p: np.ndarray) -> None:
+def _set_parameters(
+    model: pin.Model, wheels: Sequence[tuple[RollingRows, int | None, _Axle | None]], p: np.ndarray
+) -> None:
     """Write estimated radii and tracks p into a model."""
     for rows, radius, axle in wheels:
         if radius is not None:

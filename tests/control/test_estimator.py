@@ -22,7 +22,7 @@ from rnc_pin.control import (
     WheelRegressor,
 )
 from rnc_pin.control.estimation import adapt
-from rnc_pin.control.estimator import EstimatorState, believed
+from rnc_pin.control.estimator import EstimatorState, with_estimated_kinematics
 from rnc_pin.model.measurement import Measurement
 from systems import (
     space_robot,
@@ -39,7 +39,7 @@ class Known:
         return q * v, self.Y
 
     def estimated(self, reduced):
-        return SimpleNamespace(at=lambda p: tuple(p))
+        return SimpleNamespace(at=lambda p: SimpleNamespace(parameters=tuple(p)))
 
 
 def estimator(initial=(1.0, 2.0), affine=False, **settings):
@@ -50,7 +50,7 @@ def test_estimates_take_the_step_of_the_law_within_their_bounds():
     """Implicit, so that it never overshoots: ``p + s Y^T (1 + s Y Y^T)^-1 e`` with s the gain times the time."""
     measured, Y = Measurement(q=np.array([1.0, 2.0, 3.0]), v=np.array([3.0, 1.0, -0.5])), Known.Y
     free = estimator(alpha=0.7, bounds=(0.1, [50.0, 60.0]))
-    assert free.model == (1.0, 2.0)
+    assert free.model.parameters == (1.0, 2.0)
     first, error = free.step(3.0, measured, free.initial_state())
     np.testing.assert_allclose(error, [0.0, 0.0, -0.5])
     assert first.time == 3.0
@@ -59,9 +59,9 @@ def test_estimates_take_the_step_of_the_law_within_their_bounds():
     np.testing.assert_array_equal(same, error)
     expected = first.p + 0.35 * Y.T @ np.linalg.solve(np.eye(3) + 0.35 * Y @ Y.T, error)
     np.testing.assert_allclose(second.p, expected, rtol=1e-12)
-    assert free.model == tuple(second.p)
+    assert free.model.parameters == tuple(second.p)
     assert free.initial_state().p.tolist() == [1.0, 2.0]
-    assert free.model == (1.0, 2.0)
+    assert free.model.parameters == (1.0, 2.0)
     for settings in ({"alpha": 0.0}, {"dead_zone": 0.5}, {"dead_zone": np.array([0.0, 0.0, 0.6])}):
         still = estimator(**settings)
         assert still.step(9.0, measured, still.initial_state()._replace(time=0.0))[0].p.tolist() == [1.0, 2.0]
@@ -97,14 +97,15 @@ def test_estimates_may_begin_at_their_bounds_and_not_beyond():
             estimator(**settings)
 
 
-def test_what_is_believed_takes_the_place_of_what_is_true():
+def test_estimated_kinematics_replace_the_true_ones():
     guess = SimpleNamespace(A_star=np.eye(2), A_star_dot=2 * np.eye(2), input_matrix=np.array([[1.0, 2.0], [3.0, 4.0]]))
-    seen = believed(Measurement(x1=np.ones(2), residual=np.ones(1), force_deficit=np.ones(2)), guess)
+    seen = with_estimated_kinematics(Measurement(x1=np.ones(2), residual=np.ones(1), force_deficit=np.ones(2)), guess)
     assert seen.residual is None
     assert seen.A_star is guess.A_star
     assert seen.A_star_dot is guess.A_star_dot
     assert seen.force_deficit.tolist() == seen.x1.tolist() == [1.0, 1.0]
-    assert believed(Measurement(input_deficit=np.array([1.0, -1.0])), guess).force_deficit.tolist() == [-1.0, -1.0]
+    saturated = with_estimated_kinematics(Measurement(input_deficit=np.array([1.0, -1.0])), guess)
+    assert saturated.force_deficit.tolist() == [-1.0, -1.0]
 
 
 class Believer:
@@ -200,8 +201,8 @@ def test_an_estimator_has_the_settings_of_the_documentation():
     np.testing.assert_allclose(last.p, np.clip(wanted, 0.05, 20.0), rtol=1e-12)
 
 
-def test_an_estimated_model_believes_what_it_is_told_and_leaves_the_given_one_alone():
-    """Radii and tracks of the copies alone; each call changes one and the same object."""
+def test_models_with_other_parameters_are_other_models():
+    """Neither the given model nor a model or state with earlier parameters changes, also not what is read later."""
     reduced = reduced_cart(two_wheeled_cart(pin.JointModelPlanar()))
     regressor = WheelRegressor(reduced, [UnknownTrack(["right", "left"]), UnknownRadius(["right"])])
     estimated = regressor.estimated(reduced)
@@ -212,8 +213,14 @@ def test_an_estimated_model_believes_what_it_is_told_and_leaves_the_given_one_al
     v = other.at(q, v2).v
     np.testing.assert_allclose(model.at(q, v=v).residual, 0.0, atol=1e-12)
     assert np.abs(reduced.at(q, v=v).residual).max() > 1e-3
-    assert estimated.at(np.array([0.6, 0.25])) is model
-    np.testing.assert_allclose(model.at(q, v=before.v).residual, 0.0, atol=1e-12)
+    state, fresh = model.at(q, v2), model.at(q, v2)
+    names = ("A_star", "R", "H", "V", "G", "R_dot", "input_matrix")
+    expected = {name: np.array(getattr(fresh, name)) for name in names}
+    second = estimated.at(np.array([0.6, 0.25]))
+    assert second.at(q, v2).H.shape == (2, 2)
+    np.testing.assert_allclose(second.at(q, v=before.v).residual, 0.0, atol=1e-12)
+    for name, value in expected.items():
+        np.testing.assert_array_equal(getattr(state, name), value)
     np.testing.assert_array_equal(reduced.at(q, v2).measure().v, before.v)
 
 

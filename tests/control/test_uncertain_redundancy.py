@@ -335,3 +335,19 @@ def test_the_prediction_error_is_that_of_19_and_in_proportion_to_that_of_15():
         apart = measured.v1 - other.at(q, v2).measure().v1
         np.testing.assert_allclose(10.0 * E, momentum * apart, atol=1e-9 * (1 + np.abs(E).max()))
         assert np.abs(E).max() > 1e-3
+
+
+def test_a_state_keeps_the_estimates_of_its_construction():
+    """Quantities of an evaluation are those of its parameters, also if they are read after the next step."""
+    reduced, _, q0, controller = uncertain(alpha=20.0)
+    estimator, v2 = controller.estimator, np.array([0.3, -0.2, 0.4])
+    first = estimator.initial_state()
+    state, expected = estimator.model.at(q0, v2), estimator.model.terms(q0, v2)
+    measurement = reduced.at(q0, v2).measure()
+    second, _ = estimator.step(0.1, measurement, estimator.step(0.0, measurement, first)[0])
+    assert np.abs(second.p - first.p).max() > 1e-3
+    assert np.abs(estimator.model.terms(q0, v2).H - expected.H).max() > 1e-3
+    for name in ("H", "V", "G", "R", "R_dot", "A_star", "A_star_dot"):
+        np.testing.assert_array_equal(getattr(state, name), getattr(expected, name))
+    estimator.initial_state()
+    np.testing.assert_array_equal(estimator.model.terms(q0, v2).H, expected.H)
