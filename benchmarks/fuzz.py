@@ -30,7 +30,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.fuzz_meshes import MESHES, read_inline_meshes, read_mesh_file
-from rnc_pin.robots.urdf_files import shipped_directory
+from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.files import find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
-from rnc_pin.robots import urdf_files
+from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LockedModel
 from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
 from rnc_pin.robots.joint_values import JointValue
@@ -126,7 +126,7 @@ class Robot(NamedModel, SummaryMixin):
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
-        path = urdf_files.find_urdf(path)
+        path = robot_files.find_urdf(path)
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
         return cls._from_description(path, read, lock, gravity)
 
@@ -158,7 +158,7 @@ class Robot(NamedModel, SummaryMixin):
             One entry for each faulty joint, with the links behind it; empty if there is no fault. ``from_urdf``
             accepts the file with the masses of all entries together, or if the joints that move no mass are locked.
         """
-        path = urdf_files.find_urdf(path)
+        path = robot_files.find_urdf(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
@@ -196,7 +196,7 @@ class Robot(NamedModel, SummaryMixin):
             ModelError: the file is missing, is not MJCF, names files elsewhere, or describes an impossible robot; or
                 MuJoCo is not installed.
         """
-        path = urdf_files.find_mjcf(path)
+        path = robot_files.find_mjcf(path)
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
         return cls._from_description(path, read, lock, gravity)
 
@@ -257,7 +257,7 @@ class Robot(NamedModel, SummaryMixin):
         Raises:
             ModelError: there is no such example.
         """
-        path, packages = urdf_files.find_example(name)
+        path, packages = robot_files.find_example(name)
         return cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:

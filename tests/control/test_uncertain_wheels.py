@@ -19,7 +19,7 @@ from rnc_pin.control import (
     WheelRegressor,
 )
 from rnc_pin.planning import Harmonic, Hold
-from rnc_pin.robots.urdf_files import find_urdf
+from rnc_pin.robots.robot_files import find_urdf
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.run import execute, plan
 from systems import leaning_wheel, random_states

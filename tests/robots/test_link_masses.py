@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.urdf_files import find_example, find_urdf
+from rnc_pin.robots.robot_files import find_example, find_urdf
 
 EXACT = 1e-14
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.robots.urdf_files import shipped_directory
+from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.run import plan

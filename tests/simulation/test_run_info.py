@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.urdf_files import shipped_directory
+from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.replay import load_run
 from rnc_pin.scenario.run import execute, plan

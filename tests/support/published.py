@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from rnc_pin.robots.urdf_files import example_urdfs
+from rnc_pin.robots.robot_files import example_urdfs
 
 SAMPLES = 8
 DURATION = 1.0  # of the run [s]; init itself has tried its draft for longer

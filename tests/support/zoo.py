@@ -13,7 +13,7 @@ from scipy.linalg import null_space, qr
 import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.robots.urdf_files import example_urdfs
+from rnc_pin.robots.robot_files import example_urdfs
 from systems import reacting
 
 STATES = 3

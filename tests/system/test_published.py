@@ -6,7 +6,7 @@ import pytest
 
 import published
 from places import ROOT
-from rnc_pin.robots.urdf_files import example_urdfs
+from rnc_pin.robots.robot_files import example_urdfs
 
 PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[2]
 TABLE = {

@@ -10,7 +10,7 @@ import rnc_pin as rnc
 import zoo
 from places import ROOT
 from rnc_pin.analysis import integrability
-from rnc_pin.robots.urdf_files import example_urdfs
+from rnc_pin.robots.robot_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
 PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]

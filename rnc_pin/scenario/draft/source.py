@@ -14,14 +14,14 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
 from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
-from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.draft.driven_joints import driven_joints
 from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
-from rnc_pin.scenario.schema.robot import RobotSource
+from rnc_pin.scenario.schema.robot_source import RobotSource
 
 Lock = Mapping[str, float | list[float]]
 

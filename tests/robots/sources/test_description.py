@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.sources.packages import Packages
-from rnc_pin.robots.urdf_files import shipped_directory
 from tolerances import ROUNDING
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

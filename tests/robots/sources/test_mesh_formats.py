@@ -14,7 +14,7 @@ import pytest
 import rnc_pin as rnc
 from benchmarks import fuzz_meshes as solid
 from patience import ending_within
-from rnc_pin.robots import urdf_files
+from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_shapes
 from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh
 
@@ -59,7 +59,7 @@ def test_what_trimesh_writes_is_read(ending, tmp_path):
 
 
 def published(count):
-    root = Path(urdf_files.find_example("panda")[1])
+    root = Path(robot_files.find_example("panda")[1])
     files = [path for path in sorted(root.rglob("*")) if path.suffix.lower() in (".stl", ".dae", ".obj")]
     small = [path for path in files if path.stat().st_size < 1_000_000]
     return [small[k] for k in np.random.default_rng(0).choice(len(small), count, replace=False)]
@@ -78,7 +78,7 @@ def test_published_meshes_are_as_the_loader_of_coal_reads_them(path):
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 @pytest.mark.parametrize("name", ["panda", "ur5_robot", "tiago_no_hand", "baxter"])
 def test_the_geometry_of_robots_is_that_of_pinocchios_own_loader(name, kind):
-    path, packages = urdf_files.find_example(name)
+    path, packages = robot_files.find_example(name)
     robot = rnc.Robot.from_example(name, snap=False)
     geometry = robot.visual_model if kind == "visual" else robot.collision_model
     theirs = pin.buildGeomFromUrdf(

@@ -9,7 +9,7 @@ import yaml
 from noisy import with_noise
 from places import DIRT
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.urdf_files import example_urdfs, find_urdf, shipped_directory
+from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.scenario.builder import build_experiment
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.draft.tolerances import first_smallest
