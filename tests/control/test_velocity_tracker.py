@@ -172,16 +172,16 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
     tracker = VelocityTracker(kinematic, gains_along(reduced, kinematic, q0, 1.0))
     run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
     integrator, q, plant = LieRungeKutta4(reduced.robot), q0, ConstrainedDynamics(reduced)
-    y = plant.start(q, np.zeros(reduced.n))
+    y = plant.initial(q, np.zeros(reduced.n))
     state = tracker.initial_state(reduced.at(q, np.zeros(3)).measure())
     for sample in range(201):
-        measurement = reduced.at(q, v=plant.seen(q, y).v).measure()
+        measurement = reduced.at(q, v=plant.in_reduction(q, y).v).measure()
         command, state = tracker.step(sample * 0.002, measurement, state)
         T = reduced.allocate(q, command.F)
         np.testing.assert_array_equal(T, run.T[sample])
         np.testing.assert_array_equal(q, run.q[sample])
-        seen, y = plant.settled(q, y)
-        q, y = integrator.step(plant.rate(T), q, y, 0.002, plant.first_slope(seen, T))
+        seen, y = plant.recentre(q, y)
+        q, y = integrator.step(plant.derivative(T), q, y, 0.002, plant.derivative_at(seen, T))
 
 
 def test_stepping_twice_from_one_state_gives_one_answer():
