@@ -11,6 +11,7 @@ from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_g
 from rnc_pin.model.rows import Rows
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.run import plan
 from rnc_pin.scenario.schema.plant_settings import LoopSettings
 from systems import random_states, space_robot
 
@@ -109,6 +110,30 @@ def test_named_tuples_take_former_names_of_their_fields():
         state = LoopState(missing=inputs)
     with pytest.warns(DeprecationWarning, match="use 'input_deficit'"):
         assert state.missing is state.input_deficit is inputs
+
+
+def test_former_keywords_of_controllers():
+    reduced = space_robot()
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)))
+    force = np.ones(reduced.r)
+    with pytest.warns(DeprecationWarning, match="VelocityTracker: held: renamed, use 'gravity_compensation'"):
+        tracker = rnc.control.VelocityTracker(target, held=force)
+    with pytest.warns(DeprecationWarning, match="use 'gravity_compensation'"):
+        assert tracker.held is tracker.gravity_compensation
+    with pytest.warns(DeprecationWarning, match="use 'monitored'"):
+        rnc.control.ReducingOutputController(reduced, rnc.planning.Hold(np.zeros(reduced.r)), watched=None)
+    with pytest.warns(DeprecationWarning, match="ChainedStabilizer: fastest: renamed, use 'max_input'"):
+        assert rnc.control.ChainedStabilizer(3, fastest=2.0).max_input == 2.0
+    with pytest.warns(DeprecationWarning, match="use '(tolerance|ramp_time|max_speed)'") as warned:
+        stabilizer = rnc.control.UnicycleStabilizer(np.zeros(3), np.arange(2), close=0.1, soft=0.5, fastest=(0.3, 0.4))
+    assert len(warned) == 3
+    assert (stabilizer.tolerance, stabilizer.ramp_time, stabilizer.max_speed) == (0.1, 0.5, (0.3, 0.4))
+
+
+def test_former_key_of_a_controller():
+    with pytest.warns(DeprecationWarning, match="held: renamed, use 'gravity_compensation'"):
+        settings = plan("space-robot", {"comparisons": {}, "controller.held": True}).experiment.scenario.controller
+    assert settings.gravity_compensation is True
 
 
 def test_rows_with_former_names_are_rows():
