@@ -53,8 +53,8 @@ import rnc_pin as rnc
 from benchmarks.states import States, regular_states
 from benchmarks.timing import Measurement, in_turn, used_by, used_by_command
 from rnc_pin.scenario.builder import Experiment
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run import plan
 
 ROUNDS, BATCH, TICKS, LAUNCHES = 15, 256, 100, 5
 WIDTH = 125  # of the table, wherever it goes [characters]

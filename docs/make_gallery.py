@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
+from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
 from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.pictures import draw
-from rnc_pin.scenario.replay import view_of
-from rnc_pin.scenario.run import Plan, Result, execute, plan, write
+from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
 from rnc_pin.visualization.recording import Recording
 

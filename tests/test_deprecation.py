@@ -9,9 +9,9 @@ from rnc_pin.loop import LoopState
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.rows import Rows
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import read_yaml
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.run import plan
 from rnc_pin.scenario.schema.plant_settings import LoopSettings
 from systems import random_states, space_robot
 

@@ -9,7 +9,7 @@ from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
 from rnc_pin.analysis.linearization import Linearization, linearize
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
-from rnc_pin.analysis.redundancy import Block, Evidence, Redundancy, Spread, classify
+from rnc_pin.analysis.redundancy_class import Block, Evidence, Redundancy, Spread, classify
 from rnc_pin.analysis.regulator import lqr
 from rnc_pin.analysis.report import Report, analyze
 from rnc_pin.analysis.singularities import Singularity

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.analysis.redundancy import Spread
+from rnc_pin.analysis.redundancy_class import Spread
 from rnc_pin.analysis.singularities import Singularity
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.model.reduced_model import ReducedModel

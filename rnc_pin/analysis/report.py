@@ -11,7 +11,7 @@ from rnc_pin.analysis.boundedness import Boundedness, boundedness
 from rnc_pin.analysis.growth import GrowthEvidence
 from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
-from rnc_pin.analysis.redundancy import Redundancy, Spread, classify
+from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
 from rnc_pin.errors import SingularityError
 from rnc_pin.io.json import Json, to_json_mapping

@@ -2,6 +2,15 @@
 
 from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
+from rnc_pin.control.controller import (
+    Command,
+    Controller,
+    Describable,
+    Description,
+    KinematicController,
+    VelocityTarget,
+    describe,
+)
 from rnc_pin.control.estimation import AdaptedModel, EstimatedModel, ParametrizedCopy, Regressor
 from rnc_pin.control.estimator import Estimator
 from rnc_pin.control.gain_design import (
@@ -14,15 +23,6 @@ from rnc_pin.control.gain_design import (
 from rnc_pin.control.jacobian_transpose import JacobianTransposeController, effective_inertia
 from rnc_pin.control.momentum_regressor import MomentumRegressor, UnknownMass
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
-from rnc_pin.control.protocol import (
-    Command,
-    Controller,
-    Describable,
-    Description,
-    KinematicController,
-    VelocityTarget,
-    describe,
-)
 from rnc_pin.control.reducing import ReducingOutputController
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.control.secondary import Combined, JointLimits, Posture, Secondary, SingularityDistance

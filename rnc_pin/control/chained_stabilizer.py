@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import place_poles
 
-from rnc_pin.control.protocol import Description
+from rnc_pin.control.controller import Description
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.printing import ReprMixin

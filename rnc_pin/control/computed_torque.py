@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Description, KinematicController, command_towards, describe, listed
+from rnc_pin.control.controller import Command, Description, KinematicController, command_towards, describe, listed
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.estimation import AdaptedModel, Regressor, adapt
-from rnc_pin.control.protocol import Description, elapsed_time, listed
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement

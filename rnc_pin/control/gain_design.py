@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from rnc_pin.control.protocol import Description, listed
+from rnc_pin.control.controller import Description, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 

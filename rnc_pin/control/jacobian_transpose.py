@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rnc_pin.control.controller import Command, Description, describe
 from rnc_pin.control.position_tracker import PositionState, PositionTracker
-from rnc_pin.control.protocol import Command, Description, describe
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.measurement import Measurement

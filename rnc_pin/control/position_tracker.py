@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.control.controller import Command, Description, check_size, elapsed_time, goals_at, listed
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains
-from rnc_pin.control.protocol import Command, Description, check_size, elapsed_time, listed, spread
 from rnc_pin.control.windup import saturation_mask
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError
@@ -163,8 +163,8 @@ class PositionTracker(ReprMixin):
         size = measurement.x2.shape
         command = Command(
             F=F,
-            v2_desired=spread(xd, self.outputs, size),
-            x2_desired=spread(desired.position, self.outputs, size),
+            v2_desired=goals_at(xd, self.outputs, size),
+            x2_desired=goals_at(desired.position, self.outputs, size),
         )
         return command, PositionState(t, z, f, A, B, e)
 

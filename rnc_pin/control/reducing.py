@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -55,7 +55,7 @@ class ReducingOutputController(ReprMixin):
         desired = self.reference.at(t)
         x1 = None
         if self.monitored is not None:
-            x1 = spread(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
+            x1 = goals_at(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
         seen = deviation(self._coordinates, desired, measurement.x2, measurement.v2)
         return VelocityTarget(
             v2=seen.velocity + fed_back(self.k2, seen.error),

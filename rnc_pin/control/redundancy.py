@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.protocol import Description, VelocityTarget, check_size, describe, listed, spread
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.io.json import Json
@@ -118,8 +118,8 @@ class RedundancyController(ReprMixin):
         return VelocityTarget(
             v2=self._merge(v21, v22, batch),
             v2_dot=self._merge(v21_dot, v22_dot, batch),
-            x1=spread(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
-            x2=spread(x21d.position, task.primary, (*batch, task.r)),
+            x1=goals_at(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
+            x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
         ), None
 
     def _merge(self, first: np.ndarray, second: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:

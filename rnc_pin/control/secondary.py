@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.control.controller import Description, check_size, describe, listed
 from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.protocol import Description, check_size, describe, listed
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller, Description, State, describe
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin

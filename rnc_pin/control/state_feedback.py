@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rnc_pin.analysis.linearization import Linearization
+from rnc_pin.control.controller import Command, Description, check_size, goals_at, listed
 from rnc_pin.control.deviation import deviation
-from rnc_pin.control.protocol import Command, Description, check_size, listed, spread
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
@@ -87,7 +87,7 @@ class StateFeedback(ReprMixin):
             for k, place in self._rates:
                 x[place] = -seen.error_rate[k]
             known = [k for k, _ in self._values]  # for the other outputs only the rate matters
-            x2_desired = spread(point.position[known], of[known], v2.shape)
+            x2_desired = goals_at(point.position[known], of[known], v2.shape)
             v2_desired = linear.v2.copy()
             v2_desired[of] = seen.velocity
         return Command(T=linear.T - self.K @ x, v2_desired=v2_desired, x2_desired=x2_desired), None

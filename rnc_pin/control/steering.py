@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
-from rnc_pin.control.protocol import Description, VelocityTarget, check_size, listed, spread
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
@@ -136,12 +136,12 @@ class SteeringController(ReprMixin):
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = first.velocity + fed_back(self.k21, first.error)
         v2[..., task.redundant] = v22
-        x1 = spread(x11d.position, task.vertical, m.x1.shape)
+        x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:
             x1[..., self.monitored[0]] = self.monitored[1].at(t).position
         return VelocityTarget(
             v2=v2,
             v2_dot=v2_dot,
             x1=x1,
-            x2=spread(x21d.position, task.primary, m.x2.shape),
+            x2=goals_at(x21d.position, task.primary, m.x2.shape),
         ), state

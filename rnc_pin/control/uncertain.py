@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.control.estimator import Estimator, EstimatorState, with_estimated_kinematics
-from rnc_pin.control.protocol import Command, Controller, Description, State, describe
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
 

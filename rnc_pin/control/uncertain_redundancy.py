@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rnc_pin.control.controller import Description, VelocityTarget
 from rnc_pin.control.estimation import Regressor
 from rnc_pin.control.estimator import BOUNDS, Bounds, Estimator, EstimatorState, with_estimated_kinematics
-from rnc_pin.control.protocol import Description, VelocityTarget
 from rnc_pin.control.redundancy import RedundancyController
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel

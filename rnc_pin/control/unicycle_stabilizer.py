@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.protocol import Description, VelocityTarget, listed
+from rnc_pin.control.controller import Description, VelocityTarget, listed
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped

@@ -8,9 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.dead_zone import apply_dead_zone
-from rnc_pin.control.gain_design import VelocityGains
-from rnc_pin.control.protocol import (
+from rnc_pin.control.controller import (
     Command,
     Description,
     KinematicController,
@@ -20,6 +18,8 @@ from rnc_pin.control.protocol import (
     elapsed_time,
     listed,
 )
+from rnc_pin.control.dead_zone import apply_dead_zone
+from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.control.windup import saturation_mask
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.math.linear_algebra import apply

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, State, VelocityTarget
+from rnc_pin.control.controller import Command, State, VelocityTarget
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.reduced_model import ReducedModel

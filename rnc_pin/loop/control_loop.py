@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.control.controller import Command, Controller
 from rnc_pin.deprecation import former_keywords, former_name, keep_former_attributes
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.loop.command import input_of, unpack_step

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.control.protocol import Controller
+from rnc_pin.control.controller import Controller
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.protocol import Controller, State
+from rnc_pin.control.controller import Controller, State
 from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
 from rnc_pin.loop.command import input_of, unpack_step
 from rnc_pin.loop.loop_state import LoopState

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
-from rnc_pin.model.independence import ROUNDING, TOLERANCE, row_scales, select_independent
+from rnc_pin.model.independence import ROUNDING, TOLERANCE, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
@@ -201,7 +201,7 @@ class Assembly:
             return set()
         whole = [np.stack([sample[k] for sample in found]) for k in range(len(self._places))]
         samples = np.concatenate([each[:, rows] for each, (_, rows) in zip(whole, self._places, strict=True)], axis=1)
-        lengths = [row_scales(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
+        lengths = [block_row_scales(block, each)[rows] for each, (block, rows) in zip(whole, self._places, strict=True)]
         try:
             dropped = select_independent(samples, self.names, lengths=np.concatenate(lengths)).dropped
         except ConstraintError:
@@ -215,7 +215,7 @@ class Assembly:
             return []
         samples = np.stack([whole for (whole,) in found])
         size = np.linalg.norm(samples, axis=-1).max(axis=0)
-        return [row for row in rows if size[row] > max(1e-12, ROUNDING * row_scales(block, samples)[row])]
+        return [row for row in rows if size[row] > max(1e-12, ROUNDING * block_row_scales(block, samples)[row])]
 
     def _samples_of(self, places: Sequence[tuple[Rows, list[int]]]) -> list[list[np.ndarray]]:
         """All rows of some blocks at random configurations, which need not satisfy the rows."""

@@ -97,7 +97,7 @@ def select_independent(
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
 
-def row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
+def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     """Reference length of each row of a block, (k,): the longest row with the same unit; 0 if none is holonomic.
 
     Args:

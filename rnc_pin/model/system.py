@@ -14,8 +14,7 @@ from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.conservation import check_actuators, check_reactions
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
-from rnc_pin.model.independence import Selection, select_independent
-from rnc_pin.model.independence import row_scales as row_scales_beside
+from rnc_pin.model.independence import Selection, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.reduced_model import ReducedModel
@@ -255,7 +254,7 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
 
 def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:
     """Reference length of each row, relative to which it counts as zero, (k,)."""
-    return np.concatenate([np.zeros(0), *(row_scales_beside(block, samples[:, at]) for block, at, _ in rows.places)])
+    return np.concatenate([np.zeros(0), *(block_row_scales(block, samples[:, at]) for block, at, _ in rows.places)])
 
 
 def _not_implied(couplings: Sequence[CouplingRow], robot: Robot, blocks: Sequence[Rows]) -> list[CouplingRow]:

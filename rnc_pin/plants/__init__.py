@@ -3,7 +3,7 @@
 from rnc_pin.deprecation import former_exports
 from rnc_pin.plants.changing import ChangingPlant
 from rnc_pin.plants.faults import Faults, FaultyPlant
-from rnc_pin.plants.protocol import Plant
+from rnc_pin.plants.plant import Plant
 from rnc_pin.plants.reduced import ReducedPlant
 
 __all__ = ["ChangingPlant", "Faults", "FaultyPlant", "Plant", "ReducedPlant"]

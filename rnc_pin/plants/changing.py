@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.plants.protocol import Plant, energy_minus_work
+from rnc_pin.plants.plant import Plant, energy_minus_work
 
 
 class ChangingPlant:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants.protocol import Plant, energy_minus_work
+from rnc_pin.plants.plant import Plant, energy_minus_work
 
 
 @dataclass(frozen=True)

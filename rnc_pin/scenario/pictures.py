@@ -11,8 +11,8 @@ import numpy as np
 
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
-from rnc_pin.scenario.replay import view_of
-from rnc_pin.scenario.run import Plan, Result
+from rnc_pin.scenario.execution import Plan, Result
+from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.scenario import PlotSettings
 from rnc_pin.visualization.plot_style import save
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view

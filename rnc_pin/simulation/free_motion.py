@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.control.protocol import Command
+from rnc_pin.control.controller import Command
 from rnc_pin.errors import DivergenceError, InputError, SingularityError
 from rnc_pin.integrators import AdaptiveIntegrator
 from rnc_pin.io.json import Json

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.analysis import NormalForces
-from rnc_pin.control.protocol import Command
+from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.reduced_model import ReducedModel

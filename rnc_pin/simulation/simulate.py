@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, Controller
+from rnc_pin.control.controller import Command, Controller
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
 from rnc_pin.loop.options import admit_controller, admit_model, type_name

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.protocol import Command, State
+from rnc_pin.control.controller import Command, State
 from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json

@@ -16,9 +16,9 @@ import yaml
 
 from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.robot_files import shipped_directory
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.pictures import draw, picture_names
-from rnc_pin.scenario.run import execute, plan
 from terminal import results
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"

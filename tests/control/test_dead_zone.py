@@ -11,7 +11,7 @@ from rnc_pin.control import PositionGains, PositionTracker, VelocityGains, Veloc
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.control.controller import check_size, elapsed_time
 from rnc_pin.control.deviation import fed_back
-from rnc_pin.control.protocol import check_size, elapsed_time
 from rnc_pin.planning import Hold
 
 

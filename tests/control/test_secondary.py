@@ -20,8 +20,8 @@ from rnc_pin.control import (
 )
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.run import plan
 from systems import (
     mobile_manipulator,
     random_states,

@@ -18,7 +18,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from systems import (
     fire_truck,
 )

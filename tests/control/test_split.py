@@ -11,10 +11,10 @@ from rnc_pin.control import (
     PositionTracker,
     SplitController,
 )
-from rnc_pin.control.protocol import Command
+from rnc_pin.control.controller import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 
 
 class Part:

@@ -18,9 +18,9 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.scenario.builder import build_experiment
+from rnc_pin.scenario.execution import execute, plan, write
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.replay import load_run
-from rnc_pin.scenario.run import execute, plan, write
+from rnc_pin.scenario.saved_run import load_run
 from textbook_systems import acrobot, wheeled_pendulum
 
 COST = {"pitch": 20.0, "base_yaw": 5.0, "base_speed_x": 5.0, "pitch_dot": 1.0, "base_yaw_dot": 1.0}

@@ -20,8 +20,8 @@ from rnc_pin.control import (
 from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from rnc_pin.robots.robot_files import find_urdf
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.run import execute, plan
 from systems import free_flying_panda, random_states, space_robot
 from tolerances import ROUNDING
 

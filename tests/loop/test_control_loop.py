@@ -13,7 +13,7 @@ from rnc_pin.control import Command
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimate, VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.execution import plan
 
 DT = 0.01
 GOAL = np.array([1.0, 0.5])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.independence import _candidates, _choose, row_scales, select_independent
+from rnc_pin.model.independence import _candidates, _choose, block_row_scales, select_independent
 
 TOLERANCE, ROUNDING = 1e-8, 1e-5  # sines of angles below which rows are dependent, and dependent but for rounding
 
@@ -70,7 +70,7 @@ def test_a_row_is_short_beside_rows_of_its_own_unit():
     block = SimpleNamespace(units=("m/s", "rad/s", "m/s", "rad/s"), holonomic=(True, False, False, False))
     samples = np.zeros((2, 4, 3))
     samples[0, :, 0], samples[1, :, 1] = (0.3, 4.0, 0.1, 2.0), (0.2, 1.0, 0.5, 7.0)
-    np.testing.assert_array_equal(row_scales(block, samples), [0.5, 7.0, 0.5, 7.0])
+    np.testing.assert_array_equal(block_row_scales(block, samples), [0.5, 7.0, 0.5, 7.0])
 
 
 def test_rows_that_rounding_leaves_may_demand_what_differs_by_as_much():
@@ -236,6 +236,6 @@ def test_a_row_is_short_beside_the_longest_of_its_unit():
     block = SimpleNamespace(units=("m/s", "rad/s", "m/s"), holonomic=(False, False, True))
     samples = np.zeros((2, 3, 2))
     samples[0, 0], samples[1, 1], samples[1, 2] = [3, 4], [0, 0.5], [1, 0]
-    np.testing.assert_array_equal(row_scales(block, samples), [5.0, 0.5, 5.0])
+    np.testing.assert_array_equal(block_row_scales(block, samples), [5.0, 0.5, 5.0])
     block.holonomic = (False,) * 3
-    np.testing.assert_array_equal(row_scales(block, samples), [0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(block_row_scales(block, samples), [0.0, 0.0, 0.0])

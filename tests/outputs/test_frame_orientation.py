@@ -16,7 +16,7 @@ from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.outputs import FrameOrientation
 from rnc_pin.planning import Geodesic, Harmonic, Hold, MinimumJerk
-from rnc_pin.scenario.schema.references import MinimumJerkReference
+from rnc_pin.scenario.schema.reference_settings import MinimumJerkReference
 from systems import free_flying_panda, random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 

@@ -12,7 +12,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.plants import ChangingPlant, FaultyPlant, ReducedPlant
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from systems import mobile_manipulator
 
 DT = 0.01

@@ -13,8 +13,8 @@ from rnc_pin.analysis.differences import gradient
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
 from rnc_pin.planning import Hold, TaskReference
 from rnc_pin.scenario.draft import draft
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
-from rnc_pin.scenario.run import execute, plan
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")

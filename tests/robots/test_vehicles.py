@@ -6,7 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from textbook_systems import tractor_trailers
 
 

@@ -8,10 +8,10 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.run import plan
-from rnc_pin.scenario.sweep import draw, drawn_keys
+from rnc_pin.scenario.seeded_sweep import draw, drawn_keys
 
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
 SPACE_ROBOT = with_options(

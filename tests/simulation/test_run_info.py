@@ -14,9 +14,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import find_scenario
-from rnc_pin.scenario.replay import load_run
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames, trajectory
 from rnc_pin.simulation.run_info import provenance_of
 from simple_controllers import Idle
@@ -248,7 +248,7 @@ def test_the_bits_of_a_run_do_not_depend_on_where_the_package_is(tmp_path):
     copied = shutil.copytree(package, tmp_path / "copy" / "rnc_pin", ignore=ignored)
     shutil.copytree(shipped_directory(), copied / "urdf")
     script = (
-        "import sys; from rnc_pin.scenario.run import execute, plan; import rnc_pin; print(rnc_pin.__file__);"
+        "import sys; from rnc_pin.scenario.execution import execute, plan; import rnc_pin; print(rnc_pin.__file__);"
         "execute(plan('fire-truck', {'simulation.duration': 0.05, 'comparisons': {}})).trajectory.save(sys.argv[1])"
     )
     contents = []

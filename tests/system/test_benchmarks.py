@@ -9,7 +9,7 @@ from cosmic_ray import work_item
 
 from benchmarks import mutation, reduction
 from benchmarks.states import regular_states
-from rnc_pin.scenario.run import plan
+from rnc_pin.scenario.execution import plan
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}

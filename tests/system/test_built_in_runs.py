@@ -2,8 +2,8 @@
 
 import pytest
 
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run import execute, plan
 
 PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a tenth more
     "space-robot": {"tip_x": 0.26, "tip_y": 0.08, "platform": 0.03},

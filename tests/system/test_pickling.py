@@ -9,8 +9,8 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run import plan
 
 BARE = {"comparisons": {}, "plots": {}}
 

@@ -3,8 +3,8 @@
 import pytest
 
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.scenario.run import plan
-from rnc_pin.scenario.sweep import one_run
+from rnc_pin.scenario.execution import plan
+from rnc_pin.scenario.seeded_sweep import one_run
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {

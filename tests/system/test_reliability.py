@@ -10,7 +10,7 @@ import pytest
 from benchmarks import campaign, plants, soak
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, one, prepared, reference
 from places import ROOT
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 
 
 @pytest.mark.parametrize("name", ["space-robot", "mobile-manipulator", "wheels-uncertain", "snakeboard"])

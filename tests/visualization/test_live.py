@@ -22,7 +22,7 @@ from browsing import listening
 from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow, in_order

@@ -17,7 +17,7 @@ from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import PATIENCE, changed, opened, visit
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.visualization import capture, plot_style
 from rnc_pin.visualization.interactive import write_plots
 from rnc_pin.visualization.panels import learning_panels, panels, split_names

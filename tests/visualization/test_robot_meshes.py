@@ -22,7 +22,7 @@ from places import DIRT
 from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
 from rnc_pin.scenario import pictures
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_model import DrawnModel

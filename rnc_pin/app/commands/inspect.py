@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rnc_pin.analysis import analyze
+from rnc_pin.app.analysis_tables import print_report
 from rnc_pin.app.messages import print_json
-from rnc_pin.app.report import print_report
 from rnc_pin.app.sentences import sentences
 from rnc_pin.scenario.builder import build_reduced, build_task
 from rnc_pin.scenario.files import apply_options, find_scenario, parse_options, read_yaml

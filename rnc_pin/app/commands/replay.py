@@ -11,7 +11,7 @@ from rnc_pin.app.new_file import check_new_file
 from rnc_pin.app.tables import print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.scenario.replay import Run, compared, load_run, record, view_of
+from rnc_pin.scenario.saved_run import Run, compared, load_run, record, view_of
 from rnc_pin.simulation import summarize
 from rnc_pin.visualization.capture import write_frames, write_video
 from rnc_pin.visualization.drawn_state import recorded_states

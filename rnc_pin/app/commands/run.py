@@ -14,11 +14,11 @@ from rnc_pin.app.tables import print_elapsed, print_files, print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
+from rnc_pin.scenario.execution import Plan, Result, data_names, execute, plan, write
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.pictures import Drawn, draw, picture_names
-from rnc_pin.scenario.replay import view_of
-from rnc_pin.scenario.run import Plan, Result, data_names, execute, plan, write
+from rnc_pin.scenario.saved_run import view_of
 
 
 def run_scenario(

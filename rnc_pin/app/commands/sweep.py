@@ -15,7 +15,7 @@ from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.io.json import dump_json
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
-from rnc_pin.scenario.sweep import drawn_keys, run_files, run_folders, sweep
+from rnc_pin.scenario.seeded_sweep import drawn_keys, run_files, run_folders, sweep
 from rnc_pin.scenario.sweep_table import Row, sweep_statistics, write_table
 
 _TABLES = 100  # tables written during a sweep, so that an abort loses little

@@ -25,8 +25,8 @@ from rnc_pin.scenario.draft.regular_start import with_regular_inertia
 from rnc_pin.scenario.draft.source import Source
 from rnc_pin.scenario.draft.trial import FAR, Trial, worst_output
 from rnc_pin.scenario.draft.yaml_text import Drafted, write_draft
+from rnc_pin.scenario.execution import Plan, execute
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.run import Plan, execute
 from rnc_pin.simulation import Outcome, Trajectory
 
 _LEAN = 0.05  # [rad]

@@ -14,7 +14,7 @@ from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
 from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
-from rnc_pin.scenario.schema.references import References
+from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
 from rnc_pin.scenario.schema.simulation_settings import GripSettings, SimulationSettings
 from rnc_pin.visualization.view import View

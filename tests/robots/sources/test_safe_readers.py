@@ -14,14 +14,14 @@ import pytest
 
 import rnc_pin as rnc
 from patience import ending_within
-from rnc_pin.app.report import print_report
+from rnc_pin.app.analysis_tables import print_report
 from rnc_pin.app.tables import print_summary
 from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
-from rnc_pin.scenario.replay import load_run
+from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshcat_robot import MeshVisualizer
 

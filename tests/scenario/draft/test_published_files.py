@@ -6,8 +6,8 @@ import pytest
 from places import DIRT
 from rnc_pin.errors import ModelError
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
-from rnc_pin.scenario.run import execute, plan
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 

@@ -7,8 +7,8 @@ import pytest
 
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.draft.driven_joints import driven_joints
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
-from rnc_pin.scenario.run import execute, plan
 
 INERTIA = (
     '<inertial><origin xyz="{at}"/><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'

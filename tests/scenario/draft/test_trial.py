@@ -5,8 +5,8 @@ import pytest
 
 from rnc_pin.errors import ModelWarning
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
-from rnc_pin.scenario.run import execute, plan
 
 
 def upright_arm():

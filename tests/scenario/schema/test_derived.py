@@ -16,7 +16,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.json_schema import schema
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.replay import view_of
+from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
 from rnc_pin.visualization.view import View
 

@@ -13,9 +13,9 @@ from joblib.externals.loky import get_reusable_executor
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io.json import Json
+from rnc_pin.scenario.execution import data_names, execute, plan, write
 from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.run import data_names, execute, plan, write
 from rnc_pin.scenario.sweep_table import Row
 from rnc_pin.scenario.sweep_worker import exit_with_parent
 

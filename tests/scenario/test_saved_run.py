@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rnc_pin.scenario.run import execute, plan
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.visualization import capture
 
 SHORT = ["--set", "simulation.duration=0.5", "--set", "simulation.dt=0.01"]

@@ -9,8 +9,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin import control
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
+from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run import plan
 from systems import space_robot
 
 CONTROLLERS = [

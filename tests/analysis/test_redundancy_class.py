@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
-from rnc_pin.analysis.redundancy import _decide, _full_row_rank
+from rnc_pin.analysis.redundancy_class import _decide, _full_row_rank
 from systems import (
     fire_truck,
     space_robot,
