@@ -1,0 +1,1244 @@
+/* Evaluation of a reduced model at states: the formulas of rnc_pin/model/, for the kinds of rows that the package has.
+
+   Notation is that of docs/theory: E = [A; J2], E^-1 = [.., R], v = E^-1 [mu; v2], gamma = Edot v - [mudot; 0].
+   All matrices are stored by rows. A twist or wrench is (linear, angular), about the origin of the world and in its
+   axes. Every row of E and J1 is W^T J on one or two frames, where W is a wrench and J the Jacobian of the frame's
+   joint; its rate is Wdot^T J + W^T Jdot. Exceptions: constant rows, momenta (rows of M), Ackermann rows, and rows of
+   the user, whose values come from Python.
+
+   Memory: sizes are checked when an Evaluator is made. Each method checks the byte length of each array that it gets.
+   Pinocchio is called through its Python functions, with a pin.Data that belongs to the Evaluator alone. */
+
+#define Py_LIMITED_API 0x030b0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define INTERFACE 1 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTEGERS 8  /* of a row: kind, first and second frame, five more */
+#define NUMBERS 12  /* of a row */
+#define FLAT 1e-6   /* sine below which an axis counts as vertical */
+#define TOGETHER 1e-9 /* distance below which frames coincide [m] */
+
+enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN, KINDS };
+
+typedef struct {
+    long kind, a, b, i[5];
+    double w[NUMBERS];
+} Row;
+
+typedef struct {
+    long joint;
+    double R[9], p[3];
+} Frame; /* placement on its joint */
+
+typedef struct {
+    double R[9], p[3];       /* placement in the world */
+    double V[6], A[6];       /* twist about the world's origin, and its rate at zero joint acceleration */
+    double v[3];             /* velocity of the frame's origin */
+} Motion;
+
+typedef struct {
+    long joint;
+    double p[3], f[3], m[3];    /* force f at the point p, and torque m */
+    double pd[3], fd[3], md[3]; /* their rates */
+} Wrench;
+
+typedef struct {
+    PyObject_HEAD
+    Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
+    Py_ssize_t external, external_vertical; /* rows of the user in E and in J1 */
+    int normalized, fused, rates_need_C, ready;
+    Row *rows;               /* of E, then of J1, then of inputs on frames */
+    Py_ssize_t count;        /* number of rows */
+    long *columns;           /* columns of B of the inputs on frames */
+    Frame *frame;
+    long *support, *start;   /* entries of v that move each joint */
+    double *constant;        /* constant rows of E and J1 (n + k, n) */
+    double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
+    double fast_length, fast_limit;
+    Py_ssize_t work;         /* size of the part of scratch for work; states of one call follow */
+    Motion *motion;
+    double *scratch;
+    PyObject *refs;          /* tuple of Python objects, see below */
+    Py_buffer views[8];      /* M, J, dJ, nle, C, placements, q, v */
+    int open;                /* number of views */
+} Evaluator;
+
+enum { V_M, V_J, V_DJ, V_NLE, V_C, V_PLACES, V_Q, V_V, VIEWS };
+enum { P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, REFS };
+
+/* ------------------------------------------------------------------ small vectors */
+
+static void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(const double *a, const double *b, Py_ssize_t n)
+{
+    double sum = 0.0;
+    for (Py_ssize_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+static void add(double *restrict out, double factor, const double *restrict x, Py_ssize_t n)
+{
+    for (Py_ssize_t i = 0; i < n; i++) out[i] += factor * x[i];
+}
+
+static void turn(const double *R, const double *x, double *out) /* R x */
+{
+    for (int i = 0; i < 3; i++) out[i] = dot(R + 3 * i, x, 3);
+}
+
+static int all_finite(const double *x, Py_ssize_t n)
+{
+    double sum = 0.0;
+    for (Py_ssize_t i = 0; i < n; i++) sum += x[i] - x[i]; /* 0 unless not finite */
+    return sum == 0.0;
+}
+
+/* ------------------------------------------------------------------ small matrices */
+
+/* out (a, c) = left (a, b) right (b, c); rows of both may be longer than their columns */
+static void multiply(const double *left, Py_ssize_t ldl, const double *right, Py_ssize_t ldr, double *out,
+                     Py_ssize_t a, Py_ssize_t b, Py_ssize_t c)
+{
+    memset(out, 0, (size_t)(a * c) * sizeof(double));
+    for (Py_ssize_t i = 0; i < a; i++)
+        for (Py_ssize_t j = 0; j < b; j++)
+            if (left[i * ldl + j] != 0.0) add(out + i * c, left[i * ldl + j], right + j * ldr, c);
+}
+
+/* out (a, c) = left^T right with left (b, a), right (b, c) */
+static void multiply_transposed(const double *left, Py_ssize_t ldl, const double *right, Py_ssize_t ldr, double *out,
+                                Py_ssize_t a, Py_ssize_t b, Py_ssize_t c)
+{
+    memset(out, 0, (size_t)(a * c) * sizeof(double));
+    for (Py_ssize_t j = 0; j < b; j++)
+        for (Py_ssize_t i = 0; i < a; i++)
+            if (left[j * ldl + i] != 0.0) add(out + i * c, left[j * ldl + i], right + j * ldr, c);
+}
+
+/* inverse of (n, n) by LU factorization with row pivoting; false if it is singular. work: n * n */
+static int invert(const double *matrix, double *out, double *work, Py_ssize_t n)
+{
+    memcpy(work, matrix, (size_t)(n * n) * sizeof(double));
+    memset(out, 0, (size_t)(n * n) * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++) out[i * n + i] = 1.0;
+    for (Py_ssize_t c = 0; c < n; c++) {
+        Py_ssize_t best = c;
+        for (Py_ssize_t i = c + 1; i < n; i++)
+            if (fabs(work[i * n + c]) > fabs(work[best * n + c])) best = i;
+        if (!(fabs(work[best * n + c]) > 0.0)) return 0;
+        if (best != c)
+            for (Py_ssize_t j = 0; j < n; j++) {
+                double kept = work[c * n + j];
+                work[c * n + j] = work[best * n + j], work[best * n + j] = kept;
+                kept = out[c * n + j], out[c * n + j] = out[best * n + j], out[best * n + j] = kept;
+            }
+        double reciprocal = 1.0 / work[c * n + c];
+        for (Py_ssize_t i = c + 1; i < n; i++) {
+            if (work[i * n + c] == 0.0) continue;
+            double factor = -work[i * n + c] * reciprocal;
+            add(work + i * n + c, factor, work + c * n + c, n - c);
+            add(out + i * n, factor, out + c * n, n);
+        }
+    }
+    for (Py_ssize_t i = n - 1; i >= 0; i--) {
+        double reciprocal = 1.0 / work[i * n + i];
+        for (Py_ssize_t j = i + 1; j < n; j++)
+            if (work[i * n + j] != 0.0) add(out + i * n, -work[i * n + j], out + j * n, n);
+        for (Py_ssize_t j = 0; j < n; j++) out[i * n + j] *= reciprocal;
+    }
+    return 1;
+}
+
+/* x <- H^-1 x for symmetric positive definite H (r, r); false if it is not. work: r * r */
+static int solve_positive_definite(const double *H, double *x, double *work, Py_ssize_t r)
+{
+    for (Py_ssize_t i = 0; i < r; i++) {
+        for (Py_ssize_t j = 0; j <= i; j++) {
+            double rest = H[j * r + i] - dot(work + i * r, work + j * r, j);
+            if (i > j)
+                work[i * r + j] = rest / work[j * r + j];
+            else if (rest > 0.0)
+                work[i * r + i] = sqrt(rest);
+            else
+                return 0;
+        }
+        x[i] = (x[i] - dot(work + i * r, x, i)) / work[i * r + i];
+    }
+    for (Py_ssize_t i = r - 1; i >= 0; i--) {
+        for (Py_ssize_t j = i + 1; j < r; j++) x[i] -= work[j * r + i] * x[j];
+        x[i] /= work[i * r + i];
+    }
+    return all_finite(x, r);
+}
+
+/* ------------------------------------------------------------------ frames */
+
+/* placements of all frames, from those of the joints (joints, 12): rotation by columns, then translation */
+static void place(Evaluator *ev, const double *places)
+{
+    for (Py_ssize_t f = 0; f < ev->frames; f++) {
+        const Frame *on = ev->frame + f;
+        const double *joint = places + 12 * on->joint;
+        Motion *out = ev->motion + f;
+        for (int i = 0; i < 3; i++) {
+            double x = joint[i], y = joint[3 + i], z = joint[6 + i];
+            for (int j = 0; j < 3; j++) out->R[3 * i + j] = x * on->R[j] + y * on->R[3 + j] + z * on->R[6 + j];
+            out->p[i] = x * on->p[0] + y * on->p[1] + z * on->p[2] + joint[9 + i];
+        }
+    }
+}
+
+/* velocities of all frames; accelerations too if dJ is given */
+static void move(Evaluator *ev, const double *J, const double *dJ, const double *v)
+{
+    Py_ssize_t n = ev->n;
+    for (Py_ssize_t f = 0; f < ev->frames; f++) {
+        Motion *out = ev->motion + f;
+        long joint = ev->frame[f].joint;
+        for (int i = 0; i < 6; i++) {
+            double velocity = 0.0, acceleration = 0.0;
+            for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
+                long c = ev->support[s];
+                velocity += J[i * n + c] * v[c];
+                if (dJ) acceleration += dJ[i * n + c] * v[c];
+            }
+            out->V[i] = velocity, out->A[i] = acceleration;
+        }
+        cross(out->V + 3, out->p, out->v);
+        for (int i = 0; i < 3; i++) out->v[i] += out->V[i];
+    }
+}
+
+/* ------------------------------------------------------------------ wrenches of the rows */
+
+static void along(Wrench *out, const Motion *at) /* attached to the frame, fixed in the world's axes */
+{
+    memset(out->f, 0, 6 * sizeof(double)); /* f and m follow each other */
+    memset(out->fd, 0, 6 * sizeof(double));
+    memcpy(out->p, at->p, 3 * sizeof(double));
+    memcpy(out->pd, at->v, 3 * sizeof(double));
+}
+
+/* Rolling, lateral and vertical rows of RollingWheel, combined with the weights w[4:7]; see rolling_wheel.py. */
+static int wheel(const Row *row, const Motion *at, Wrench *out)
+{
+    double a[3], da[3], r = row->w[0], c0 = row->w[4], c1 = row->w[5], c2 = row->w[6];
+    const double *w = at->V + 3;
+    turn(at->R, row->w + 1, a);
+    double x = a[0], y = a[1], z = a[2], square = x * x + y * y, s = sqrt(square);
+    if (!(s >= FLAT)) return 0;
+    double hx = y / s, hy = -x / s, rate = w[2] - z * (x * w[0] + y * w[1]) / square;
+    cross(w, a, da);
+    double dhx = -rate * hy, dhy = rate * hx;
+    out->f[0] = c0 * hx - c1 * hy, out->f[1] = c0 * hy + c1 * hx, out->f[2] = c2;
+    out->m[0] = r * (-c0 * x + c1 * y + c2 * z * hx);
+    out->m[1] = r * (-c0 * y - c1 * x + c2 * z * hy);
+    out->m[2] = -r * c0 * z;
+    out->fd[0] = c0 * dhx - c1 * dhy, out->fd[1] = c0 * dhy + c1 * dhx;
+    out->md[0] = r * (-c0 * da[0] + c1 * da[1] + c2 * (da[2] * hx + z * dhx));
+    out->md[1] = r * (-c0 * da[1] - c1 * da[0] + c2 * (da[2] * hy + z * dhy));
+    out->md[2] = -r * c0 * da[2];
+    return 1;
+}
+
+/* Yaw or tilt of one of the frame's axes, i[0]; see frame_yaw.py and frame_tilt.py. */
+static int angle(const Row *row, const Motion *at, Wrench *out)
+{
+    double d[3] = {at->R[row->i[0]], at->R[3 + row->i[0]], at->R[6 + row->i[0]]}, rate[3];
+    double x = d[0], y = d[1], z = d[2], square = x * x + y * y, level = sqrt(square);
+    if (!(level >= FLAT)) return 0;
+    cross(at->V + 3, d, rate);
+    if (row->kind == YAW) {
+        double grows = 2 * (x * rate[0] + y * rate[1]) / square;
+        out->m[0] = -z * x / square, out->m[1] = -z * y / square, out->m[2] = 1.0;
+        out->md[0] = (z * x * grows - rate[2] * x - z * rate[0]) / square;
+        out->md[1] = (z * y * grows - rate[2] * y - z * rate[1]) / square;
+    } else {
+        double grows = z * rate[2] / square;
+        out->m[0] = y / level, out->m[1] = -x / level;
+        out->md[0] = (rate[1] + y * grows) / level, out->md[1] = -(rate[0] + x * grows) / level;
+    }
+    return 1;
+}
+
+static void reverse(Wrench *out, const Wrench *from)
+{
+    memcpy(out->p, from->p, sizeof(double) * 18);
+    for (int i = 0; i < 3; i++) {
+        out->f[i] = -from->f[i], out->m[i] = -from->m[i];
+        out->fd[i] = -from->fd[i], out->md[i] = -from->md[i];
+    }
+}
+
+/* Rate of the distance from frame a to frame b. */
+static int distance(const Motion *a, const Motion *b, Wrench *out)
+{
+    double d[3], rate[3];
+    for (int i = 0; i < 3; i++) d[i] = b->p[i] - a->p[i], rate[i] = b->v[i] - a->v[i];
+    double length = sqrt(dot(d, d, 3)), grows = 0.0;
+    if (!(length >= TOGETHER)) return 0;
+    for (int i = 0; i < 3; i++) grows += d[i] * rate[i] / length;
+    for (int i = 0; i < 3; i++) {
+        out->f[i] = d[i] / length;
+        out->fd[i] = (rate[i] - out->f[i] * grows) / length;
+    }
+    return 1;
+}
+
+/* Component i[0] of the motion of b relative to a, in the axes of a, at the origin of a (CLOSURE) or of b (POINT). */
+static void closure(const Row *row, const Motion *a, const Motion *b, Wrench *out)
+{
+    long i = row->i[0];
+    double *form = i < 3 ? out->f : out->m, *rate = i < 3 ? out->fd : out->md;
+    for (int j = 0; j < 3; j++) form[j] = a->R[3 * j + i % 3];
+    cross(a->V + 3, form, rate);
+    const Motion *point = row->kind == POINT ? b : a;
+    memcpy(out->p, point->p, sizeof out->p);
+    memcpy(out->pd, point->v, sizeof out->pd);
+}
+
+/* Wrenches of a row on its frames; returns their number, 0 for a row that is not defined here, -1 for other rows. */
+static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
+{
+    if (row->kind < WORLD || row->kind > POINT) return -1;
+    const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
+    out[0].joint = ev->frame[row->a].joint;
+    along(out, a);
+    switch (row->kind) {
+    case WORLD:
+        memcpy(out->f, row->w, 3 * sizeof(double));
+        memcpy(out->m, row->w + 3, 3 * sizeof(double));
+        return 1;
+    case OWN:
+        turn(a->R, row->w, out->f);
+        turn(a->R, row->w + 3, out->m);
+        cross(a->V + 3, out->f, out->fd);
+        cross(a->V + 3, out->m, out->md);
+        return 1;
+    case WHEEL:
+        return wheel(row, a, out);
+    case YAW:
+    case TILT:
+        return angle(row, a, out);
+    }
+    out[0].joint = ev->frame[row->b].joint;
+    out[1].joint = ev->frame[row->a].joint;
+    if (row->kind == DISTANCE) {
+        along(out, b);
+        if (!distance(a, b, out)) return 0;
+        reverse(out + 1, out);
+        memcpy(out[1].p, a->p, sizeof out->p);
+        memcpy(out[1].pd, a->v, sizeof out->pd);
+    } else {
+        closure(row, a, b, out);
+        reverse(out + 1, out);
+    }
+    return 2;
+}
+
+static void about_origin(const Wrench *of, double *W)
+{
+    memcpy(W, of->f, 3 * sizeof(double));
+    cross(of->p, of->f, W + 3);
+    for (int i = 0; i < 3; i++) W[3 + i] += of->m[i];
+}
+
+static void rate_about_origin(const Wrench *of, double *W)
+{
+    double moved[3];
+    memcpy(W, of->fd, 3 * sizeof(double));
+    cross(of->p, of->fd, W + 3);
+    cross(of->pd, of->f, moved);
+    for (int i = 0; i < 3; i++) W[3 + i] += of->md[i] + moved[i];
+}
+
+/* row += W^T J of a joint */
+static void project(const Evaluator *ev, const double *W, long joint, const double *J, double *row)
+{
+    Py_ssize_t n = ev->n;
+    for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
+        const double *column = J + ev->support[s];
+        double sum = 0.0;
+        for (int i = 0; i < 6; i++) sum += W[i] * column[i * n];
+        row[ev->support[s]] += sum;
+    }
+}
+
+/* ------------------------------------------------------------------ other rows */
+
+/* Momentum row i[1] of the joint a whose entries of v start at i[0]. If i[2] has bits, the joint allows these components
+   of a spatial velocity; the momentum is transformed to the joint's fixed frame, by the placement w of the world in it.
+   Returns the size of the block; X are the factors of its rows of M, X_rate their rates. */
+static int momentum(const Row *row, const double *places, const double *v, double *X, double *X_rate)
+{
+    memset(X, 0, 6 * sizeof(double));
+    memset(X_rate, 0, 6 * sizeof(double));
+    if (!row->i[2]) {
+        X[row->i[1]] = 1.0;
+        return (int)row->i[3];
+    }
+    int of[6], size = 0;
+    for (int c = 0; c < 6; c++)
+        if (row->i[2] >> c & 1) of[size++] = c;
+    const double *joint = places + 12 * row->a;
+    double R[9], p[3], full[6], spatial[6] = {0.0}, turned[6];
+    for (int i = 0; i < 3; i++) { /* placement of the body in the fixed frame */
+        for (int j = 0; j < 3; j++) R[3 * i + j] = dot(row->w + 3 * i, joint + 3 * j, 3);
+        p[i] = dot(row->w + 3 * i, joint + 9, 3) + row->w[9 + i];
+    }
+    int c = of[row->i[1]]; /* row c of the dual action matrix [R 0; p x R, R] */
+    for (int j = 0; j < 3; j++) {
+        double column[3] = {R[j], R[3 + j], R[6 + j]}, moment[3];
+        cross(p, column, moment);
+        full[j] = c < 3 ? column[c] : moment[c - 3];
+        full[3 + j] = c < 3 ? 0.0 : column[c - 3];
+    }
+    for (int j = 0; j < size; j++) X[j] = full[of[j]];
+    if (v) { /* times the dual action [w x, 0; v x, w x] of the body's velocity, restricted to the block */
+        double kept[6] = {0.0}, part[3];
+        for (int j = 0; j < size; j++) spatial[of[j]] = v[row->i[0] + j], kept[of[j]] = X[j];
+        cross(kept, spatial + 3, turned); /* x^T (w x) = (x x w)^T */
+        cross(kept + 3, spatial, part);
+        cross(kept + 3, spatial + 3, turned + 3);
+        for (int j = 0; j < 3; j++) turned[j] += part[j];
+        for (int j = 0; j < size; j++) X_rate[j] = turned[of[j]];
+    }
+    return size;
+}
+
+/* Ackermann linkage: f(l, r) = sin(l - r) - w[0] sin l sin r; out: f, f_l, f_r, f_lr. See ackermann_steering.py. */
+static void ackermann(const Row *row, const double *q, double *out)
+{
+    double c[2], s[2], k = row->w[0];
+    for (int side = 0; side < 2; side++) {
+        const double *at = q + row->i[2 * side];
+        int continuous = row->i[4] >> side & 1;
+        c[side] = continuous ? at[0] : cos(at[0]);
+        s[side] = row->w[1 + side] * (continuous ? at[1] : sin(at[0]));
+    }
+    double cosine = c[0] * c[1] + s[0] * s[1], sine = s[0] * c[1] - c[0] * s[1];
+    out[0] = sine - k * s[0] * s[1];
+    out[1] = cosine - k * c[0] * s[1];
+    out[2] = -cosine - k * s[0] * c[1];
+    out[3] = sine - k * c[0] * c[1];
+}
+
+/* ------------------------------------------------------------------ stages at one state */
+
+/* Kinematics at a configuration: M (n, n), J (6, n), placements (joints, 12). */
+static Py_ssize_t kinematics_size(const Evaluator *ev) { return ev->n * ev->n + 6 * ev->n + 12 * ev->joints; }
+
+static int called(Evaluator *ev, int function, int with_velocity)
+{
+    PyObject *of[REFS];
+    for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
+    PyObject *last = with_velocity ? of[P_V] : of[P_CONVENTION];
+    PyObject *result = PyObject_CallFunctionObjArgs(of[function], of[P_MODEL], of[P_DATA], of[P_Q], last, NULL);
+    Py_XDECREF(result);
+    return result != NULL;
+}
+
+static void by_rows(const double *columns, double *out, Py_ssize_t rows, Py_ssize_t n)
+{
+    for (Py_ssize_t i = 0; i < rows; i++)
+        for (Py_ssize_t j = 0; j < n; j++) out[i * n + j] = columns[j * rows + i];
+}
+
+static int take_position(Evaluator *ev, const double *q, double *P)
+{
+    Py_ssize_t n = ev->n;
+    memcpy(ev->views[V_Q].buf, q, (size_t)ev->nq * sizeof(double));
+    if (!called(ev, P_CRBA, 0)) return 0;
+    memcpy(P, ev->views[V_M].buf, (size_t)(n * n) * sizeof(double)); /* symmetric */
+    by_rows(ev->views[V_J].buf, P + n * n, 6, n);
+    memcpy(P + n * n + 6 * n, ev->views[V_PLACES].buf, (size_t)(12 * ev->joints) * sizeof(double));
+    return 1;
+}
+
+static void take_state(Evaluator *ev, const double *q, const double *v)
+{
+    memcpy(ev->views[V_Q].buf, q, (size_t)ev->nq * sizeof(double));
+    memcpy(ev->views[V_V].buf, v, (size_t)ev->n * sizeof(double));
+}
+
+/* Rows first to last of E and J1, into out; false if one is not defined here. */
+static int assemble(Evaluator *ev, const double *q, const double *P, const double *external, Py_ssize_t first,
+                    Py_ssize_t last, double *out)
+{
+    Py_ssize_t n = ev->n;
+    const double *J = P + n * n, *places = J + 6 * n;
+    if (last <= n + ev->k)
+        memcpy(out, ev->constant + first * n, (size_t)((last - first) * n) * sizeof(double));
+    else
+        memset(out, 0, (size_t)((last - first) * n) * sizeof(double));
+    for (Py_ssize_t i = first; i < last; i++, out += n) {
+        const Row *row = ev->rows + i;
+        Wrench on[2];
+        double W[6];
+        int sides = wrenches(ev, row, on);
+        if (sides == 0) return 0;
+        for (int side = 0; side < sides; side++) {
+            about_origin(on + side, W);
+            project(ev, W, on[side].joint, J, out);
+        }
+        if (row->kind == EXTERNAL) memcpy(out, external + row->i[0] * n, (size_t)n * sizeof(double));
+        if (row->kind == MOMENTUM) {
+            double X[6], rate[6];
+            int size = momentum(row, places, NULL, X, rate);
+            for (int j = 0; j < size; j++) add(out, X[j], P + (row->i[0] + j) * n, n);
+        }
+        if (row->kind == ACKERMANN) {
+            double f[4];
+            ackermann(row, q, f);
+            out[row->i[1]] = row->w[1] * f[1];
+            out[row->i[3]] = row->w[2] * f[2];
+        }
+    }
+    return 1;
+}
+
+/* E and E^-1 into F; false where a row is not defined, E is singular, or other rows have to be considered. */
+static int factorize(Evaluator *ev, const double *q, const double *P, const double *external, double *F)
+{
+    Py_ssize_t n = ev->n;
+    double *inverse = F + n * n, rows = ev->fast_length, columns = 0.0;
+    place(ev, P + n * n + 6 * n);
+    for (Py_ssize_t f = 0; f < ev->frames; f++) { /* rates of wrenches are not used here */
+        memset(ev->motion[f].V, 0, sizeof ev->motion[f].V);
+        memset(ev->motion[f].v, 0, sizeof ev->motion[f].v);
+    }
+    if (!assemble(ev, q, P, external, 0, n, F) || !invert(F, inverse, ev->scratch, n)) return 0;
+    rows += dot(F, F, n * n);
+    columns = dot(inverse, inverse, n * n);
+    if (rows * columns < ev->fast_limit) return 1; /* a bound on the dependence of every row */
+    for (Py_ssize_t i = 0; i < n; i++) {
+        double column = 0.0, length = fmax(sqrt(dot(F + i * n, F + i * n, n)), ev->lengths[i]);
+        for (Py_ssize_t j = 0; j < n; j++) column += inverse[j * n + i] * inverse[j * n + i];
+        if (!(length * length * column < ev->fast_limit)) return 0;
+    }
+    return 1;
+}
+
+/* v = E^-1 [mu; v2] */
+static void velocity(const Evaluator *ev, const double *F, const double *mu, const double *v2, double *v)
+{
+    Py_ssize_t n = ev->n, m = ev->m;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const double *row = F + n * n + i * n;
+        v[i] = dot(row + m, v2, ev->r) + (mu ? dot(row, mu, m) : 0.0);
+    }
+}
+
+/* H = R^T M R; work: n * r */
+static void inertia(const Evaluator *ev, const double *P, const double *F, double *H, double *work)
+{
+    Py_ssize_t n = ev->n, r = ev->r;
+    const double *R = F + n * n + ev->m;
+    multiply(P, n, R, n, work, n, n, r);
+    multiply_transposed(R, n, work, r, H, r, n, r);
+}
+
+/* S: bias (n), dJ (6, n), then gamma, E^-1 gamma and M E^-1 gamma - bias (n each) */
+static int biases(Evaluator *ev, const double *q, const double *P, const double *F, const double *v,
+                  const double *external, double *S)
+{
+    Py_ssize_t n = ev->n;
+    double *dJ = S + n, *gamma = dJ + 6 * n, *solved = gamma + n, *unforced = solved + n;
+    take_state(ev, q, v);
+    if (!called(ev, P_NLE, 1) || !called(ev, P_DJ, 1)) return 0;
+    memcpy(S, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
+    by_rows(ev->views[V_DJ].buf, dJ, 6, n);
+    place(ev, P + n * n + 6 * n);
+    move(ev, P + n * n, dJ, v);
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const Row *row = ev->rows + i;
+        Wrench on[2];
+        double W[6], sum = 0.0;
+        int sides = wrenches(ev, row, on);
+        for (int side = 0; side < sides; side++) {
+            const Motion *frame = ev->motion + (side || sides == 1 ? row->a : row->b);
+            about_origin(on + side, W);
+            sum += dot(W, frame->A, 6);
+            rate_about_origin(on + side, W);
+            sum += dot(W, frame->V, 6);
+        }
+        if (row->kind == EXTERNAL) sum = external[row->i[0]];
+        if (row->kind == MOMENTUM) {
+            double X[6], rate[6];
+            int size = momentum(row, P + n * n + 6 * n, NULL, X, rate);
+            sum = dot(X, S + row->i[0], size);
+        }
+        if (row->kind == ACKERMANN) {
+            double f[4], left = row->w[1] * v[row->i[1]], right = row->w[2] * v[row->i[3]];
+            ackermann(row, q, f);
+            sum = 2 * f[3] * left * right - f[0] * (left * left + right * right);
+        }
+        gamma[i] = sum;
+    }
+    for (Py_ssize_t i = 0; i < n; i++) solved[i] = dot(F + n * n + i * n, gamma, n);
+    for (Py_ssize_t i = 0; i < n; i++) unforced[i] = dot(P + i * n, solved, n) - S[i];
+    return 1;
+}
+
+/* v2_dot = H^-1 R^T (force + unforced); false if it is not finite. work: r * r */
+static int accelerate(const Evaluator *ev, const double *F, const double *H, const double *S, const double *force,
+                      double *v2_dot, double *work)
+{
+    Py_ssize_t n = ev->n, r = ev->r;
+    const double *R = F + n * n + ev->m, *unforced = S + 9 * n;
+    memset(v2_dot, 0, (size_t)r * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++) add(v2_dot, force[i] + unforced[i], R + i * n, r);
+    return solve_positive_definite(H, v2_dot, work, r);
+}
+
+/* B (n, p) with the columns of inputs on frames; work: n */
+static void input_matrix(Evaluator *ev, const double *q, const double *P, double *B, double *work)
+{
+    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k;
+    memcpy(B, ev->B, (size_t)(n * p) * sizeof(double));
+    if (ev->count > first) place(ev, P + n * n + 6 * n);
+    for (Py_ssize_t i = first; i < ev->count; i++) {
+        assemble(ev, q, P, NULL, i, i + 1, work);
+        for (Py_ssize_t j = 0; j < n; j++) B[j * p + ev->columns[i - first]] = work[j];
+    }
+}
+
+/* force = B T; work: n */
+static void input_force(Evaluator *ev, const double *q, const double *P, const double *T, double *force, double *work)
+{
+    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k;
+    for (Py_ssize_t i = 0; i < n; i++) force[i] = dot(ev->B + i * p, T, p);
+    for (Py_ssize_t i = first; i < ev->count; i++) {
+        assemble(ev, q, P, NULL, i, i + 1, work);
+        add(force, T[ev->columns[i - first]], work, n);
+    }
+}
+
+/* J1 (k, n) and A_star (k, r) into Y */
+static int vertical(Evaluator *ev, const double *q, const double *P, const double *F, const double *external, double *Y)
+{
+    Py_ssize_t n = ev->n, k = ev->k;
+    place(ev, P + n * n + 6 * n);
+    if (!assemble(ev, q, P, external, n, n + k, Y)) return 0;
+    multiply(Y, n, F + n * n + ev->m, n, Y + k * n, k, n, ev->r);
+    return 1;
+}
+
+/* Rates of rows first to last, into out; C (n, n) is for momenta, may be NULL without them. */
+static void assemble_rates(Evaluator *ev, const double *q, const double *P, const double *dJ, const double *v,
+                           const double *C, const double *external, Py_ssize_t first, Py_ssize_t last, double *out)
+{
+    Py_ssize_t n = ev->n;
+    const double *J = P + n * n, *places = J + 6 * n;
+    memset(out, 0, (size_t)((last - first) * n) * sizeof(double));
+    for (Py_ssize_t i = first; i < last; i++, out += n) {
+        const Row *row = ev->rows + i;
+        Wrench on[2];
+        double W[6];
+        int sides = wrenches(ev, row, on);
+        for (int side = 0; side < sides; side++) {
+            about_origin(on + side, W);
+            project(ev, W, on[side].joint, dJ, out);
+            rate_about_origin(on + side, W);
+            project(ev, W, on[side].joint, J, out);
+        }
+        if (row->kind == EXTERNAL) memcpy(out, external + row->i[0] * n, (size_t)n * sizeof(double));
+        if (row->kind == MOMENTUM) {
+            double X[6], rate[6];
+            int size = momentum(row, places, v, X, rate);
+            for (int j = 0; j < size; j++) {
+                Py_ssize_t of = row->i[0] + j;
+                add(out, rate[j], P + of * n, n);
+                for (Py_ssize_t c = 0; c < n; c++) out[c] += X[j] * (C[of * n + c] + C[c * n + of]);
+            }
+        }
+        if (row->kind == ACKERMANN) {
+            double f[4], left = row->w[1] * v[row->i[1]], right = row->w[2] * v[row->i[3]];
+            ackermann(row, q, f);
+            out[row->i[1]] = row->w[1] * (f[3] * right - f[0] * left);
+            out[row->i[3]] = row->w[2] * (f[3] * left - f[0] * right);
+        }
+    }
+}
+
+/* D: E_dot (n, n), R_dot (n, r), J1_dot (k, n), A_star_dot (k, r), if Pinocchio's dJ is current (and C, for momenta).
+   Y has J1; of_E and of_J1 have rates of the user's rows. work: 2 n * n + 6 n */
+static void rates(Evaluator *ev, const double *q, const double *P, const double *F, const double *v, const double *Y,
+                  const double *of_E, const double *of_J1, double *D, double *work)
+{
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    const double *inverse = F + n * n, *R = inverse + ev->m;
+    double *R_dot = D + n * n, *J1_dot = R_dot + n * r, *A_star_dot = J1_dot + k * n;
+    double *C = work, *product = work + n * n, *dJ = product + n * n;
+    if (ev->rates_need_C) by_rows(ev->views[V_C].buf, C, n, n);
+    by_rows(ev->views[V_DJ].buf, dJ, 6, n);
+    place(ev, P + n * n + 6 * n);
+    move(ev, P + n * n, NULL, v);
+    assemble_rates(ev, q, P, dJ, v, C, of_E, 0, n, D);
+    assemble_rates(ev, q, P, dJ, v, C, of_J1, n, n + k, J1_dot);
+    multiply(D, n, R, n, product, n, n, r);
+    multiply(inverse, n, product, r, R_dot, n, n, r);
+    for (Py_ssize_t i = 0; i < n * r; i++) R_dot[i] = -R_dot[i];
+    multiply(J1_dot, n, R, n, A_star_dot, k, n, r);
+    for (Py_ssize_t i = 0; i < k; i++)
+        for (Py_ssize_t j = 0; j < n; j++) add(A_star_dot + i * r, Y[i * n + j], R_dot + j * r, r);
+}
+
+/* K: C (n, n), V (r, r), g (n), G (r). Pinocchio's C is current. work: 2 n * r */
+static void coriolis(Evaluator *ev, const double *P, const double *F, const double *v, const double *bias,
+                     const double *D, double *K, double *work)
+{
+    Py_ssize_t n = ev->n, r = ev->r;
+    const double *R = F + n * n + ev->m, *R_dot = D + n * n;
+    double *V = K + n * n, *g = V + r * r, *G = g + n;
+    by_rows(ev->views[V_C].buf, K, n, n);
+    multiply(P, n, R_dot, r, work, n, n, r);
+    multiply(K, n, R, n, work + n * r, n, n, r);
+    add(work, 1.0, work + n * r, n * r);
+    multiply_transposed(R, n, work, r, V, r, n, r);
+    for (Py_ssize_t i = 0; i < n; i++) g[i] = bias[i] - dot(K + i * n, v, n);
+    multiply_transposed(R, n, g, 1, G, r, n, 1);
+}
+
+/* ------------------------------------------------------------------ arguments of the methods */
+
+/* Arrays of one call. Each is a contiguous block of doubles: count states of a given size. */
+typedef struct {
+    Py_buffer views[10];
+    int open;
+    Py_ssize_t count;
+} Arrays;
+
+static void close_arrays(Arrays *all)
+{
+    while (all->open) PyBuffer_Release(all->views + --all->open);
+}
+
+/* The first array sets the number of states; the others have to agree. None gives NULL if that is allowed. */
+static int take(Arrays *all, PyObject *object, Py_ssize_t size, int flags, double **out)
+{
+    Py_buffer *view = all->views + all->open;
+    Py_ssize_t bytes = size * (Py_ssize_t)sizeof(double);
+    *out = NULL;
+    if (PyObject_GetBuffer(object, view, flags) < 0) return 0;
+    all->open++;
+    if (all->count < 0 && bytes) all->count = view->len / bytes;
+    if (view->len != all->count * bytes) {
+        PyErr_Format(PyExc_ValueError, "kernel: array of %zd bytes, expected %zd states of %zd numbers", view->len,
+                     all->count, size);
+        return 0;
+    }
+    *out = view->buf;
+    return 1;
+}
+
+static int optional(Arrays *all, PyObject *object, Py_ssize_t size, double **out)
+{
+    *out = NULL;
+    return object == Py_None || take(all, object, size, PyBUF_SIMPLE, out);
+}
+
+static PyObject *result(Arrays *all, int outcome) /* -1: a Python error; else False or True */
+{
+    close_arrays(all);
+    return outcome < 0 ? NULL : PyBool_FromLong(outcome);
+}
+
+static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected)
+{
+    if (ev->ready && found == expected) return 1;
+    PyErr_Format(PyExc_TypeError, "kernel: expected %zd arguments, found %zd", expected, found);
+    return 0;
+}
+
+#define READ PyBUF_SIMPLE
+#define WRITE PyBUF_WRITABLE
+
+/* ------------------------------------------------------------------ methods */
+
+static Py_ssize_t terms_size(const Evaluator *ev)
+{
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    return kinematics_size(ev) + 2 * n * n + n + k * n + k * r + n * n + n * r + k * n + k * r + n * n + r * r + n + r + n
+        + r * r + n * ev->p + r * ev->p;
+}
+
+static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, known */
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *F, *external;
+    int ok = -1;
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), WRITE, &P) && take(&all, args[2], 2 * ev->n * ev->n, WRITE, &F)
+        && optional(&all, args[3], ev->external * ev->n, &external)) {
+        int known = args[4] == Py_True;
+        ok = external || !ev->external;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
+            double *P_i = P + i * kinematics_size(ev);
+            if (!known && !take_position(ev, q + i * ev->nq, P_i)) ok = -1;
+            else
+                ok = factorize(ev, q + i * ev->nq, P_i, external ? external + i * ev->external * ev->n : NULL,
+                               F + i * 2 * ev->n * ev->n);
+        }
+    }
+    return result(&all, ok);
+}
+
+static PyObject *full_velocity(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, mu, v2, v */
+{
+    Arrays all = {.count = -1};
+    double *F, *mu, *v2, *v;
+    int ok = -1;
+    if (expect(ev, given, 4) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F) && optional(&all, args[1], ev->m, &mu)
+        && take(&all, args[2], ev->r, READ, &v2) && take(&all, args[3], ev->n, WRITE, &v)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count; i++)
+            velocity(ev, F + i * 2 * ev->n * ev->n, mu ? mu + i * ev->m : NULL, v2 + i * ev->r, v + i * ev->n);
+    }
+    return result(&all, ok);
+}
+
+static PyObject *reduced_inertia(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* P, F, H */
+{
+    Arrays all = {.count = -1};
+    double *P, *F, *H;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], kinematics_size(ev), READ, &P)
+        && take(&all, args[1], 2 * ev->n * ev->n, READ, &F) && take(&all, args[2], ev->r * ev->r, WRITE, &H)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count; i++)
+            inertia(ev, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, H + i * ev->r * ev->r, ev->scratch);
+    }
+    return result(&all, ok);
+}
+
+static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, v, external, S */
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *F, *v, *external, *S;
+    int ok = -1;
+    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && take(&all, args[3], ev->n, READ, &v)
+        && optional(&all, args[4], ev->external, &external) && take(&all, args[5], 10 * ev->n, WRITE, &S)) {
+        ok = external || !ev->external;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+            if (!biases(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, v + i * ev->n,
+                        external ? external + i * ev->external : NULL, S + i * 10 * ev->n))
+                ok = -1;
+    }
+    return result(&all, ok);
+}
+
+static PyObject *acceleration(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, H, S, force, v2_dot */
+{
+    Arrays all = {.count = -1};
+    double *F, *H, *S, *force, *v2_dot;
+    int ok = -1;
+    if (expect(ev, given, 5) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F) && take(&all, args[1], ev->r * ev->r, READ, &H)
+        && take(&all, args[2], 10 * ev->n, READ, &S) && take(&all, args[3], ev->n, READ, &force)
+        && take(&all, args[4], ev->r, WRITE, &v2_dot)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+            ok = accelerate(ev, F + i * 2 * ev->n * ev->n, H + i * ev->r * ev->r, S + i * 10 * ev->n, force + i * ev->n,
+                            v2_dot + i * ev->r, ev->scratch);
+    }
+    return result(&all, ok);
+}
+
+static PyObject *vertical_rows(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, Y */
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *F, *external, *Y;
+    Py_ssize_t size = ev->k * (ev->n + ev->r), rows = ev->external_vertical;
+    int ok = -1;
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && optional(&all, args[3], rows * ev->n, &external)
+        && take(&all, args[4], size, WRITE, &Y)) {
+        ok = external || !rows;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+            ok = vertical(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n,
+                          external ? external + i * rows * ev->n : NULL, Y + i * size);
+    }
+    return result(&all, ok);
+}
+
+static Py_ssize_t rates_size(const Evaluator *ev)
+{
+    return ev->n * ev->n + ev->n * ev->r + ev->k * (ev->n + ev->r);
+}
+
+/* q, P, F, v, Y, external rates of E and of J1, D */
+static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *F, *v, *Y, *of_E, *of_J1, *D;
+    Py_ssize_t n = ev->n, rows = ev->k * (n + ev->r);
+    int ok = -1;
+    if (expect(ev, given, 8) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], 2 * n * n, READ, &F) && take(&all, args[3], n, READ, &v)
+        && take(&all, args[4], rows, READ, &Y) && optional(&all, args[5], ev->external * n, &of_E)
+        && optional(&all, args[6], ev->external_vertical * n, &of_J1)
+        && take(&all, args[7], rates_size(ev), WRITE, &D)) {
+        ok = (of_E || !ev->external) && (of_J1 || !ev->external_vertical);
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
+            take_state(ev, q + i * ev->nq, v + i * n);
+            if (!called(ev, ev->rates_need_C ? P_C : P_DJ, 1)) ok = -1; /* dJ comes with C */
+            else
+                rates(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * n * n, v + i * n, Y + i * rows,
+                      of_E ? of_E + i * ev->external * n : NULL,
+                      of_J1 ? of_J1 + i * ev->external_vertical * n : NULL, D + i * rates_size(ev), ev->scratch);
+        }
+    }
+    return result(&all, ok);
+}
+
+static PyObject *actuation(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, B */
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *B;
+    Py_ssize_t n = ev->n, p = ev->p;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], n * p, WRITE, &B)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, P += kinematics_size(ev), B += n * p)
+            input_matrix(ev, q, P, B, ev->scratch);
+    }
+    return result(&all, ok);
+}
+
+static PyObject *set_numbers(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* numbers of all rows */
+{
+    Arrays all = {.count = 1};
+    double *numbers;
+    int ok = -1;
+    if (expect(ev, given, 1) && take(&all, args[0], ev->count * NUMBERS, READ, &numbers)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < ev->count; i++) memcpy(ev->rows[i].w, numbers + i * NUMBERS, sizeof ev->rows->w);
+    }
+    return result(&all, ok);
+}
+
+/* Finite numbers, and unit complex numbers and quaternions? Pinocchio's q is set. -1: a Python error */
+static int admissible(Evaluator *ev, const double *q, const double *v2, const double *T)
+{
+    if (!all_finite(q, ev->nq) || !all_finite(v2, ev->r) || (T && !all_finite(T, ev->p))) return 0;
+    memcpy(ev->views[V_Q].buf, q, (size_t)ev->nq * sizeof(double));
+    if (!ev->normalized) return 1;
+    PyObject *answer = PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_NORMALIZED),
+                                                    PyTuple_GetItem(ev->refs, P_MODEL), PyTuple_GetItem(ev->refs, P_Q),
+                                                    PyTuple_GetItem(ev->refs, P_EPS), NULL);
+    if (!answer) return -1;
+    int found = answer == Py_True;
+    Py_DECREF(answer);
+    return found;
+}
+
+/* q, v2, T -> v2_dot of one state or of a stack of states (count, ...); None if the general way has to decide. */
+static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, n = ev->n, r = ev->r, count = 1;
+    Arrays all = {.count = -1};
+    PyObject *out = NULL;
+    double *x[3];
+    int ok = ev->fused && ev->r;
+    if (!expect(ev, given, 3)) return NULL;
+    for (int i = 0; i < 3 && ok > 0; i++) {
+        Py_buffer *view = all.views + all.open;
+        if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) {
+            PyErr_Clear();
+            ok = 0;
+            break;
+        }
+        all.open++;
+        int stacked = view->ndim == 2;
+        ok = view->format && !strcmp(view->format, "d") && (stacked || view->ndim == 1)
+            && view->ndim == all.views[0].ndim && view->shape[stacked] == sizes[i];
+        if (ok && i && stacked) ok = view->shape[0] == all.views[0].shape[0];
+        x[i] = view->buf;
+    }
+    if (ok > 0) {
+        PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
+        if (all.views[0].ndim == 2) count = all.views[0].shape[0];
+        out = all.views[0].ndim == 2 ? PyObject_CallFunction(empty, "((nn))", count, r)
+                                     : PyObject_CallFunction(empty, "n", r);
+        Py_buffer *view = all.views + all.open;
+        if (!out || PyObject_GetBuffer(out, view, PyBUF_WRITABLE) < 0) ok = -1;
+        else if (all.open++, view->len != count * r * (Py_ssize_t)sizeof(double)) ok = 0;
+        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
+        double *H = S + 10 * n, *force = H + r * r;
+        for (Py_ssize_t i = 0; i < count && ok > 0; i++) {
+            const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
+            double *v2_dot = (double *)view->buf + i * r;
+            ok = admissible(ev, q, v2, T);
+            if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+            if (ok <= 0) break;
+            input_force(ev, q, P, T, force, ev->scratch);
+            velocity(ev, F, ev->mu, v2, v);
+            if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
+            inertia(ev, P, F, H, ev->scratch);
+            if (ok > 0) ok = accelerate(ev, F, H, S, force, v2_dot, ev->scratch);
+        }
+    }
+    close_arrays(&all);
+    if (ok > 0) return out;
+    Py_XDECREF(out);
+    if (ok < 0) return NULL;
+    Py_RETURN_NONE;
+}
+
+/* q, v2, record of all matrices: kinematics, F, v, Y, D, K, bias, H, B, R^T B. False if the general way has to decide. */
+static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *v2, *record;
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
+        && take(&all, args[2], terms_size(ev), WRITE, &record)) {
+        ok = ev->fused && !ev->external_vertical && !ev->mu;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v2 += r, record += terms_size(ev)) {
+            double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *Y = v + n, *D = Y + k * (n + r);
+            double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
+            double *input = B + n * ev->p;
+            if (!take_position(ev, q, P)) ok = -1;
+            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+            if (ok > 0) ok = vertical(ev, q, P, F, NULL, Y);
+            if (ok <= 0) break;
+            velocity(ev, F, NULL, v2, v);
+            take_state(ev, q, v);
+            if (!called(ev, P_NLE, 1)) ok = -1;
+            memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
+            if (ok > 0 && !called(ev, P_C, 1)) ok = -1; /* dJ comes with it */
+            if (ok <= 0) break;
+            rates(ev, q, P, F, v, Y, NULL, NULL, D, ev->scratch);
+            coriolis(ev, P, F, v, bias, D, K, ev->scratch);
+            inertia(ev, P, F, H, ev->scratch);
+            input_matrix(ev, q, P, B, ev->scratch);
+            multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);
+        }
+    }
+    return result(&all, ok);
+}
+
+/* ------------------------------------------------------------------ creation */
+
+static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL with an error if the size differs */
+{
+    Py_buffer view;
+    void *out = NULL;
+    if (PyObject_GetBuffer(bytes_like, &view, PyBUF_SIMPLE) < 0) return NULL;
+    if (view.len != count * (Py_ssize_t)item)
+        PyErr_Format(PyExc_ValueError, "kernel: table of %zd bytes, expected %zd entries of %zd bytes", view.len, count,
+                     (Py_ssize_t)item);
+    else if (!(out = malloc((size_t)count * item + 1)))
+        PyErr_NoMemory();
+    else
+        memcpy(out, view.buf, (size_t)view.len);
+    PyBuffer_Release(&view);
+    return out;
+}
+
+static int within(long index, Py_ssize_t size) { return index >= 0 && index < size; }
+
+/* Every index of a row refers to something that exists. */
+static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external)
+{
+    const long *i = row->i;
+    switch (row->kind) {
+    case CONSTANT:
+        return 1;
+    case EXTERNAL:
+        return within(i[0], external);
+    case MOMENTUM: {
+        int bits = 0;
+        for (int c = 0; c < 6; c++) bits += i[2] >> c & 1;
+        return within(row->a, ev->joints) && i[3] >= 1 && i[3] <= 6 && within(i[0], ev->n) && i[0] + i[3] <= ev->n
+            && within(i[1], i[3]) && i[2] >= 0 && i[2] < 64 && (!i[2] || bits == i[3]);
+    }
+    case ACKERMANN:
+        return within(i[0], ev->nq - (i[4] & 1)) && within(i[2], ev->nq - (i[4] >> 1 & 1)) && within(i[1], ev->n)
+            && within(i[3], ev->n);
+    case DISTANCE:
+    case POINT:
+    case CLOSURE:
+        return within(row->a, ev->frames) && within(row->b, ev->frames) && within(i[0], row->kind == POINT ? 3 : 6);
+    case YAW:
+    case TILT:
+        return within(row->a, ev->frames) && within(i[0], 3);
+    case WORLD:
+    case OWN:
+    case WHEEL:
+        return within(row->a, ev->frames);
+    }
+    return 0;
+}
+
+static int checked(Evaluator *ev)
+{
+    Py_ssize_t last = ev->start[ev->joints];
+    for (Py_ssize_t j = 0; j < ev->joints; j++)
+        if (ev->start[j] < 0 || ev->start[j] > ev->start[j + 1] || ev->start[j + 1] > last) return 0;
+    for (Py_ssize_t s = 0; s < last; s++)
+        if (!within(ev->support[s], ev->n)) return 0;
+    for (Py_ssize_t f = 0; f < ev->frames; f++)
+        if (!within(ev->frame[f].joint, ev->joints)) return 0;
+    for (Py_ssize_t i = 0; i < ev->count; i++) {
+        Py_ssize_t external = i < ev->n ? ev->external : i < ev->n + ev->k ? ev->external_vertical : 0;
+        if (!valid(ev, ev->rows + i, external)) return 0;
+        if (i >= ev->n + ev->k && (ev->rows[i].kind != OWN || !within(ev->columns[i - ev->n - ev->k], ev->p))) return 0;
+        if (ev->rows[i].kind == MOMENTUM) ev->rates_need_C = 1;
+    }
+    return 1;
+}
+
+static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memory, and of q and v */
+{
+    Py_ssize_t n = ev->n, square[2] = {n, n}, motions[2] = {6, n};
+    Py_ssize_t *shapes[VIEWS] = {square, motions, motions, &n, square, NULL, &ev->nq, &n};
+    for (int i = 0; i < VIEWS; i++) {
+        Py_buffer *view = ev->views + i;
+        PyObject *array = PyTuple_GetItem(arrays, i);
+        if (!array || PyObject_GetBuffer(array, view, PyBUF_F_CONTIGUOUS | PyBUF_WRITABLE | PyBUF_FORMAT) < 0) return 0;
+        ev->open++;
+        Py_ssize_t places[2] = {12, ev->joints}, *shape = i == V_PLACES ? places : shapes[i];
+        int two = shape == square || shape == motions || shape == places;
+        if (strcmp(view->format, "d") || view->ndim != 1 + two || view->shape[0] != shape[0]
+            || (two && view->shape[1] != shape[1])) {
+            PyErr_Format(PyExc_ValueError, "kernel: view %d of Pinocchio's data has another layout", i);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see compiled.py, which makes them. */
+static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
+{
+    Evaluator *ev = (Evaluator *)self;
+    PyObject *refs, *views, *integers, *numbers, *columns, *joints, *placements, *start, *support, *constant, *B, *mu;
+    PyObject *lengths;
+    Py_ssize_t supported;
+    long *table = NULL, *on = NULL;
+    double *weights = NULL, *placed = NULL;
+    int ok = 0;
+    if (ev->refs || keywords) {
+        PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpp)O!O!OOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
+                          &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported, &ev->normalized,
+                          &ev->fused, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
+                          &placements, &start, &support, &constant, &B, &mu, &lengths, &ev->fast_length, &ev->fast_limit))
+        return -1;
+    Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
+        if (!within((long)sizes[i], 1 << 15)) return PyErr_SetString(PyExc_ValueError, "kernel: size out of range"), -1; /* products do not overflow */
+    if (n < 1 || ev->m > n || ev->joints < 1 || ev->count < n + ev->k || PyTuple_Size(refs) != REFS
+        || PyTuple_Size(views) != VIEWS)
+        return PyErr_SetString(PyExc_ValueError, "kernel: sizes do not fit together"), -1;
+    ev->r = n - ev->m;
+    Py_INCREF(refs);
+    ev->refs = refs;
+    if (opened(ev, views) && (table = copied(integers, ev->count * INTEGERS, sizeof(long)))
+        && (weights = copied(numbers, ev->count * NUMBERS, sizeof(double)))
+        && (ev->columns = copied(columns, ev->count - n - ev->k, sizeof(long)))
+        && (on = copied(joints, ev->frames, sizeof(long))) && (placed = copied(placements, ev->frames * 12, sizeof(double)))
+        && (ev->start = copied(start, ev->joints + 1, sizeof(long)))
+        && (ev->support = copied(support, supported, sizeof(long)))
+        && (ev->constant = copied(constant, (n + ev->k) * n, sizeof(double)))
+        && (ev->B = copied(B, n * ev->p, sizeof(double)))
+        && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
+        && (ev->lengths = copied(lengths, n, sizeof(double)))) {
+        Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
+        Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + 10 * n + ev->r * ev->r + n;
+        ev->work = work;
+        ev->rows = calloc((size_t)ev->count, sizeof(Row));
+        ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
+        ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
+        ev->scratch = calloc((size_t)(work + states), sizeof(double));
+        if (!ev->rows || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
+        else {
+            for (Py_ssize_t i = 0; i < ev->count; i++) {
+                const long *from = table + i * INTEGERS;
+                Row *row = ev->rows + i;
+                row->kind = from[0], row->a = from[1], row->b = from[2];
+                memcpy(row->i, from + 3, sizeof row->i);
+                memcpy(row->w, weights + i * NUMBERS, sizeof row->w);
+            }
+            for (Py_ssize_t f = 0; f < ev->frames; f++) {
+                ev->frame[f].joint = on[f];
+                memcpy(ev->frame[f].R, placed + 12 * f, sizeof ev->frame->R);
+                memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
+            }
+            ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
+            if (!ok) PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
+        }
+    }
+    free(table), free(weights), free(on), free(placed);
+    ev->ready = ok;
+    return ok ? 0 : -1;
+}
+
+static void destroy(PyObject *self)
+{
+    Evaluator *ev = (Evaluator *)self;
+    PyTypeObject *type = Py_TYPE(self);
+    while (ev->open) PyBuffer_Release(ev->views + --ev->open);
+    free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
+    free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch);
+    Py_CLEAR(ev->refs);
+    PyObject_Free(self);
+    Py_DECREF(type);
+}
+
+static PyMethodDef methods[] = {
+    {"configure", (PyCFunction)(void (*)(void))configure, METH_FASTCALL, NULL},
+    {"velocity", (PyCFunction)(void (*)(void))full_velocity, METH_FASTCALL, NULL},
+    {"inertia", (PyCFunction)(void (*)(void))reduced_inertia, METH_FASTCALL, NULL},
+    {"biases", (PyCFunction)(void (*)(void))bias_forces, METH_FASTCALL, NULL},
+    {"accelerate", (PyCFunction)(void (*)(void))acceleration, METH_FASTCALL, NULL},
+    {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
+    {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
+    {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
+    {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
+    {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
+    {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot slots[] = {
+    {Py_tp_init, initialize}, {Py_tp_new, PyType_GenericNew}, {Py_tp_dealloc, destroy}, {Py_tp_methods, methods}, {0, NULL},
+};
+
+static PyType_Spec spec = {
+    .name = "rnc_pin._kernel.kernel.Evaluator",
+    .basicsize = sizeof(Evaluator),
+    .flags = Py_TPFLAGS_DEFAULT,
+    .slots = slots,
+};
+
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "kernel", .m_size = -1};
+
+PyMODINIT_FUNC PyInit_kernel(void)
+{
+    PyObject *made = PyModule_Create(&module), *type = made ? PyType_FromSpec(&spec) : NULL;
+    if (!type || PyModule_AddObjectRef(made, "Evaluator", type) < 0
+        || PyModule_AddIntConstant(made, "INTERFACE", INTERFACE) < 0) {
+        Py_XDECREF(made);
+        made = NULL;
+    }
+    Py_XDECREF(type);
+    return made;
+}

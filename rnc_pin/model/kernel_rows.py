@@ -1,0 +1,83 @@
+"""Rows as the compiled kernel evaluates them: wrenches on frames, momenta and steering linkages.
+
+``Rows.kernel_rows`` returns one ``KernelRow`` for each row. The formulas are in ``rnc_pin/_kernel/kernel.c``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+INTEGERS, NUMBERS = 5, 12
+"""Largest number of integers and of floats in a ``KernelRow``."""
+
+
+class Form(IntEnum):
+    """Formula of a row; the values are those of ``kernel.c``."""
+
+    CONSTANT = 0
+    """Constant Jacobian."""
+    EXTERNAL = 1
+    """Values come from Python."""
+    WORLD = 2
+    """Force and torque at a frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
+    OWN = 3
+    """The same, constant in the frame's own axes."""
+    WHEEL = 4
+    """Contact of a rolling wheel. Numbers: radius, axle (3), weights of rolling, lateral and vertical rows (3)."""
+    YAW = 5
+    """Yaw of a frame's axis. Integers: axis."""
+    TILT = 6
+    """Tilt of a frame's axis. Integers: axis."""
+    DISTANCE = 7
+    """Distance of two frames' origins."""
+    CLOSURE = 8
+    """Twist of the second frame relative to the first, in the axes and at the origin of the first. Integers: component."""
+    POINT = 9
+    """The same, at the origin of the second frame."""
+    MOMENTUM = 10
+    """Momentum of a joint. Integers: first entry of v, row, bits of the components of a spatial velocity that the joint
+    allows (0 for axes of the body), size. Numbers: placement of the world in the joint's fixed frame (12)."""
+    ACKERMANN = 11
+    """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
+    Numbers: track over wheelbase, sign of the left joint, of the right joint."""
+
+
+class AttachedFrame(NamedTuple):
+    """Frame with a constant placement on a joint."""
+
+    joint: int
+    placement: pin.SE3
+
+
+class KernelRow(NamedTuple):
+    """One row: its formula, frames, constants, and the right-hand side mu of its constraint."""
+
+    form: Form
+    frames: tuple[AttachedFrame, ...] = ()
+    integers: Sequence[int] = ()
+    numbers: Sequence[float] = ()
+    rate: float = 0.0
+    joint: int = 0
+    """Joint of a momentum row."""
+
+
+def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> AttachedFrame:
+    """Frame of a model, or a frame with a constant placement on it."""
+    found = model.frames[frame]
+    placement = found.placement if offset is None else found.placement * offset
+    return AttachedFrame(found.parentJoint, pin.SE3(placement))
+
+
+def unit_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
+    """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes."""
+    return [KernelRow(form, (frame,), (), np.eye(6)[k].tolist()) for k in components]
+
+
+def placement_numbers(placement: pin.SE3) -> list[float]:
+    """Rotation by rows, then translation, (12,)."""
+    return [*placement.rotation.ravel().tolist(), *placement.translation.tolist()]
