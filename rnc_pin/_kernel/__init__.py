@@ -30,7 +30,9 @@ def _chosen() -> Any:
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")
     found = None if asked == "numpy" else _load()
     if asked == "c" and found is None:
-        raise ConfigurationError(f"{_VARIABLE} is 'c', but this installation has no compiled kernel: reinstall with a C compiler")
+        raise ConfigurationError(
+            f"{_VARIABLE} is 'c', but this installation has no compiled kernel: reinstall with a C compiler"
+        )
     return found
 
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component, components, packed, packed_vector
 from rnc_pin.model.coupling import COUPLED
+from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import Rows
@@ -150,6 +151,12 @@ class _AckermannRow(Rows):
 
     def phrases(self) -> Phrases:
         return COUPLED
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        left, right = (pivot.joint for pivot in self._pivots)
+        continuous = (left.nq == 2) + 2 * (right.nq == 2)
+        integers = (left.idx_q, left.idx_v, right.idx_q, right.idx_v, continuous)
+        return [KernelRow(Form.ACKERMANN, (), integers, [self._ratio, *(pivot.sign for pivot in self._pivots)])]
 
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:

@@ -11,6 +11,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import Placement, PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import FrameAnchor, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame, triple
@@ -152,6 +153,10 @@ class _ClosureRows(Rows):
 
     def phrases(self) -> Phrases:
         return Phrases(robot="a mechanism with closed loops", prevents="open its loops")
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        form, frames = Form.POINT if self._point else Form.CLOSURE, (self._a.attached(model), self._b.attached(model))
+        return [KernelRow(form, frames, (k,)) for k in range(len(self.names))]
 
 
 def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kernel_rows import Form, KernelRow, placement_numbers
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.parameter_types import Numbers
@@ -130,6 +131,10 @@ class _MomentumRows(Rows):
         robot = "a robot whose momentum is conserved"
         return Phrases(robot=robot, prevents="change its momentum about", where=self._name)
 
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        first, size = self._rows.start, len(self._value)
+        return [KernelRow(Form.MOMENTUM, (), (first, k, 0, size), (), mu) for k, mu in enumerate(self._value.tolist())]
+
 
 class _WorldMomentumRows(_MomentumRows):
     """Momentum rows, transformed from the body's axes to those of the joint's fixed frame."""
@@ -165,6 +170,15 @@ class _WorldMomentumRows(_MomentumRows):
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # In fixed axes, the rate of the momentum at zero vdot equals the force on the base for this motion.
         return apply(self._to_world(at), super().bias_acceleration(at))
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        bits, numbers = sum(1 << each for each in self._along), placement_numbers(self._fixed)
+        rows = super().kernel_rows(model)
+        return [
+            row._replace(integers=(first, k, bits, size), numbers=numbers, joint=self._joint)
+            for row in rows
+            for first, k, _, size in [row.integers]
+        ]
 
 
 def _check_symmetry(robot: Robot, joint: str, rows: slice) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, unit_rows
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     KinematicDerivatives,
@@ -86,3 +88,6 @@ class _OffsetRow(_NoSideSlipRow):
 
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         return self._point.acceleration_gradient(at)[self._rows]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return unit_rows(Form.OWN, self._point.attached(model), [self._axis])

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
@@ -89,3 +90,7 @@ class _RollingBallRows(Rows):
 
     def phrases(self) -> Phrases:
         return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        frame = attached(model, self._frame)
+        return [KernelRow(Form.WORLD, (frame,), (), wrench) for wrench in self._contact.tolist()]

@@ -13,6 +13,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     KinematicDerivatives,
@@ -212,6 +213,11 @@ class RollingRows(Rows):
             (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
         return self._combined(gradient)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        frame = attached(model, self.frame)
+        combination = np.eye(3) if self._combination is None else self._combination
+        return [KernelRow(Form.WHEEL, (frame,), (), [self.radius, *self.axle, *weights]) for weights in combination]
 
 
 def _friction(kind: RollingWheel) -> Friction:

@@ -125,6 +125,7 @@ class _ModelMemory:
         own, lease = self._model.reduction_data, _Lease()
         self._set_parameters(p)
         own.kinematics.invalidate()
+        own.rows_changed()
         # Evaluations and other reductions of the same model hold these robot and rows.
         robot, rows, data, model = _shallow(own.robot), _shallow(own.rows), _shallow(own), _shallow(self._model)
         vars(robot)["_lease"] = vars(rows)["_lease"] = lease

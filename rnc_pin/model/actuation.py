@@ -143,6 +143,11 @@ class Actuation:
         """Actuation matrix B (nv, p) if it does not depend on the configuration, else None."""
         return None if self._function is not None or self.frames else self._constant
 
+    @property
+    def parts(self) -> tuple[np.ndarray, list[tuple[int, int, int]]] | None:
+        """Constant part of B (nv, p) and ``frames``; None if B is a function of the user."""
+        return None if self._function is not None else (self._constant, self.frames)
+
     def matrix(self, at: PositionKinematics) -> np.ndarray:
         """Actuation matrix B(q), (..., nv, p)."""
         shape = self._constant.shape

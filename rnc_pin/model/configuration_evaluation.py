@@ -18,6 +18,7 @@ from numpy import ndarray as Array
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import CompiledConfiguration, UsesKernel
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
@@ -26,31 +27,48 @@ from rnc_pin.model.reduction_data import ReductionData
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
 
 
-class ConfigurationEvaluation:
+class ConfigurationEvaluation(UsesKernel):
     """Reduced model at configurations (..., nq). Each quantity is computed once, on first use, and is read-only.
 
     ``ReducedModel.at(q)`` returns one. It does not change when the model is evaluated at other states.
 
     Args:
         data: rows, outputs and actuators of the model.
-        position: kinematics at the configurations.
+        q: admitted configurations (..., nq), contiguous and read-only.
+        same: evaluation of the same configurations in another reduction, whose kinematics are used.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
-    def __init__(self, data: ReductionData, position: PositionKinematics) -> None:
-        self._data, self.position = data, position
+    def __init__(self, data: ReductionData, q: Array, same: ConfigurationEvaluation | None = None) -> None:
+        self._data, self.q, self._same = data, q, same
 
     @classmethod
     def at(cls, data: ReductionData, q: Array) -> ConfigurationEvaluation:
         """Evaluation at admitted configurations (..., nq), which become read-only."""
+        if q.ndim > 1:
+            q = np.ascontiguousarray(q)
         q.setflags(write=False)
-        return cls(data, data.kinematics.position(q))
+        return cls(data, q)
 
     def in_reduction(self, data: ReductionData) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system."""
-        return ConfigurationEvaluation(data, self.position)
+        return ConfigurationEvaluation(data, self.q, self)
+
+    @cached_property
+    def position(self) -> PositionKinematics:
+        """Kinematics at the configurations."""
+        return self._data.kinematics.position(self.q) if self._same is None else self._same.position
+
+    @cached_property
+    def compiled(self) -> CompiledConfiguration | None:
+        """Values of the compiled kernel; None if the formulas below apply."""
+        reduction = self._data.compiled
+        if reduction is None:
+            return None
+        same = None if self._same is None else self._same.compiled
+        return reduction.configuration(self.q, lambda: self.position, None if same is None else same.kinematics)
 
     if not TYPE_CHECKING:
 
@@ -62,26 +80,26 @@ class ConfigurationEvaluation:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     @property
-    def q(self) -> Float[Array, "*batch nq"]:
-        """Configurations."""
-        return self.position.q
-
-    @property
     def batch(self) -> tuple[int, ...]:
         """Leading axes."""
-        return self.position.q.shape[:-1]
+        return self.q.shape[:-1]
 
     # ------------------------------------------------------------------ matrices
 
     @property
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
-        return self.position.M
+        return self.position.M if self.compiled is None else self.compiled.M
 
     @cached_property
     def B(self) -> Float[Array, "*batch nv p"]:
         """Actuation matrix: generalized force ``B T``."""
-        return self._data.actuation.matrix(self.position)
+        actuation = self._data.actuation
+        if actuation.constant is not None:
+            return np.broadcast_to(actuation.constant, (*self.batch, *actuation.constant.shape))
+        if self.compiled is not None and actuation.parts is not None:
+            return self.compiled.B()
+        return actuation.matrix(self.position)
 
     @cached_property
     def all_rows(self) -> Float[Array, "*batch k nv"]:
@@ -91,6 +109,8 @@ class ConfigurationEvaluation:
     @cached_property
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
+        if self.compiled is not None:
+            return Factorization(self.compiled.E, self.compiled.E_inverse, True)
         return factorize(self._data, self.position)
 
     @cached_property
@@ -119,6 +139,8 @@ class ConfigurationEvaluation:
     @cached_property
     def J1(self) -> Float[Array, "*batch k nv"]:
         """Jacobian of the vertical outputs."""
+        if self.compiled is not None and self.compiled.vertical is not None:
+            return self.compiled.vertical["J1"]
         return self._data.vertical.jacobian(self.position)
 
     @cached_property
@@ -129,6 +151,8 @@ class ConfigurationEvaluation:
     @cached_property
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+        if self.compiled is not None and self.compiled.vertical is not None:
+            return self.compiled.vertical["A_star"]
         return self.J1 @ self.R
 
     @cached_property
@@ -139,8 +163,10 @@ class ConfigurationEvaluation:
     @cached_property
     def H(self) -> Float[Array, "*batch r r"]:
         """Reduced inertia matrix."""
+        if self.compiled is not None:
+            return self.compiled.H
         R = self.R
-        return product(R.mT, product(self.position.M, R))
+        return product(R.mT, product(self.M, R))
 
     @cached_property
     def mu(self) -> Float[Array, "*batch m"]:
@@ -217,6 +243,8 @@ class ConfigurationEvaluation:
 
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` for reduced velocities (..., r)."""
+        if self.compiled is not None and v2.shape[:-1] == self.batch:
+            return self.compiled.velocity(v2, self.mu if self._data.affine else None)
         v = apply(self.R, v2)
         return v + self.b if self._data.affine else v
 

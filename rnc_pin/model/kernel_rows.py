@@ -36,7 +36,7 @@ class Form(IntEnum):
     DISTANCE = 7
     """Distance of two frames' origins."""
     CLOSURE = 8
-    """Twist of the second frame relative to the first, in the axes and at the origin of the first. Integers: component."""
+    """Twist of the second frame relative to the first, in the axes of the first and at its origin. Integers: component."""
     POINT = 9
     """The same, at the origin of the second frame."""
     MOMENTUM = 10

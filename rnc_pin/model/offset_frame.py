@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kernel_rows import AttachedFrame, attached
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     KinematicDerivatives,
@@ -80,6 +81,10 @@ class OffsetFrame:
 
     def _of(self, motions: np.ndarray) -> np.ndarray:
         return self._action @ motions if self._moved else motions
+
+    def attached(self, model: pin.Model) -> AttachedFrame:
+        """Joint and constant placement of the offset frame."""
+        return attached(model, self.index, pin.SE3(self._rotation, self._point))
 
 
 def triple(values: Vector, what: str) -> np.ndarray:

@@ -180,7 +180,9 @@ class ReducedModel(FormerMethods, SummaryMixin):
 
     def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs T (..., p) [N or N m]."""
-        return self.at(q, v2).v2_dot(T)
+        compiled = self._data.compiled
+        found = None if compiled is None else compiled.forward_dynamics(q, v2, T)
+        return self.at(q, v2).v2_dot(T) if found is None else found
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2_dot + V v2 + G``."""

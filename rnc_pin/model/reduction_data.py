@@ -10,6 +10,8 @@ import scipy.linalg
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import CompiledReduction, UsesKernel, compile_reduction
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
@@ -19,7 +21,7 @@ _CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, 
 _TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
 
 
-class ReductionData:
+class ReductionData(UsesKernel):
     """Data of a reduction with ``E = [A; J2]``: constraint rows, reducing and vertical outputs, actuators.
 
     Args:
@@ -70,6 +72,16 @@ class ReductionData:
         limit = min(_CHOOSE_AGAIN, singularity_limit) if self.has_alternatives else singularity_limit
         self.fast_limit = limit**2
         self.fast_length = float(self.lengths.dot(self.lengths))
+
+    @cached_property
+    def compiled(self) -> CompiledReduction | None:
+        """Compiled kernel; None if NumPy evaluates the reduction."""
+        return compile_reduction(self)
+
+    def rows_changed(self) -> None:
+        """Read the parameters of the rows again; call it after a change of e.g. the radius of a wheel."""
+        if self.compiled is not None:
+            self.compiled.refresh()
 
     def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> ReductionData:
         """Reduction of the same system to velocities ``W v``, with constant W (r, nv) and rows of unit length."""

@@ -10,10 +10,12 @@ from abc import ABC, abstractmethod
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.deprecation import adopt_former_names
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
+from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Mechanism, Phrases
 from rnc_pin.robots.robot import Robot
@@ -89,6 +91,10 @@ class Rows(ABC):
         """
         return None
 
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows as the compiled kernel evaluates them, (k,); None if Python evaluates them."""
+        return None
+
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
         """Points and directions of the constraint forces in the world, for visualization.
 
@@ -129,6 +135,9 @@ class ConstantRows(Rows):
 
     def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
         return np.zeros(self.matrix.shape)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return [KernelRow(Form.CONSTANT)] * len(self.matrix)
 
 
 class OutputRows(Rows):

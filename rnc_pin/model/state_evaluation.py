@@ -21,6 +21,7 @@ from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, product, solve_positive_definite
 from rnc_pin.model.cached_property import cached_property, forwarded
+from rnc_pin.model.compiled import CompiledState, UsesKernel
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
@@ -31,7 +32,7 @@ from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 _AT = "configuration"
 
 
-class StateEvaluation:
+class StateEvaluation(UsesKernel):
     """Reduced model at states (q, v). Each quantity is computed once, on first use, and is read-only.
 
     ``ReducedModel.at(q, v2)`` returns one. It does not change when the model is evaluated at other states.
@@ -94,7 +95,7 @@ class StateEvaluation:
     @property
     def q(self) -> Float[Array, "*batch nq"]:
         """Configurations."""
-        return self.configuration.position.q
+        return self.configuration.q
 
     @property
     def position(self) -> PositionKinematics:
@@ -104,7 +105,7 @@ class StateEvaluation:
     @property
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
-        return self.configuration.position.M
+        return self.configuration.M
 
     @property
     def regular(self) -> Array:
@@ -149,12 +150,22 @@ class StateEvaluation:
     def motion(self) -> VelocityKinematics:
         """Kinematics at (q, v)."""
         if self._motion is None:
-            self._motion = self.configuration.position.with_velocity(self.v)
+            self._motion = self.position.with_velocity(self.v)
         return self._motion
+
+    @cached_property
+    def compiled(self) -> CompiledState | None:
+        """Values of the compiled kernel; None if the formulas below apply."""
+        at = self.configuration.compiled
+        if at is None or self.v.shape[:-1] != at.batch:
+            return None
+        return CompiledState(at, self.v, lambda: self.motion, lambda: self.rates)
 
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
+        if self.compiled is not None:
+            return self.compiled.biases["gamma"]
         data = self._data
         if self.configuration.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
@@ -180,6 +191,8 @@ class StateEvaluation:
     @cached_property
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["E_dot"]
         data = self._data
         if self.configuration.factorization.kept is None:
             return data.stack.jacobian_dot(self.rates)
@@ -195,16 +208,22 @@ class StateEvaluation:
     @cached_property
     def R_dot(self) -> Float[Array, "*batch nv r"]:
         """Rate of R."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["R_dot"]
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
     @cached_property
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["J1_dot"]
         return self._data.vertical.jacobian_dot(self.rates)
 
     @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["A_star_dot"]
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
 
     @cached_property
@@ -226,7 +245,7 @@ class StateEvaluation:
     @property
     def bias(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*``."""
-        return self.motion.bias
+        return self.motion.bias if self.compiled is None else self.compiled.biases["bias"]
 
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
@@ -273,6 +292,8 @@ class StateEvaluation:
 
     @cached_property
     def _E_inverse_gamma(self) -> Array:
+        if self.compiled is not None:
+            return self.compiled.biases["E_inverse_gamma"]
         return apply(self.configuration.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
@@ -286,10 +307,13 @@ class StateEvaluation:
     @cached_property
     def _unforced(self) -> Array:
         """Forces ``H* E^-1 gamma - bias`` without actuators, from ``vdot = R v2dot - E^-1 gamma``."""
-        return apply(self.configuration.position.M, self._E_inverse_gamma) - self.motion.bias
+        return apply(self.M, self._E_inverse_gamma) - self.bias
 
     def _accelerated(self, force: Array) -> Array:
         # H v2dot = R^T (force - bias + H* E^-1 gamma).
+        found = None if self.compiled is None else self.compiled.acceleration(force)
+        if found is not None:
+            return found
         at, free = self.configuration, force + self._unforced
         v2_dot = solve_positive_definite(at.H, apply_transposed(at.R, free))
         if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
@@ -394,6 +418,10 @@ class StateEvaluation:
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
+        compiled = self._data.compiled
+        record = None if compiled is None or self._v2 is None else compiled.terms_at_once(self.q, self._v2)
+        if record is not None:
+            return _terms(record, self._data.m)
         return ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,
@@ -409,3 +437,23 @@ class StateEvaluation:
             b=self.b,
             b_dot=self.b_dot,
         )
+
+
+def _terms(record: Array, m: int) -> ReducedTerms:
+    """Matrices from a record of the compiled kernel, for m constraint rows that are not affine."""
+    v = record["v"]
+    return ReducedTerms(
+        R=record["E_inverse"][..., m:],
+        R_dot=record["R_dot"],
+        H=record["H"],
+        V=record["V"],
+        G=record["G"],
+        input_matrix=record["input_matrix"],
+        A=record["E"][..., :m, :],
+        A_dot=record["E_dot"][..., :m, :],
+        A_star=record["A_star"],
+        A_star_dot=record["A_star_dot"],
+        v=v,
+        b=np.zeros(v.shape),
+        b_dot=np.zeros(v.shape),
+    )

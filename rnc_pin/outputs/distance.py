@@ -6,9 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.robots.robot import Robot
@@ -89,6 +91,9 @@ class _DistanceRow(OutputRows):
             (self._relative(at.velocity), b.velocity - a.velocity),
             (self._relative(at.acceleration), b.acceleration - a.acceleration),
         )
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)))]
 
 
 def _distance_drift(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.math.components import Component
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows, check_defined
@@ -73,3 +75,6 @@ class _YawRow(DirectionAngleRow):
     def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
         check_defined("a yaw is not defined for a vertical axis", at, level, _VERTICAL, self.names)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return [KernelRow(Form.YAW, (attached(model, self._frame),), (self._axis,))]
