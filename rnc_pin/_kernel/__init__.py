@@ -18,7 +18,7 @@ _VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 1
 def _load() -> Any:
     """The compiled module; None if the installation has none, or one for other sources."""
     try:
-        compiled = import_module("rnc_pin._kernel.kernel")
+        compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
         return None
     return compiled if compiled.INTERFACE == _INTERFACE else None

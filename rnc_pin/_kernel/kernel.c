@@ -1223,15 +1223,15 @@ static PyType_Slot slots[] = {
 };
 
 static PyType_Spec spec = {
-    .name = "rnc_pin._kernel.kernel.Evaluator",
+    .name = "rnc_pin._kernel.compiled.Evaluator",
     .basicsize = sizeof(Evaluator),
     .flags = Py_TPFLAGS_DEFAULT,
     .slots = slots,
 };
 
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "kernel", .m_size = -1};
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "compiled", .m_size = -1};
 
-PyMODINIT_FUNC PyInit_kernel(void)
+PyMODINIT_FUNC PyInit_compiled(void)
 {
     PyObject *made = PyModule_Create(&module), *type = made ? PyType_FromSpec(&spec) : NULL;
     if (!type || PyModule_AddObjectRef(made, "Evaluator", type) < 0

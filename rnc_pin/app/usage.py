@@ -54,9 +54,10 @@ def _command(name: str) -> Callable[..., Given]:
 
 def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
     if asked and not context.resilient_parsing:
+        from rnc_pin._kernel import kernel
         from rnc_pin.version import __version__
 
-        click.echo(f"rnc-pin, version {__version__}")
+        click.echo(f"rnc-pin, version {__version__}, kernel {kernel}")
         context.exit()
 
 

@@ -110,7 +110,8 @@ class ConfigurationEvaluation(UsesKernel):
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
         if self.compiled is not None:
-            return Factorization(self.compiled.E, self.compiled.E_inverse, True)
+            regular = np.ones(self.batch, dtype=bool) if self.batch else True
+            return Factorization(self.compiled.E, self.compiled.E_inverse, regular)
         return factorize(self._data, self.position)
 
     @cached_property
