@@ -129,6 +129,7 @@ __all__ = [
     "equilibrium",
     "errors",
     "free_motion",
+    "kernel",
     "kinematic_rollout",
     "linearize",
     "loop",

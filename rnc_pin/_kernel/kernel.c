@@ -22,7 +22,10 @@
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
 #define TOGETHER 1e-9 /* distance below which frames coincide [m] */
 
-enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN, KINDS };
+enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN };
+
+/* Values of outputs, i[4] of their rows. */
+enum { NO_VALUE, JOINT, CONTINUOUS_JOINT, COORDINATE, HEADING, ELEVATION, LENGTH };
 
 typedef struct {
     long kind, a, b, i[5];
@@ -548,7 +551,9 @@ static void inertia(const Evaluator *ev, const double *P, const double *F, doubl
     multiply_transposed(R, n, work, r, H, r, n, r);
 }
 
-/* S: bias (n), dJ (6, n), then gamma, E^-1 gamma and M E^-1 gamma - bias (n each) */
+static Py_ssize_t dynamics_size(const Evaluator *ev) { return 10 * ev->n + ev->r * ev->r; }
+
+/* S: bias (n), dJ (6, n), then gamma, E^-1 gamma and M E^-1 gamma - bias (n each), then H (r, r) */
 static int biases(Evaluator *ev, const double *q, const double *P, const double *F, const double *v,
                   const double *external, double *S)
 {
@@ -587,15 +592,16 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
     }
     for (Py_ssize_t i = 0; i < n; i++) solved[i] = dot(F + n * n + i * n, gamma, n);
     for (Py_ssize_t i = 0; i < n; i++) unforced[i] = dot(P + i * n, solved, n) - S[i];
+    inertia(ev, P, F, S + 10 * n, ev->scratch);
     return 1;
 }
 
 /* v2_dot = H^-1 R^T (force + unforced); false if it is not finite. work: r * r */
-static int accelerate(const Evaluator *ev, const double *F, const double *H, const double *S, const double *force,
-                      double *v2_dot, double *work)
+static int accelerate(const Evaluator *ev, const double *F, const double *S, const double *force, double *v2_dot,
+                      double *work)
 {
     Py_ssize_t n = ev->n, r = ev->r;
-    const double *R = F + n * n + ev->m, *unforced = S + 9 * n;
+    const double *R = F + n * n + ev->m, *unforced = S + 9 * n, *H = S + 10 * n;
     memset(v2_dot, 0, (size_t)r * sizeof(double));
     for (Py_ssize_t i = 0; i < n; i++) add(v2_dot, force[i] + unforced[i], R + i * n, r);
     return solve_positive_definite(H, v2_dot, work, r);
@@ -671,27 +677,71 @@ static void assemble_rates(Evaluator *ev, const double *q, const double *P, cons
     }
 }
 
-/* D: E_dot (n, n), R_dot (n, r), J1_dot (k, n), A_star_dot (k, r), if Pinocchio's dJ is current (and C, for momenta).
-   Y has J1; of_E and of_J1 have rates of the user's rows. work: 2 n * n + 6 n */
-static void rates(Evaluator *ev, const double *q, const double *P, const double *F, const double *v, const double *Y,
-                  const double *of_E, const double *of_J1, double *D, double *work)
+static Py_ssize_t rates_size(const Evaluator *ev)
+{
+    return ev->n * ev->n + ev->n * ev->r + 2 * ev->k * (ev->n + ev->r) + ev->n + ev->k;
+}
+
+/* D: E_dot (n, n), R_dot (n, r), J1 (k, n), A_star (k, r), J1_dot (k, n), A_star_dot (k, r), E v (n), J1 v (k), if
+   Pinocchio's dJ is current (and C, for momenta). of_J1, E_rates and J1_rates have values of the user's rows.
+   work: 2 n * n + 6 n. False if a row of J1 is undefined. */
+static int rates(Evaluator *ev, const double *q, const double *P, const double *F, const double *v, const double *of_J1,
+                 const double *E_rates, const double *J1_rates, double *D, double *work)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
     const double *inverse = F + n * n, *R = inverse + ev->m;
-    double *R_dot = D + n * n, *J1_dot = R_dot + n * r, *A_star_dot = J1_dot + k * n;
-    double *C = work, *product = work + n * n, *dJ = product + n * n;
+    double *R_dot = D + n * n, *Y = R_dot + n * r, *J1_dot = Y + k * (n + r), *A_star_dot = J1_dot + k * n;
+    double *C = work, *product = work + n * n, *dJ = product + n * n, *rows = A_star_dot + k * r, *v1 = rows + n;
+    if (!vertical(ev, q, P, F, of_J1, Y)) return 0;
     if (ev->rates_need_C) by_rows(ev->views[V_C].buf, C, n, n);
     by_rows(ev->views[V_DJ].buf, dJ, 6, n);
-    place(ev, P + n * n + 6 * n);
     move(ev, P + n * n, NULL, v);
-    assemble_rates(ev, q, P, dJ, v, C, of_E, 0, n, D);
-    assemble_rates(ev, q, P, dJ, v, C, of_J1, n, n + k, J1_dot);
+    assemble_rates(ev, q, P, dJ, v, C, E_rates, 0, n, D);
+    assemble_rates(ev, q, P, dJ, v, C, J1_rates, n, n + k, J1_dot);
     multiply(D, n, R, n, product, n, n, r);
     multiply(inverse, n, product, r, R_dot, n, n, r);
     for (Py_ssize_t i = 0; i < n * r; i++) R_dot[i] = -R_dot[i];
     multiply(J1_dot, n, R, n, A_star_dot, k, n, r);
     for (Py_ssize_t i = 0; i < k; i++)
         for (Py_ssize_t j = 0; j < n; j++) add(A_star_dot + i * r, Y[i * n + j], R_dot + j * r, r);
+    for (Py_ssize_t i = 0; i < n; i++) rows[i] = dot(F + i * n, v, n);
+    for (Py_ssize_t i = 0; i < k; i++) v1[i] = dot(Y + i * n, v, n);
+    return 1;
+}
+
+/* Values of the reducing outputs (r), then of the vertical outputs (k); zero for those that Python evaluates. */
+static void values(Evaluator *ev, const double *q, const double *P, double *x)
+{
+    Py_ssize_t n = ev->n;
+    place(ev, P + n * n + 6 * n);
+    for (Py_ssize_t i = ev->m; i < n + ev->k; i++, x++) {
+        const Row *row = ev->rows + i;
+        const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
+        double d[3] = {0.0};
+        switch (row->i[4]) {
+        case JOINT:
+            *x = q[row->i[3]];
+            break;
+        case CONTINUOUS_JOINT:
+            *x = atan2(q[row->i[3] + 1], q[row->i[3]]);
+            break;
+        case COORDINATE:
+            *x = a->p[row->i[3]];
+            break;
+        case HEADING:
+            *x = atan2(a->R[3 + row->i[0]], a->R[row->i[0]]);
+            break;
+        case ELEVATION:
+            *x = atan2(a->R[6 + row->i[0]], hypot(a->R[row->i[0]], a->R[3 + row->i[0]]));
+            break;
+        case LENGTH:
+            for (int c = 0; c < 3; c++) d[c] = b->p[c] - a->p[c];
+            *x = sqrt(dot(d, d, 3));
+            break;
+        default:
+            *x = 0.0;
+        }
+    }
 }
 
 /* K: C (n, n), V (r, r), g (n), G (r). Pinocchio's C is current. work: 2 n * r */
@@ -768,9 +818,8 @@ static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected)
 
 static Py_ssize_t terms_size(const Evaluator *ev)
 {
-    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
-    return kinematics_size(ev) + 2 * n * n + n + k * n + k * r + n * n + n * r + k * n + k * r + n * n + r * r + n + r + n
-        + r * r + n * ev->p + r * ev->p;
+    Py_ssize_t n = ev->n, r = ev->r;
+    return kinematics_size(ev) + 2 * n * n + n + rates_size(ev) + n * n + r * r + n + r + n + r * r + (n + r) * ev->p;
 }
 
 static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, known */
@@ -779,7 +828,8 @@ static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     double *q, *P, *F, *external;
     int ok = -1;
     if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
-        && take(&all, args[1], kinematics_size(ev), WRITE, &P) && take(&all, args[2], 2 * ev->n * ev->n, WRITE, &F)
+        && take(&all, args[1], kinematics_size(ev), args[4] == Py_True ? READ : WRITE, &P)
+        && take(&all, args[2], 2 * ev->n * ev->n, WRITE, &F)
         && optional(&all, args[3], ev->external * ev->n, &external)) {
         int known = args[4] == Py_True;
         ok = external || !ev->external;
@@ -829,27 +879,27 @@ static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t gi
     int ok = -1;
     if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
         && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && take(&all, args[3], ev->n, READ, &v)
-        && optional(&all, args[4], ev->external, &external) && take(&all, args[5], 10 * ev->n, WRITE, &S)) {
+        && optional(&all, args[4], ev->external, &external) && take(&all, args[5], dynamics_size(ev), WRITE, &S)) {
         ok = external || !ev->external;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
             if (!biases(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, v + i * ev->n,
-                        external ? external + i * ev->external : NULL, S + i * 10 * ev->n))
+                        external ? external + i * ev->external : NULL, S + i * dynamics_size(ev)))
                 ok = -1;
     }
     return result(&all, ok);
 }
 
-static PyObject *acceleration(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, H, S, force, v2_dot */
+static PyObject *acceleration(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* F, S, force, v2_dot */
 {
     Arrays all = {.count = -1};
-    double *F, *H, *S, *force, *v2_dot;
+    double *F, *S, *force, *v2_dot;
     int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F) && take(&all, args[1], ev->r * ev->r, READ, &H)
-        && take(&all, args[2], 10 * ev->n, READ, &S) && take(&all, args[3], ev->n, READ, &force)
-        && take(&all, args[4], ev->r, WRITE, &v2_dot)) {
+    if (expect(ev, given, 4) && take(&all, args[0], 2 * ev->n * ev->n, READ, &F)
+        && take(&all, args[1], dynamics_size(ev), READ, &S) && take(&all, args[2], ev->n, READ, &force)
+        && take(&all, args[3], ev->r, WRITE, &v2_dot)) {
         ok = 1;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
-            ok = accelerate(ev, F + i * 2 * ev->n * ev->n, H + i * ev->r * ev->r, S + i * 10 * ev->n, force + i * ev->n,
+            ok = accelerate(ev, F + i * 2 * ev->n * ev->n, S + i * dynamics_size(ev), force + i * ev->n,
                             v2_dot + i * ev->r, ev->scratch);
     }
     return result(&all, ok);
@@ -872,32 +922,40 @@ static PyObject *vertical_rows(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     return result(&all, ok);
 }
 
-static Py_ssize_t rates_size(const Evaluator *ev)
-{
-    return ev->n * ev->n + ev->n * ev->r + ev->k * (ev->n + ev->r);
-}
-
-/* q, P, F, v, Y, external rates of E and of J1, D */
+/* q, P, F, v, rows of J1, rates of E and of J1 from the user, D */
 static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *P, *F, *v, *Y, *of_E, *of_J1, *D;
-    Py_ssize_t n = ev->n, rows = ev->k * (n + ev->r);
+    double *q, *P, *F, *v, *of_J1, *E_rates, *J1_rates, *D;
+    Py_ssize_t n = ev->n, in_E = ev->external * n, in_J1 = ev->external_vertical * n;
     int ok = -1;
     if (expect(ev, given, 8) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
         && take(&all, args[2], 2 * n * n, READ, &F) && take(&all, args[3], n, READ, &v)
-        && take(&all, args[4], rows, READ, &Y) && optional(&all, args[5], ev->external * n, &of_E)
-        && optional(&all, args[6], ev->external_vertical * n, &of_J1)
-        && take(&all, args[7], rates_size(ev), WRITE, &D)) {
-        ok = (of_E || !ev->external) && (of_J1 || !ev->external_vertical);
+        && optional(&all, args[4], in_J1, &of_J1) && optional(&all, args[5], in_E, &E_rates)
+        && optional(&all, args[6], in_J1, &J1_rates) && take(&all, args[7], rates_size(ev), WRITE, &D)) {
+        ok = (E_rates || !in_E) && ((of_J1 && J1_rates) || !in_J1);
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
             take_state(ev, q + i * ev->nq, v + i * n);
             if (!called(ev, ev->rates_need_C ? P_C : P_DJ, 1)) ok = -1; /* dJ comes with C */
             else
-                rates(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * n * n, v + i * n, Y + i * rows,
-                      of_E ? of_E + i * ev->external * n : NULL,
-                      of_J1 ? of_J1 + i * ev->external_vertical * n : NULL, D + i * rates_size(ev), ev->scratch);
+                ok = rates(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * n * n, v + i * n,
+                           of_J1 ? of_J1 + i * in_J1 : NULL, E_rates ? E_rates + i * in_E : NULL,
+                           J1_rates ? J1_rates + i * in_J1 : NULL, D + i * rates_size(ev), ev->scratch);
         }
+    }
+    return result(&all, ok);
+}
+
+static PyObject *output_values(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, values */
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *x;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], ev->r + ev->k, WRITE, &x)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count; i++)
+            values(ev, q + i * ev->nq, P + i * kinematics_size(ev), x + i * (ev->r + ev->k));
     }
     return result(&all, ok);
 }
@@ -976,7 +1034,7 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
         if (!out || PyObject_GetBuffer(out, view, PyBUF_WRITABLE) < 0) ok = -1;
         else if (all.open++, view->len != count * r * (Py_ssize_t)sizeof(double)) ok = 0;
         double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
-        double *H = S + 10 * n, *force = H + r * r;
+        double *force = S + dynamics_size(ev);
         for (Py_ssize_t i = 0; i < count && ok > 0; i++) {
             const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
             double *v2_dot = (double *)view->buf + i * r;
@@ -987,8 +1045,7 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
             input_force(ev, q, P, T, force, ev->scratch);
             velocity(ev, F, ev->mu, v2, v);
             if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
-            inertia(ev, P, F, H, ev->scratch);
-            if (ok > 0) ok = accelerate(ev, F, H, S, force, v2_dot, ev->scratch);
+            if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
         }
     }
     close_arrays(&all);
@@ -998,23 +1055,22 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     Py_RETURN_NONE;
 }
 
-/* q, v2, record of all matrices: kinematics, F, v, Y, D, K, bias, H, B, R^T B. False if the general way has to decide. */
+/* q, v2, record of all matrices: kinematics, F, v, D, K, bias, H, B, R^T B. False if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
     double *q, *v2, *record;
-    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    Py_ssize_t n = ev->n, r = ev->r;
     int ok = -1;
     if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
         && take(&all, args[2], terms_size(ev), WRITE, &record)) {
         ok = ev->fused && !ev->external_vertical && !ev->mu;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v2 += r, record += terms_size(ev)) {
-            double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *Y = v + n, *D = Y + k * (n + r);
+            double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
             double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
             double *input = B + n * ev->p;
             if (!take_position(ev, q, P)) ok = -1;
             if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-            if (ok > 0) ok = vertical(ev, q, P, F, NULL, Y);
             if (ok <= 0) break;
             velocity(ev, F, NULL, v2, v);
             take_state(ev, q, v);
@@ -1022,7 +1078,7 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
             memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
             if (ok > 0 && !called(ev, P_C, 1)) ok = -1; /* dJ comes with it */
             if (ok <= 0) break;
-            rates(ev, q, P, F, v, Y, NULL, NULL, D, ev->scratch);
+            if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
             coriolis(ev, P, F, v, bias, D, K, ev->scratch);
             inertia(ev, P, F, H, ev->scratch);
             input_matrix(ev, q, P, B, ev->scratch);
@@ -1053,9 +1109,13 @@ static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL
 static int within(long index, Py_ssize_t size) { return index >= 0 && index < size; }
 
 /* Every index of a row refers to something that exists. */
-static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external)
+static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int output)
 {
     const long *i = row->i;
+    if (output && (i[4] == JOINT || i[4] == CONTINUOUS_JOINT) && !within(i[3], ev->nq - (i[4] != JOINT))) return 0;
+    if (output && i[4] == COORDINATE && (row->kind != WORLD || !within(i[3], 3))) return 0;
+    if (output && (i[4] == HEADING || i[4] == ELEVATION) && row->kind != YAW && row->kind != TILT) return 0;
+    if (output && i[4] == LENGTH && row->kind != DISTANCE) return 0;
     switch (row->kind) {
     case CONSTANT:
         return 1;
@@ -1096,7 +1156,7 @@ static int checked(Evaluator *ev)
         if (!within(ev->frame[f].joint, ev->joints)) return 0;
     for (Py_ssize_t i = 0; i < ev->count; i++) {
         Py_ssize_t external = i < ev->n ? ev->external : i < ev->n + ev->k ? ev->external_vertical : 0;
-        if (!valid(ev, ev->rows + i, external)) return 0;
+        if (!valid(ev, ev->rows + i, external, i >= ev->m && i < ev->n + ev->k)) return 0;
         if (i >= ev->n + ev->k && (ev->rows[i].kind != OWN || !within(ev->columns[i - ev->n - ev->k], ev->p))) return 0;
         if (ev->rows[i].kind == MOMENTUM) ev->rates_need_C = 1;
     }
@@ -1162,7 +1222,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
         && (ev->lengths = copied(lengths, n, sizeof(double)))) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
-        Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + 10 * n + ev->r * ev->r + n;
+        Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
         ev->work = work;
         ev->rows = calloc((size_t)ev->count, sizeof(Row));
         ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
@@ -1212,6 +1272,7 @@ static PyMethodDef methods[] = {
     {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
     {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
     {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
+    {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},

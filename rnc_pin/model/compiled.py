@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,9 +19,19 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.kernel_rows import INTEGERS, NUMBERS, AttachedFrame, Form, KernelRow, attached, placement_numbers
+from rnc_pin.model.kernel_rows import (
+    INTEGERS,
+    NUMBERS,
+    AttachedFrame,
+    Form,
+    KernelRow,
+    Value,
+    attached,
+    placement_numbers,
+)
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, RateKinematics, VelocityKinematics
-from rnc_pin.model.row_stack import Place, RowStack
+from rnc_pin.model.row_stack import OutputStack, Place, RowStack
+from rnc_pin.model.rows import OutputRows
 
 if TYPE_CHECKING:
     from rnc_pin.model.reduction_data import ReductionData
@@ -49,7 +60,7 @@ class CompiledReduction:
     def __init__(self, data: ReductionData) -> None:
         self._data = data
         table = _RowTable(data)
-        self._external, self._external_vertical = table.external, table.external_vertical
+        self.external, self.external_vertical = table.external, table.external_vertical
         parts = data.actuation.parts
         self.has_inputs = parts is not None
         mu = np.array(table.rates) if data.affine else None
@@ -62,13 +73,17 @@ class CompiledReduction:
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
         rows = {"J1": (k, n), "A_star": (k, r)}
-        biases = {"bias": (n,), "dJ": (6, n), "gamma": (n,), "E_inverse_gamma": (n,), "unforced": (n,)}
-        rates = {"E_dot": (n, n), "R_dot": (n, r), "J1_dot": (k, n), "A_star_dot": (k, r)}
+        biases = {"bias": (n,), "dJ": (6, n), "gamma": (n,), "E_inverse_gamma": (n,), "unforced": (n,), "H": (r, r)}
+        velocities = {"velocities": (n,), "v1": (k,)}
+        rates = {"E_dot": (n, n), "R_dot": (n, r), **rows, "J1_dot": (k, n), "A_star_dot": (k, r), **velocities}
         coriolis = {"C": (n, n), "V": (r, r), "g": (n,), "G": (r,)}
         forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p)}
         self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
         self.biases, self.rates = _record(biases), _record(rates)
-        self.terms = _record({**kinematics, **inverse, "v": (n,), **rows, **rates, **coriolis, **forces})
+        self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
+
+        self.python_values = tuple(_python_values(stack, data.robot.model) for stack in (data.reducing, data.vertical))
+        """Blocks of reducing and of vertical outputs whose values Python evaluates."""
 
     def refresh(self) -> None:
         """Read the numbers of the rows again, after a parameter of a row changed."""
@@ -84,7 +99,7 @@ class CompiledReduction:
             position: returns kinematics at q for rows of the user.
             kinematics: kinematics record at q, if known.
         """
-        external = _concatenated(self._external, lambda block: block.jacobian(position()), -2)
+        external = _concatenated(self.external, lambda block: block.jacobian(position()), -2)
         known = kinematics is not None
         record = np.empty(q.shape[:-1], self.kinematics) if kinematics is None else kinematics
         inverse = np.empty(q.shape[:-1], self.inverse)
@@ -118,9 +133,34 @@ class CompiledConfiguration:
         self.reduction, self.q, self.kinematics, self.inverse = reduction, q, kinematics, inverse
         self._position, self._evaluator = position, reduction._evaluator
         self.batch = q.shape[:-1]
-        self.M, self.E, self.E_inverse = kinematics["M"], inverse["E"], inverse["E_inverse"]
-        for each in (self.M, self.E, self.E_inverse):
-            each.setflags(write=False)
+        kinematics.setflags(write=False)
+        inverse.setflags(write=False)
+
+    @property
+    def M(self) -> Array:
+        """Inertia matrix before reduction."""
+        return self.kinematics["M"]
+
+    @property
+    def E(self) -> Array:
+        """Constraint rows and reducing outputs."""
+        return self.inverse["E"]
+
+    @property
+    def E_inverse(self) -> Array:
+        """Inverse of E."""
+        return self.inverse["E_inverse"]
+
+    def values(self) -> tuple[Array, Array]:
+        """Values of the vertical and of the reducing outputs."""
+        data = self.reduction._data
+        values = np.empty((*self.batch, data.r + data.vertical.size))
+        self._evaluator.values(self.q, self.kinematics, values)
+        x2, x1 = values[..., : data.r], values[..., data.r :]
+        for x, places in zip((x2, x1), self.reduction.python_values, strict=True):
+            for block, where in places:
+                x[..., where] = block.value(self._position())
+        return x1, x2
 
     def velocity(self, v2: Array, mu: Array | None) -> Array:
         """Full velocity (..., nv)."""
@@ -146,7 +186,7 @@ class CompiledConfiguration:
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = _concatenated(self.reduction._external_vertical, lambda block: block.jacobian(self._position()), -2)
+        external = _concatenated(self.reduction.external_vertical, lambda block: block.jacobian(self._position()), -2)
         rows = np.empty(self.batch, self.reduction.rows)
         return rows if self._evaluator.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
@@ -175,31 +215,30 @@ class CompiledState:
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
         at, reduction = self._at, self._at.reduction
-        external = _concatenated(reduction._external, lambda block: block.bias_acceleration(self._motion()), -1)
+        external = _concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion()), -1)
         biases = np.empty(at.batch, reduction.biases)
         self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, biases)
         return biases
 
     def acceleration(self, force: Array) -> Array | None:
-        """Reduced acceleration under generalized forces (..., nv); None if it is not finite, or forces have more axes."""
+        """Reduced acceleration under forces (..., nv); None if it is not finite, or if the forces have more axes."""
         at = self._at
         if force.shape[:-1] != at.batch:
             return None
         v2_dot = np.empty((*at.batch, at.reduction._data.r))
         force = np.ascontiguousarray(force)
-        return v2_dot if self._evaluator.accelerate(at.inverse, at.H, self.biases, force, v2_dot) else None
+        return v2_dot if self._evaluator.accelerate(at.inverse, self.biases, force, v2_dot) else None
 
     @cached_property
     def rates(self) -> Array | None:
-        """Record of the rates of E, R, J1 and A_star; None if a vertical row is undefined."""
+        """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, reduction = self._at, self._at.reduction
-        if at.vertical is None:
-            return None
-        stacks = reduction._external, reduction._external_vertical
+        rows = _concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position()), -2)
+        stacks = reduction.external, reduction.external_vertical
         external = [_concatenated(each, lambda block: block.jacobian_dot(self._rates()), -2) for each in stacks]
         rates = np.empty(at.batch, reduction.rates)
-        self._evaluator.rates(at.q, at.kinematics, at.inverse, self._v, at.vertical, *external, rates)
-        return rates
+        arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
+        return rates if self._evaluator.rates(*arguments) else None
 
 
 # ---------------------------------------------------------------------- tables of the kernel
@@ -229,6 +268,8 @@ class _RowTable:
         self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
         for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
             integers[0], integers[1] = row.form, row.joint
+            if row.value[0] != Value.NONE:
+                integers[7], integers[6] = row.value
             integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
             for place, frame in enumerate(row.frames):
                 key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
@@ -257,6 +298,16 @@ class _RowTable:
         return external, rows
 
 
+def _python_values(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
+    """Blocks whose values Python evaluates."""
+    found = []
+    for block, where, _ in stack.places:
+        rows = block.kernel_rows(model)
+        if isinstance(block, OutputRows) and not block.quasi and (rows is None or rows[0].value[0] == Value.NONE):
+            found.append((block, where))
+    return found
+
+
 def _evaluator(data: ReductionData, table: _RowTable, mu: Array | None, fused: bool) -> Any:
     """The kernel's object, with Pinocchio data of its own."""
     robot, model = data.robot, data.robot.model
@@ -276,7 +327,8 @@ def _evaluator(data: ReductionData, table: _RowTable, mu: Array | None, fused: b
     )
     functions = (pin.crba, pin.nonLinearEffects, pin.computeJointJacobiansTimeVariation, pin.computeCoriolisMatrix)
     references = (model, pinocchio, q, v, pin.Convention.WORLD, *functions, pin.isNormalized, 1e-6, np.empty)
-    constant, frames = data.actuation.parts or (np.zeros((n, data.p)), [])
+    parts = data.actuation.parts
+    constant = np.zeros((n, data.p)) if parts is None else parts[0]
     external = [
         sum(len(place.of(np.arange(len(place.block.names)))) for place in places)
         for places in (table.external, table.external_vertical)
@@ -373,27 +425,35 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
     generator, kinematics = np.random.default_rng(0), Kinematics(data.robot)
     for _ in range(_ATTEMPTS):
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
-        try:
-            rates = kinematics.position(q).with_velocity(v).rates()
-            expected = {
-                "M": rates.M,
-                "E": data.stack.jacobian(rates),
-                "bias": rates.bias,
-                "gamma": data.stack.bias_acceleration(rates),
-                "E_dot": data.stack.jacobian_dot(rates),
-                "J1": data.vertical.jacobian(rates),
-                "J1_dot": data.vertical.jacobian_dot(rates),
-            }
-        except SingularityError:
-            continue
-        at = found.configuration(q, lambda: rates)
-        if at is None or at.vertical is None:
-            continue
-        state = CompiledState(at, v, lambda: rates, lambda: rates)
-        records = at.kinematics, at.inverse, at.vertical, state.biases, state.rates
-        computed = {name: each[name] for each in records if each is not None for name in each.dtype.names or ()}
-        return max(_relative(computed[name], value) for name, value in expected.items())
+        rates = kinematics.position(q).with_velocity(v).rates()
+        with suppress(SingularityError):  # a row is undefined at q
+            expected, computed = _by_numpy(data, rates), _by_kernel(found, rates)
+            if computed is not None:
+                return max(_relative(computed[name], value) for name, value in expected.items())
     return None
+
+
+def _by_numpy(data: ReductionData, at: RateKinematics) -> dict[str, Array]:
+    return {
+        "M": at.M,
+        "E": data.stack.jacobian(at),
+        "bias": at.bias,
+        "gamma": data.stack.bias_acceleration(at),
+        "E_dot": data.stack.jacobian_dot(at),
+        "J1": data.vertical.jacobian(at),
+        "J1_dot": data.vertical.jacobian_dot(at),
+    }
+
+
+def _by_kernel(found: CompiledReduction, at: RateKinematics) -> dict[str, Array] | None:
+    configuration = found.configuration(at.q, lambda: at)
+    if configuration is None:
+        return None
+    state = CompiledState(configuration, at.v, lambda: at, lambda: at)
+    if state.rates is None:
+        return None
+    records = configuration.kinematics, configuration.inverse, state.biases, state.rates
+    return {name: each[name] for each in records for name in each.dtype.names or ()}
 
 
 def _relative(found: Array, expected: Array) -> float:

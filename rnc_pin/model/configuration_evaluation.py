@@ -96,7 +96,8 @@ class ConfigurationEvaluation(UsesKernel):
         """Actuation matrix: generalized force ``B T``."""
         actuation = self._data.actuation
         if actuation.constant is not None:
-            return np.broadcast_to(actuation.constant, (*self.batch, *actuation.constant.shape))
+            constant = actuation.constant
+            return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
         if self.compiled is not None and actuation.parts is not None:
             return self.compiled.B()
         return actuation.matrix(self.position)
@@ -237,7 +238,10 @@ class ConfigurationEvaluation(UsesKernel):
 
     @cached_property
     def _values(self) -> tuple[Array, Array]:
-        values = self._data.vertical.value(self.position), self._data.reducing.value(self.position)
+        if self.compiled is not None:
+            values = self.compiled.values()
+        else:
+            values = self._data.vertical.value(self.position), self._data.reducing.value(self.position)
         for each in values:
             each.setflags(write=False)
         return values

@@ -36,15 +36,34 @@ class Form(IntEnum):
     DISTANCE = 7
     """Distance of two frames' origins."""
     CLOSURE = 8
-    """Twist of the second frame relative to the first, in the axes of the first and at its origin. Integers: component."""
+    """Twist of the second frame relative to the first, in its axes and at its origin. Integers: component."""
     POINT = 9
-    """The same, at the origin of the second frame."""
+    """The same, at the origin of the second frame. Integers: component."""
     MOMENTUM = 10
     """Momentum of a joint. Integers: first entry of v, row, bits of the components of a spatial velocity that the joint
     allows (0 for axes of the body), size. Numbers: placement of the world in the joint's fixed frame (12)."""
     ACKERMANN = 11
     """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
     Numbers: track over wheelbase, sign of the left joint, of the right joint."""
+
+
+class Value(IntEnum):
+    """Formula of an output's value; the numbers are those of ``kernel.c``."""
+
+    NONE = 0
+    """A quasi-velocity, or a value that Python evaluates."""
+    JOINT = 1
+    """Position of a joint; the parameter is its index in q."""
+    CONTINUOUS_JOINT = 2
+    """The same for a joint that is stored as (cos, sin)."""
+    COORDINATE = 3
+    """Coordinate of the frame's origin; the parameter is the axis."""
+    HEADING = 4
+    """Yaw of the axis of a row ``Form.YAW``."""
+    ELEVATION = 5
+    """Tilt of the axis of a row ``Form.TILT``."""
+    LENGTH = 6
+    """Distance of a row ``Form.DISTANCE``."""
 
 
 class AttachedFrame(NamedTuple):
@@ -64,6 +83,8 @@ class KernelRow(NamedTuple):
     rate: float = 0.0
     joint: int = 0
     """Joint of a momentum row."""
+    value: tuple[Value, int] = (Value.NONE, 0)
+    """Value of an output, with its parameter."""
 
 
 def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> AttachedFrame:

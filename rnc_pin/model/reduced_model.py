@@ -62,6 +62,7 @@ class ReducedModel(FormerMethods, SummaryMixin):
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
         """Redundant constraint rows, with the reasons."""
+        _ = parts.compiled  # a comparison of the kernel with NumPy warns now, not at the first sample
 
     # ------------------------------------------------------------------ components
 

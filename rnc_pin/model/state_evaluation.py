@@ -399,6 +399,23 @@ class StateEvaluation(UsesKernel):
             x2 = x2.copy()
             x2[..., quasi] = np.nan
         offset = offset_dot = None
+        if self.compiled is not None and self.compiled.rates is not None and not self._data.affine:
+            rates, m = self.compiled.rates, self._data.m
+            velocities = rates["velocities"]
+            v2 = velocities[..., m:] if self._v2 is None else self._v2
+            return Measurement(
+                self.q,
+                self.v,
+                v2,
+                x1,
+                x2,
+                rates["v1"],
+                rates["A_star"],
+                rates["A_star_dot"],
+                None,
+                None,
+                velocities[..., :m],
+            )
         if self._data.affine:
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)

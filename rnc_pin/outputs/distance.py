@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.robots.robot import Robot
@@ -93,7 +93,7 @@ class _DistanceRow(OutputRows):
         )
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)))]
+        return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)), value=(Value.LENGTH, 0))]
 
 
 def _distance_drift(

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
+from rnc_pin.model.kernel_rows import KernelRow, Value
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
@@ -48,3 +50,10 @@ class _PositionRows(FrameVelocityRows, OutputRows):
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._frame).translation[..., self._rows]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        axes = np.arange(3)[self._rows].tolist()
+        return [
+            row._replace(value=(Value.COORDINATE, axis))
+            for row, axis in zip(super().kernel_rows(model), axes, strict=True)
+        ]

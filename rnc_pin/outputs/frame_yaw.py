@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.math.components import Component
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows, check_defined
@@ -77,4 +77,4 @@ class _YawRow(DirectionAngleRow):
         check_defined("a yaw is not defined for a vertical axis", at, level, _VERTICAL, self.names)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return [KernelRow(Form.YAW, (attached(model, self._frame),), (self._axis,))]
+        return [KernelRow(Form.YAW, (attached(model, self._frame),), (self._axis,), value=(Value.HEADING, 0))]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ModelError
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
@@ -48,6 +50,10 @@ class _JointRow(ConstantRows, OutputRows):
         self._q = slice(joint.idx_q, joint.idx_q + joint.nq)
         self.matrix = np.zeros((1, robot.nv))
         self.matrix[0, joint.idx_v] = 1.0
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        value = Value.CONTINUOUS_JOINT if self.angular[0] else Value.JOINT
+        return [KernelRow(Form.CONSTANT, value=(value, self._q.start))]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         q = at.q[..., self._q]

@@ -1,0 +1,297 @@
+"""The compiled kernel and NumPy evaluate the same quantities, for all kinds of rows and for random systems."""
+
+import subprocess
+import sys
+from copy import copy, deepcopy
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+
+import rnc_pin as rnc
+from rnc_pin import _kernel
+from rnc_pin.model import compiled
+from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.state_evaluation import StateEvaluation
+from tests.support.random_systems import recipes, reduced_of
+from tests.support.systems import (
+    ackermann_car,
+    bicycle,
+    drifting_manipulator,
+    fire_truck,
+    four_bar,
+    free_flying_panda,
+    leaning_wheel,
+    mecanum,
+    mobile_manipulator,
+    random_states,
+    spinning_space_robot,
+    tiago,
+    tumbling_panda,
+)
+
+needs_library = pytest.mark.skipif(
+    _kernel.library is None, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
+)
+
+CONFIGURATION = ("M", "B", "E", "E_inverse", "R", "H", "J1", "A_star", "input_matrix", "b")
+STATE = ("v", "v1", "v2", "gamma", "residual", "bias", "E_dot", "R_dot", "J1_dot", "A_star_dot", "V", "G", "b_dot")
+
+
+def outputs_of_all_kinds():
+    """Free base: outputs of every kind, a point with an offset, a caster, a force on a frame, and rows of the user."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    placement = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.4, 0.1, 0.3]))
+    arm = model.addJoint(base, pin.JointModelRUBY(), placement, "arm")
+    hand = model.addJoint(arm, pin.JointModelPZ(), placement, "hand")
+    for joint, name in ((base, "base"), (arm, "upper"), (hand, "tip")):
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.2), placement)
+        model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    row = np.linspace(0.2, 1.0, robot.nv)[None]
+
+    def turning(q):
+        return row * np.cos(q[0])
+
+    def turning_rate(q, v):
+        heading = pin.Quaternion(q[3:7]).matrix()[0]
+        return -row * np.sin(q[0]) * (heading @ v[:3])
+
+    constraints = [
+        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3)),
+        rnc.Caster("upper", 0.1),
+        rnc.Pfaffian(turning, turning_rate, names=["row"]),
+    ]
+    actuators = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand", rnc.FrameForce("base", "y")]
+    own = rnc.Output(None, turning, turning_rate, ["own"])
+    vertical = [
+        rnc.FrameOrientation("tip"),
+        rnc.FrameYaw("tip", "y"),
+        rnc.FrameTilt("tip", "x"),
+        rnc.Distance("base", "tip"),
+        rnc.FramePosition("tip", "zx"),
+        rnc.FrameAngularVelocity("base", "z"),
+        rnc.FrameSpeed("upper", "z"),
+        own,
+    ]
+    return rnc.NonholonomicSystem(robot, constraints, actuators).reduce(vertical=vertical)
+
+
+SYSTEMS = (
+    ackermann_car,
+    bicycle,
+    drifting_manipulator,
+    fire_truck,
+    four_bar,
+    free_flying_panda,
+    leaning_wheel,
+    mecanum,
+    mobile_manipulator,
+    outputs_of_all_kinds,
+    spinning_space_robot,
+    tiago,
+    tumbling_panda,
+)
+
+
+def by_numpy(reduced, q, **velocity):
+    """Evaluation of the same rows without the kernel."""
+    data = copy(reduced.reduction_data)
+    data.__dict__["compiled"] = None
+    return StateEvaluation.at(data, q.copy(), **{name: each.copy() for name, each in velocity.items()})
+
+
+def near(found, expected, condition, what, scale=0.0):
+    scale = np.abs(expected).max(initial=max(scale, 1e-3))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale * condition, err_msg=what)
+
+
+def compare(reduced, q, v2):
+    """All quantities at states (..., nq), (..., r), both ways."""
+    plain = by_numpy(reduced, q, v2=v2)
+    condition = np.max(plain.condition) ** 2
+    found = reduced.at(q, v2)
+    assert found.compiled is not None
+    inertial = np.abs(plain.C).max() * np.abs(plain.v).max() * np.abs(plain.R).max()  # cancels in G
+    for name in (*CONFIGURATION, *STATE):
+        near(getattr(found, name), getattr(plain, name), condition, name, inertial)
+    for name, value in vars(plain.terms()).items():
+        near(getattr(reduced.terms(q, v2), name), value, condition, f"terms().{name}", inertial)
+    for one, other in zip(found.outputs(), plain.outputs(), strict=True):
+        near(one, other, 1.0, "outputs")
+    integrals = np.zeros(v2.shape)
+    for name, value in plain.measure(integrals)._asdict().items():
+        if value is not None:
+            near(getattr(found.measure(integrals), name), value, condition, f"measure().{name}")
+    T = np.random.default_rng(1).normal(size=(*q.shape[:-1], reduced.p))
+    condition = condition * np.max(np.linalg.cond(plain.H))
+    for one in (reduced.forward_dynamics(q, v2, T), found.v2_dot(T)):
+        near(one, plain.v2_dot(T), condition, "v2_dot")
+    for method in ("acceleration", "multipliers", "contact_forces"):
+        near(getattr(found, method)(T), getattr(plain, method)(T), condition, method)
+    force = plain.inverse_dynamics(v2)
+    near(found.inverse_dynamics(v2), force, condition, "inverse_dynamics")
+    damping = np.linspace(0.0, 1.0, reduced.n)
+    for one, other in zip(found.flow(T, damping, 0.1 * damping), plain.flow(T, damping, 0.1 * damping), strict=True):
+        near(one, other, condition, "flow")
+    measured = plain.v + 0.1
+    slipping = by_numpy(reduced, q, v=measured)
+    for name in STATE:
+        near(getattr(reduced.at(q, v=measured), name), getattr(slipping, name), condition, f"measured {name}", inertial)
+
+
+@needs_library
+@pytest.mark.parametrize("make", SYSTEMS, ids=lambda make: make.__name__)
+def test_every_kind_of_row_agrees(make):
+    reduced = make()
+    states = random_states(reduced, 4)
+    for q, v2 in states[:2]:
+        compare(reduced, q, v2)
+    q, v2 = (np.stack(each) for each in zip(*states, strict=True))
+    compare(reduced, q, v2)
+    compare(reduced, q.reshape(2, 2, -1), v2.reshape(2, 2, -1))
+
+
+@needs_library
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(recipes())
+def test_random_systems_agree(recipe):
+    try:
+        reduced = reduced_of(recipe)
+        states = random_states(reduced, 2)
+    except (rnc.RncError, RuntimeError, StopIteration):
+        assume(False)
+    assume(reduced.r and reduced.reduction_data.compiled is not None)
+    q, v2 = (np.stack(each) for each in zip(*states, strict=True))
+    assume(reduced.at(q).compiled is not None)
+    compare(reduced, q[0], v2[0])
+    compare(reduced, q, v2)
+
+
+@needs_library
+def test_built_in_rows_need_no_python():
+    """Only rows of the user are evaluated in Python."""
+    reduced = outputs_of_all_kinds()
+    kernel = CompiledReduction(reduced.reduction_data)
+    names = [name for place in (*kernel.external, *kernel.external_vertical) for name in place.block.names]
+    assert names == ["row", "own"]
+    assert [block.names[0] for blocks in kernel.python_values for block, _ in blocks] == ["tip_orientation_x"]
+
+
+@needs_library
+def test_a_state_that_is_singular_for_the_default_rows_is_evaluated_by_numpy():
+    """The other states of a batch are evaluated by NumPy too, with the same result."""
+    reduced = four_bar()
+    (q, v2), *_ = random_states(reduced, 2)
+    flat = reduced.robot.configuration()
+    assert reduced.at(np.stack([q, flat])).compiled is None
+    found = reduced.forward_dynamics(q, v2, np.zeros(reduced.p))
+    np.testing.assert_allclose(found, by_numpy(reduced, q, v2=v2).v2_dot(np.zeros(reduced.p)), rtol=1e-9)
+
+
+@needs_library
+def test_another_result_than_numpy_is_not_used(monkeypatch):
+    """A row whose description is wrong: the model warns once, and NumPy evaluates it."""
+    monkeypatch.setattr(rnc.NoSideSlip, "bind", _wrong(rnc.NoSideSlip.bind))
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
+        reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    assert reduced.reduction_data.compiled is None
+    assert reduced.at(robot.configuration(), [0.1, 0.2]).v.shape == (3,)
+
+
+def _wrong(bind):
+    def bound(kind, robot):
+        rows = bind(kind, robot)
+        described = rows.kernel_rows
+        rows.kernel_rows = lambda model: [row._replace(numbers=2 * np.array(row.numbers)) for row in described(model)]
+        return rows
+
+    return bound
+
+
+@needs_library
+def test_another_memory_layout_is_not_used(monkeypatch):
+    def refuse(*_):
+        raise ValueError("Pinocchio's matrices are not stored by columns")
+
+    monkeypatch.setattr(compiled, "_view", refuse)
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+    with pytest.warns(RuntimeWarning, match="not stored by columns"):
+        reduced = system.reduce()
+    assert reduced.reduction_data.compiled is None
+
+
+@needs_library
+def test_results_repeat_to_the_bit_whatever_was_evaluated_in_between():
+    reduced = tiago()
+    (q, v2), (p, w) = random_states(reduced, 2)
+    T = np.ones(reduced.p)
+    first = reduced.forward_dynamics(q, v2, T)
+    _ = reduced.terms(p, w), reduced.at(p, w).A_star_dot
+    np.testing.assert_array_equal(reduced.forward_dynamics(q, v2, T), first)
+    np.testing.assert_array_equal(reduced.at(q, v2).v2_dot(T), first)
+    np.testing.assert_array_equal(deepcopy(reduced).forward_dynamics(q, v2, T), first)
+    np.testing.assert_array_equal(reduced.forward_dynamics(*(np.stack([x, x]) for x in (q, v2, T)))[1], first)
+
+
+@needs_library
+@pytest.mark.parametrize("wrong", ["list", "float32", "strided", "shape", "nan", "not of unit length"])
+def test_forward_dynamics_takes_and_refuses_what_an_evaluation_does(wrong):
+    reduced = tiago()
+    ((q, v2),) = random_states(reduced, 1)
+    T = np.ones(reduced.p)
+    expected = reduced.forward_dynamics(q, v2, T)
+    if wrong == "list":
+        np.testing.assert_array_equal(reduced.forward_dynamics(q.tolist(), v2.tolist(), T.tolist()), expected)
+    elif wrong == "float32":
+        assert reduced.forward_dynamics(q, v2.astype(np.float32), T).dtype == float
+    elif wrong == "strided":
+        np.testing.assert_array_equal(reduced.forward_dynamics(np.repeat(q, 2)[::2], v2, T), expected)
+    else:
+        bad = {"shape": q[:-1], "nan": np.full_like(q, np.nan), "not of unit length": 2 * q}[wrong]
+        with pytest.raises(rnc.InputError):
+            reduced.forward_dynamics(bad, v2, T)
+
+
+@needs_library
+def test_the_kernel_refuses_arrays_of_other_sizes():
+    reduced = tiago()
+    ((q, v2),) = random_states(reduced, 1)
+    evaluator = reduced.at(q, v2).compiled._evaluator
+    records = reduced.reduction_data.compiled
+    for arrays in (
+        (q[:-1], np.empty((), records.kinematics), np.empty((), records.inverse), None, False),
+        (q, np.empty((2,), records.kinematics), np.empty((), records.inverse), None, False),
+        (q, np.empty(3), np.empty((), records.inverse), None, False),
+        (q,),
+    ):
+        with pytest.raises((ValueError, TypeError), match="kernel: "):
+            evaluator.configure(*arrays)
+    with pytest.raises(TypeError):
+        type(evaluator)()
+    unmade = type(evaluator).__new__(type(evaluator))
+    with pytest.raises(TypeError):
+        unmade.forward_dynamics(q, v2, q)
+
+
+@pytest.mark.parametrize(("asked", "expected"), [("numpy", "numpy"), ("", "c" if _kernel._load() else "numpy")])
+def test_the_environment_selects_the_path(asked, expected):
+    script = "import rnc_pin; print(rnc_pin.kernel)"
+    found = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env={"RNC_PIN_KERNEL": asked}, check=True
+    )
+    assert found.stdout.strip() == expected
+
+
+def test_an_unknown_path_is_refused():
+    found = subprocess.run(
+        [sys.executable, "-c", "import rnc_pin; rnc_pin.kernel"],
+        capture_output=True,
+        text=True,
+        env={"RNC_PIN_KERNEL": "fortran"},
+    )
+    assert "RNC_PIN_KERNEL is 'fortran': expected 'c' or 'numpy'" in found.stderr
