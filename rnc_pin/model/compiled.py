@@ -8,7 +8,7 @@ decide. They are also the reference: both are compared before a reduction uses t
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -393,7 +393,7 @@ def _concatenated(places: Sequence[Place], of: Callable[[Any], Array], axis: int
     return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)
 
 
-def _record(fields: dict[str, tuple[int, ...]]) -> np.dtype[Any]:
+def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
     """Type of a record of arrays, one after the other."""
     return np.dtype([(name, float, shape) for name, shape in fields.items()])
 
