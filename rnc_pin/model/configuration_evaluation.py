@@ -86,7 +86,7 @@ class ConfigurationEvaluation(UsesKernel):
 
     # ------------------------------------------------------------------ matrices
 
-    @property
+    @cached_property
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
         return self.position.M if self.compiled is None else self.compiled.M

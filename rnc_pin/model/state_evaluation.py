@@ -242,7 +242,7 @@ class StateEvaluation(UsesKernel):
         """Coriolis matrix C* before reduction, with ``Hdot* = C* + C*^T``."""
         return self.rates.C
 
-    @property
+    @cached_property
     def bias(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*``."""
         return self.motion.bias if self.compiled is None else self.compiled.biases["bias"]
