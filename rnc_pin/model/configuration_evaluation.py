@@ -213,14 +213,14 @@ class ConfigurationEvaluation(UsesKernel):
     def _singular_values(self) -> Array:
         return np.linalg.svd(self.scaled_stack, compute_uv=False)
 
-    @property
+    @cached_property
     def condition(self) -> Array | float:
         """Condition number (...) of E with scaled rows; defined at singular configurations too."""
         values = self._singular_values
         with np.errstate(divide="ignore"):
             return values[..., 0] / values[..., -1]
 
-    @property
+    @cached_property
     def smallest_singular_value(self) -> Array | float:
         """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
         return self._singular_values[..., -1]

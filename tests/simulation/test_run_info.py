@@ -207,7 +207,7 @@ cli(["--version"])
 """
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert told.stderr == ""
-    assert told.stdout.splitlines() == ["unknown unknown True", "rnc-pin, version unknown"]
+    assert told.stdout.splitlines() == ["unknown unknown True", f"rnc-pin, version unknown, kernel {rnc.kernel}"]
     assert rnc.Trajectory.load(tmp_path / "run.npz").outcome == "completed"
 
 
