@@ -102,8 +102,8 @@ static void turn(const double *R, const double *x, double *out) /* R x */
 static int all_finite(const double *x, Py_ssize_t n)
 {
     double sum = 0.0;
-    for (Py_ssize_t i = 0; i < n; i++) sum += x[i] - x[i]; /* 0 unless not finite */
-    return sum == 0.0;
+    for (Py_ssize_t i = 0; i < n; i++) sum += x[i];
+    return isfinite(sum);
 }
 
 /* ------------------------------------------------------------------ small matrices */

@@ -61,6 +61,8 @@ class CompiledReduction:
         self._data = data
         table = _RowTable(data)
         self.external, self.external_vertical = table.external, table.external_vertical
+        self.python_rows = bool(table.external or table.external_vertical)
+        """True if Python evaluates rows of E or of J1."""
         parts = data.actuation.parts
         self.has_inputs = parts is not None
         mu = np.array(table.rates) if data.affine else None
@@ -90,16 +92,16 @@ class CompiledReduction:
         self._evaluator.set_numbers(_RowTable(self._data).numbers)
 
     def configuration(
-        self, q: Array, position: Callable[[], PositionKinematics], kinematics: Array | None = None
+        self, q: Array, position: PositionKinematics | None, kinematics: Array | None = None
     ) -> CompiledConfiguration | None:
         """Evaluation at configurations (..., nq); None if the other path has to evaluate them.
 
         Args:
             q: configurations, contiguous.
-            position: returns kinematics at q for rows of the user.
+            position: kinematics at q; None if ``python_rows`` is False.
             kinematics: kinematics record at q, if known.
         """
-        external = _concatenated(self.external, lambda block: block.jacobian(position()), -2)
+        external = _concatenated(self.external, lambda block: block.jacobian(position), -2)
         known = kinematics is not None
         record = np.empty(q.shape[:-1], self.kinematics) if kinematics is None else kinematics
         inverse = np.empty(q.shape[:-1], self.inverse)
@@ -126,7 +128,7 @@ class CompiledConfiguration:
         self,
         reduction: CompiledReduction,
         q: Array,
-        position: Callable[[], PositionKinematics],
+        position: PositionKinematics | None,
         kinematics: Array,
         inverse: Array,
     ) -> None:
@@ -151,15 +153,15 @@ class CompiledConfiguration:
         """Inverse of E."""
         return self.inverse["E_inverse"]
 
-    def values(self) -> tuple[Array, Array]:
-        """Values of the vertical and of the reducing outputs."""
+    def values(self, position: Callable[[], PositionKinematics]) -> tuple[Array, Array]:
+        """Values of the vertical and of the reducing outputs; ``position`` returns kinematics at q."""
         data = self.reduction._data
         values = np.empty((*self.batch, data.r + data.vertical.size))
         self._evaluator.values(self.q, self.kinematics, values)
         x2, x1 = values[..., : data.r], values[..., data.r :]
         for x, places in zip((x2, x1), self.reduction.python_values, strict=True):
             for block, where in places:
-                x[..., where] = block.value(self._position())
+                x[..., where] = block.value(position())
         return x1, x2
 
     def velocity(self, v2: Array, mu: Array | None) -> Array:
@@ -186,7 +188,7 @@ class CompiledConfiguration:
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = _concatenated(self.reduction.external_vertical, lambda block: block.jacobian(self._position()), -2)
+        external = _concatenated(self.reduction.external_vertical, lambda block: block.jacobian(self._position), -2)
         rows = np.empty(self.batch, self.reduction.rows)
         return rows if self._evaluator.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
@@ -197,25 +199,23 @@ class CompiledState:
     Args:
         at: the configurations.
         v: full velocities (..., nv).
-        motion: returns kinematics at the states, for rows of the user.
-        rates: the same, with rates.
+        motion: kinematics at the states; None if ``python_rows`` is False.
     """
 
     def __init__(
         self,
         at: CompiledConfiguration,
         v: Array,
-        motion: Callable[[], VelocityKinematics],
-        rates: Callable[[], RateKinematics],
+        motion: VelocityKinematics | None,
     ) -> None:
-        self._at, self._v, self._motion, self._rates = at, np.ascontiguousarray(v), motion, rates
+        self._at, self._v, self._motion = at, np.ascontiguousarray(v), motion
         self._evaluator = at._evaluator
 
     @cached_property
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
         at, reduction = self._at, self._at.reduction
-        external = _concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion()), -1)
+        external = _concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion), -1)
         biases = np.empty(at.batch, reduction.biases)
         self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, biases)
         return biases
@@ -233,9 +233,10 @@ class CompiledState:
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, reduction = self._at, self._at.reduction
-        rows = _concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position()), -2)
+        rows = _concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position), -2)
         stacks = reduction.external, reduction.external_vertical
-        external = [_concatenated(each, lambda block: block.jacobian_dot(self._rates()), -2) for each in stacks]
+        at_rates = None if self._motion is None else self._motion.rates()
+        external = [_concatenated(each, lambda block: block.jacobian_dot(at_rates), -2) for each in stacks]
         rates = np.empty(at.batch, reduction.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
         return rates if self._evaluator.rates(*arguments) else None
@@ -446,10 +447,10 @@ def _by_numpy(data: ReductionData, at: RateKinematics) -> dict[str, Array]:
 
 
 def _by_kernel(found: CompiledReduction, at: RateKinematics) -> dict[str, Array] | None:
-    configuration = found.configuration(at.q, lambda: at)
+    configuration = found.configuration(at.q, at)
     if configuration is None:
         return None
-    state = CompiledState(configuration, at.v, lambda: at, lambda: at)
+    state = CompiledState(configuration, at.v, at)
     if state.rates is None:
         return None
     records = configuration.kinematics, configuration.inverse, state.biases, state.rates

@@ -68,7 +68,8 @@ class ConfigurationEvaluation(UsesKernel):
         if reduction is None:
             return None
         same = None if self._same is None else self._same.compiled
-        return reduction.configuration(self.q, lambda: self.position, None if same is None else same.kinematics)
+        position = self.position if reduction.python_rows else None  # no reference to this object: it would be a cycle
+        return reduction.configuration(self.q, position, None if same is None else same.kinematics)
 
     if not TYPE_CHECKING:
 
@@ -239,7 +240,7 @@ class ConfigurationEvaluation(UsesKernel):
     @cached_property
     def _values(self) -> tuple[Array, Array]:
         if self.compiled is not None:
-            values = self.compiled.values()
+            values = self.compiled.values(lambda: self.position)
         else:
             values = self._data.vertical.value(self.position), self._data.reducing.value(self.position)
         for each in values:

@@ -159,7 +159,7 @@ class StateEvaluation(UsesKernel):
         at = self.configuration.compiled
         if at is None or self.v.shape[:-1] != at.batch:
             return None
-        return CompiledState(at, self.v, lambda: self.motion, lambda: self.rates)
+        return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None)
 
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
