@@ -238,6 +238,12 @@ class StateEvaluation(UsesKernel):
     # ------------------------------------------------------------------ dynamics
 
     @cached_property
+    def _at_once(self) -> Array | None:
+        """Record of all matrices from one call of the compiled kernel; None if it cannot."""
+        compiled = self._data.compiled
+        return None if compiled is None or self._v2 is None else compiled.terms_at_once(self.q, self._v2)
+
+    @cached_property
     def C(self) -> Float[Array, "*batch nv nv"]:
         """Coriolis matrix C* before reduction, with ``Hdot* = C* + C*^T``."""
         return self.rates.C
@@ -255,11 +261,15 @@ class StateEvaluation(UsesKernel):
     @cached_property
     def V(self) -> Float[Array, "*batch r r"]:
         """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
+        if self._at_once is not None:
+            return self._at_once["V"]
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
     @cached_property
     def G(self) -> Float[Array, "*batch r"]:
         """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
+        if self._at_once is not None:
+            return self._at_once["G"]
         g = self.g
         if self._data.affine:
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
@@ -435,10 +445,8 @@ class StateEvaluation(UsesKernel):
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
-        compiled = self._data.compiled
-        record = None if compiled is None or self._v2 is None else compiled.terms_at_once(self.q, self._v2)
-        if record is not None:
-            return _terms(record, self._data.m)
+        if self._at_once is not None:
+            return _terms(self._at_once, self._data.m)
         return ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,
