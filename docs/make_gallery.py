@@ -17,7 +17,7 @@ from PIL import Image
 
 from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
 from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.pictures import draw
+from rnc_pin.scenario.pictures import draw_pictures
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
 from rnc_pin.visualization.recording import Recording
@@ -64,7 +64,7 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         write(prepared, result, folder)
-        draw(prepared, result, folder)
+        draw_pictures(prepared, result, folder)
         plots = [f"{plot}.png" for plot in scenario.plots]
         for plot in plots:
             shrink(Image.open(folder / plot), IMAGES / plot, colors=128)

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections import Counter
 
 import pytest
 
@@ -67,3 +68,20 @@ def test_no_test_file_imports_another():
         if name.rpartition(".")[2].startswith("test_")
     ]
     assert not imported, ", ".join(imported)
+
+
+def test_no_file_name_is_used_twice():
+    names = Counter(path.name for path in (ROOT / "rnc_pin").rglob("*.py"))
+    assert {name for name, count in names.items() if count > 1} == {"__init__.py"}
+
+
+def test_no_public_name_is_defined_twice():
+    """Except by the command line, whose commands are named for what they call, and by what keeps former names."""
+    defined = Counter(
+        node.name
+        for path in (ROOT / "rnc_pin").rglob("*.py")
+        if "app" not in path.relative_to(ROOT).parts and not path.stem.startswith("former_")
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
+    )
+    assert [name for name, count in defined.items() if count > 1] == []

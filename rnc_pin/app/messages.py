@@ -43,7 +43,7 @@ def announce(text: str, quiet: bool = False) -> None:
         click.echo(f"{printable(text)} ...")
 
 
-def elapsed_time() -> float:
+def seconds_since_start() -> float:
     """Return the wall time since the start of the command [s]."""
     return time.perf_counter() - float(click.get_current_context().find_root().obj)
 

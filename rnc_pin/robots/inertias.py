@@ -67,7 +67,7 @@ class UselessInertia(ModelError):
         super().__init__(f"{what}: give the links behind it an inertia")
 
 
-def check_size(model: pin.Model) -> None:
+def check_model_size(model: pin.Model) -> None:
     """Raise an error if a model is too large for the memory.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.inertias import check_inertias, check_size
+from rnc_pin.robots.inertias import check_inertias, check_model_size
 
 
 def check_model(model: pin.Model) -> None:
@@ -16,7 +16,7 @@ def check_model(model: pin.Model) -> None:
     """
     if model.nv == 0:
         raise ModelError(f"robot '{model.name}' has no moving joint: load it with base='planar' or 'free'")
-    check_size(model)
+    check_model_size(model)
     names = list(model.names)[1:]
     for name in names:
         if names.count(name) > 1:

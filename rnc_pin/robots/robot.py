@@ -16,7 +16,7 @@ from rnc_pin.errors import ModelError, ModelWarning
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LockedModel
-from rnc_pin.robots.inertias import Massless, UselessInertia, check_size, massless, remedy
+from rnc_pin.robots.inertias import Massless, UselessInertia, check_model_size, massless, remedy
 from rnc_pin.robots.joint_values import JointValue
 from rnc_pin.robots.lazy_geometry import LazyGeometry
 from rnc_pin.robots.link_masses import LinkMass, with_link_masses
@@ -162,7 +162,7 @@ class Robot(NamedModel, SummaryMixin):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             read = read_urdf(path, base, package_dirs, xacro_arguments, masses=masses)
-        check_size(read.model)
+        check_model_size(read.model)
         model = LockedModel(read.model, lock).model if lock else read.model
         return massless(model, read.bodies)
 
@@ -216,7 +216,7 @@ class Robot(NamedModel, SummaryMixin):
 
         model = read.model
         try:
-            check_size(model)
+            check_model_size(model)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
         if gravity is not None:

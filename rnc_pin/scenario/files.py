@@ -93,7 +93,7 @@ def read_yaml(path: Path) -> dict[str, Json]:
     except yaml.YAMLError as error:
         raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(raw, dict):
-        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot', found {describe(raw)}")
+        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot', found {short_text(raw)}")
     return raw
 
 
@@ -134,7 +134,7 @@ def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[s
                 else:
                     where = where.setdefault(part, {})
             else:
-                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {describe(where)}, not a mapping or a list")
+                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {short_text(where)}, not a mapping or a list")
     return result
 
 
@@ -176,7 +176,7 @@ def _choice(choices: object, name: object) -> dict[str, Json] | None:
     return found if isinstance(found, dict) else None
 
 
-def describe(value: object) -> str:
+def short_text(value: object) -> str:
     """Return a short text of a value for error messages."""
     if isinstance(value, dict):
         return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"

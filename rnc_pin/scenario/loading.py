@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.files import describe
+from rnc_pin.scenario.files import short_text
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.controllers import TYPES
 
@@ -45,25 +45,25 @@ def _explain(error: ErrorDetails) -> str:
         return f"{where}.type: is missing"
     if kind == "union_tag_invalid" and context["discriminator"] == "'type'":
         types = " or ".join(str(context["expected_tags"]).rsplit(", ", 1))
-        return f"{where}.type: expected {types}, found {describe(error['input']['type'])}"
+        return f"{where}.type: expected {types}, found {short_text(error['input']['type'])}"
     if kind == "union_tag_invalid":
         expected = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
         words = ", ".join("a joint's name" if each == "name" else each for each in expected)
         found = error["input"]
         if isinstance(found, dict) and len(found) == 1:
             return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
-        return f"{where}: expected a mapping with one key of {words}; found {describe(found)}"
+        return f"{where}: expected a mapping with one key of {words}; found {short_text(found)}"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         most = "at least" if kind == "too_short" else "at most"
-        return f"{where}: expected {most} {bound} item{'s' * (bound != 1)}, found {describe(error['input'])}"
+        return f"{where}: expected {most} {bound} item{'s' * (bound != 1)}, found {short_text(error['input'])}"
     if kind == "missing":
         return f"{where}: is missing"
     if kind == "value_error":
         return f"{where}: {context['error']}"
     message = "expected a mapping" if kind in ("model_type", "model_attributes_type") else error["msg"]
     message = message.replace("Input should be", "expected").replace("a valid dictionary", "a mapping")
-    return f"{where}: {message}, found {describe(error['input'])}"
+    return f"{where}: {message}, found {short_text(error['input'])}"
 
 
 _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}

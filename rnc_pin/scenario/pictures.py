@@ -52,7 +52,9 @@ def picture_names(plan: Plan) -> list[str]:
     ]
 
 
-def draw(plan: Plan, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None) -> Drawn:
+def draw_pictures(
+    plan: Plan, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None
+) -> Drawn:
     """Write the pictures of a result; none if it has fewer than two samples.
 
     An error in one picture does not affect the other pictures or the data.

@@ -81,7 +81,7 @@ def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
     return {name.replace("_", " "): run.trajectory for name, run in zip(shown[1:], runs[1:], strict=True)}
 
 
-def record(runs: Sequence[Run], aside: bool = False) -> Recording:
+def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
     """Return the animation of a run, with other runs as pale robots in it or beside it."""
     run = runs[0]
     return Recording(run.reduced, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)

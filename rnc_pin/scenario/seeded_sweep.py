@@ -41,7 +41,7 @@ def drawn_keys(scenario: str, options: Mapping[str, Json]) -> tuple[dict[str, li
     return checked.sweep, checked.seed
 
 
-def draw(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[str, Json]]:
+def draw_options(scenario: str, options: Mapping[str, Json], run: int) -> Iterator[dict[str, Json]]:
     """Yield random options for one run of a sweep, then replacements for it. Each run has its own random stream.
 
     Raises:
@@ -68,7 +68,7 @@ def one_run(scenario: str, options: Mapping[str, Json], run: int, folder: Path, 
     """
     if parent is not None:
         exit_with_parent(parent)
-    for redrawn, candidate in enumerate(islice(draw(scenario, options, run), _MOST_DRAWS)):
+    for redrawn, candidate in enumerate(islice(draw_options(scenario, options, run), _MOST_DRAWS)):
         row = {"run": run, **{key: value for key, value in candidate.items() if isinstance(value, float)}}
         try:
             prepared = plan(scenario, candidate)

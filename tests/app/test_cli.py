@@ -18,7 +18,7 @@ from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.scenario.pictures import draw, picture_names
+from rnc_pin.scenario.pictures import draw_pictures, picture_names
 from terminal import results
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
@@ -184,7 +184,7 @@ def test_progress_tells_runs_and_pictures_apart(tmp_path):
     assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
     assert [done for done, _ in runs] == sorted(done for done, _ in runs)
     assert runs[-1][0] == pytest.approx(prepared.total_duration)
-    draw(prepared, result, tmp_path, lambda done, what: pictures.append((done, what)))
+    draw_pictures(prepared, result, tmp_path, lambda done, what: pictures.append((done, what)))
     assert pictures == list(enumerate(picture_names(prepared)))
 
 

@@ -11,7 +11,7 @@ from rnc_pin.app.new_file import check_new_file
 from rnc_pin.app.tables import print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.scenario.saved_run import Run, compared, load_run, record, view_of
+from rnc_pin.scenario.saved_run import Run, animation_of, compared, load_run, view_of
 from rnc_pin.simulation import summarize
 from rnc_pin.visualization.capture import write_frames, write_video
 from rnc_pin.visualization.drawn_state import recorded_states
@@ -49,7 +49,7 @@ def replay_runs(
         raise ConfigurationError(f"--frames {frames}: exists and is not empty; choose another name or add --force")
     try:
         if html is not None or frames is not None or video is not None:
-            recording = record(runs, aside)
+            recording = animation_of(runs, aside)
         if html is not None:
             recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from rnc_pin.analysis import LiftOff
-from rnc_pin.app.messages import complain, elapsed_time, print_json, warn
+from rnc_pin.app.messages import complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
@@ -17,7 +17,7 @@ from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.execution import Plan, Result, data_names, execute, plan, write
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
-from rnc_pin.scenario.pictures import Drawn, draw, picture_names
+from rnc_pin.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.scenario.saved_run import view_of
 
 
@@ -59,10 +59,10 @@ def run_scenario(
         warn(str(drawn))
     files = result.summary["files"] = [*written, *drawn.written]
     if as_json:
-        print_json({**result.summary, "elapsed_time": round(elapsed_time(), 3)})
+        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
     else:
         print_files(folder.path, files)
-        print_elapsed(elapsed_time(), result.summary["wall_time"])
+        print_elapsed(seconds_since_start(), result.summary["wall_time"])
     if result.summary["outcome"] == "completed" and not result.interrupted and not drawn.interrupted:
         return DONE
     complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
@@ -73,7 +73,7 @@ def _drawn(prepared: Plan, result: Result, folder: Path, quiet: bool) -> Drawn:
     """Draw the pictures with a progress bar."""
     names = picture_names(prepared)
     with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
-        return draw(prepared, result, folder, bar)
+        return draw_pictures(prepared, result, folder, bar)
 
 
 def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str, quiet: bool) -> Result:

@@ -46,7 +46,7 @@ class Outputs(Strict):
     """Vertical outputs x1."""
 
 
-class TaskNames(Strict):
+class TaskOutputs(Strict):
     """Roles of the outputs in the task, by the names of their rows (``tip_x``)."""
 
     primary: list[str] = []

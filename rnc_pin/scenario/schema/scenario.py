@@ -12,7 +12,7 @@ from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
-from rnc_pin.scenario.schema.outputs import Outputs, TaskNames
+from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
@@ -64,7 +64,7 @@ class Scenario(Strict):
     """Actuators: names of joints, or forces and torques on frames."""
     outputs: Outputs
     """Reducing and vertical outputs."""
-    task: TaskNames = TaskNames()
+    task: TaskOutputs = TaskOutputs()
     """Roles of the outputs; by default all reducing outputs are primary."""
     initial: Initial = Initial()
     """Initial configuration and velocity."""

@@ -39,7 +39,7 @@ def put_latest(commands: Commands, key: Key, data: bytes) -> None:
     commands[key] = data
 
 
-def record(commands: Commands, new: list[tuple[Key, bytes]]) -> None:
+def apply_commands(commands: Commands, new: list[tuple[Key, bytes]]) -> None:
     """Add new commands to the scene; a deleted node leaves nothing behind."""
     for key, data in new:
         put_latest(commands, key, data)
@@ -123,7 +123,7 @@ class SceneWindow:
 
     def _pass_on(self, commands: list[tuple[Key, bytes]]) -> None:
         if self._server is None:
-            record(self.latest, commands)
+            apply_commands(self.latest, commands)
         else:
             self._server.send(commands)
 

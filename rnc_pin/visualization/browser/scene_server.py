@@ -20,7 +20,7 @@ import tornado.websocket
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.browser.access import RequestFilter
-from rnc_pin.visualization.browser.drawing_commands import Commands, Key, in_order, put_latest, record
+from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_commands, in_order, put_latest
 from rnc_pin.visualization.browser.page import VIEWER, bundle, live_page
 
 _GOODBYE = 0.5  # [s]
@@ -110,7 +110,7 @@ class SceneServer:
         await server.close_all_connections()
 
     def _send(self, commands: list[tuple[Key, bytes]]) -> None:
-        record(self._latest, commands)
+        apply_commands(self._latest, commands)
         for browser in self._watching:
             browser.offer(commands)
 
