@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kernel_rows import Form, KernelRow, unit_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     KinematicDerivatives,
@@ -90,4 +90,4 @@ class _OffsetRow(_NoSideSlipRow):
         return self._point.acceleration_gradient(at)[self._rows]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return unit_rows(Form.OWN, self._point.attached(model), [self._axis])
+        return component_rows(Form.OWN, self._point.attached(model), [self._axis])

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, unit_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, component_rows
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     WORLD_AXES,
@@ -67,4 +67,4 @@ class FrameVelocityRows(Rows):
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
         components = np.arange(6)[self._rows].tolist()
-        return unit_rows(form, attached(model, self._frame), components)
+        return component_rows(form, attached(model, self._frame), components)

@@ -94,7 +94,7 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
     return AttachedFrame(found.parentJoint, pin.SE3(placement))
 
 
-def unit_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
+def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
     """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes."""
     return [KernelRow(form, (frame,), (), np.eye(6)[k].tolist()) for k in components]
 
