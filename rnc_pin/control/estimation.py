@@ -71,6 +71,9 @@ class EstimatedModel:
         self._scales: Array | None = None
         self._memory = [self._allocate()]
 
+    def __getstate__(self) -> dict[str, object]:
+        return {**vars(self), "_memory": []}  # a copy has memory of its own
+
     def at(self, p: Float[Array, " s"]) -> ReducedModel:
         """Return a model with these parameters, which never changes."""
         memory = next((each for each in self._memory if each.is_free), None)

@@ -80,13 +80,13 @@ class MomentumRegressor:
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
         """Return models whose unknown bodies have the estimated masses."""
+        return EstimatedModel(reduced, partial(self._copy, reduced))
 
-        def make_copy() -> ParametrizedCopy:
-            model = reduced.robot.model.copy()
-            self._set_parameters(model, np.ones(len(self.names)))
-            return ParametrizedCopy(model, reduced.all_constraints, partial(self._set_parameters, model))
-
-        return EstimatedModel(reduced, make_copy)
+    def _copy(self, reduced: ReducedModel) -> ParametrizedCopy:
+        """Copy of the model with unit masses. No row holds a mass."""
+        model = reduced.robot.model.copy()
+        self._set_parameters(model, np.ones(len(self.names)))
+        return ParametrizedCopy(model, reduced.all_constraints, partial(self._set_parameters, model))
 
     def _set_parameters(self, model: pin.Model, p: np.ndarray) -> None:
         for index, (joint, value) in enumerate(zip(self.joints, p, strict=True)):
