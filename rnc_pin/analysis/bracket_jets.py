@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import scipy.special
+import scipy
 from numpy.polynomial import chebyshev, legendre
 
 from rnc_pin.analysis.frame_bracket import frame_bracket

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
 

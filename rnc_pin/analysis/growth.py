@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rnc_pin.analysis.bracket_jets import BracketJets, Jets
 from rnc_pin.errors import SingularityError

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
 from rnc_pin.math.linear_algebra import unit_rows

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
 

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.optimize import nnls
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
@@ -268,7 +267,7 @@ def nonnegative(forces: Float[Array, " c"], free: Float[Array, "c d"]) -> Float[
     size = np.abs(forces).max()
     E = np.vstack([free.T, -forces / size])
     target = np.eye(len(E))[-1]
-    found = E @ nnls(E, target)[0] - target
+    found = E @ scipy.optimize.nnls(E, target)[0] - target
     if np.linalg.norm(found) < _ROUNDING:
         return forces
     shifted: Array = forces - free @ (size * found[:-1] / found[-1])

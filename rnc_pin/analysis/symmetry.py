@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
+import scipy
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.frame_bracket import frame_bracket

@@ -9,7 +9,7 @@ initial state with nonzero x1.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import place_poles
+import scipy
 
 from rnc_pin.control.controller import Description
 from rnc_pin.deprecation import former_keywords, former_name
@@ -40,7 +40,7 @@ class ChainedStabilizer(ReprMixin):
         size = n - 1
         A = np.diag(k * np.arange(size, dtype=float)) - np.diag(np.full(size - 1, k), -1)
         poles = -rate * (1.0 + 0.1 * np.arange(size))
-        self.P = place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
+        self.P = scipy.signal.place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
 
     fastest = former_name("max_input")
 

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import DOP853
+import scipy
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates
@@ -55,7 +55,9 @@ class AdaptiveIntegrator:
 
         x0 = np.concatenate([np.zeros(nv), y0])
         yield float(times[0]), q, np.array(y0, dtype=float)
-        solver = DOP853(chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol)
+        solver = scipy.integrate.DOP853(
+            chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol
+        )
         due, short, shortest = 1, 0, _SHORT * float(times[-1] - times[0])
         while due < len(times):
             solver.step()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
-from scipy.special import zeta
+import scipy
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
@@ -16,9 +17,6 @@ Rate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _FARTHEST = 100.0**2  # square of the longest valid step [rad or m]
 _SERIES_BELOW = 1.0  # [rad]: below it the closed forms lose digits by cancellation; the series converges within 2 pi
 _TERMS = np.arange(1, 15)
-_BERNOULLI = 2 * zeta(2.0 * _TERMS) / (2 * np.pi) ** (2 * _TERMS)  # |B_2k| / (2k)!
-_SECOND = (2 - _TERMS) * _BERNOULLI
-_FOURTH = ((1 - _TERMS) * _BERNOULLI)[1:]
 
 
 class ExponentialCoordinates:
@@ -86,10 +84,18 @@ def _coefficients(angle: float) -> tuple[float, float]:
     square = angle * angle
     if angle < _SERIES_BELOW:
         powers = square ** (_TERMS - 1)
-        return float(_SECOND.dot(powers)), float(_FOURTH.dot(powers[:-1]))
+        second, fourth = _series()
+        return float(second.dot(powers)), float(fourth.dot(powers[:-1]))
     half = 0.5 * angle
     alpha, beta = half / np.tan(half), (half / np.sin(half)) ** 2
     return (2 * (1 - alpha) + 0.5 * (alpha - beta)) / square, ((1 - alpha) + 0.5 * (alpha - beta)) / square**2
+
+
+@cache
+def _series() -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of the series of a and b in the square of the angle."""
+    bernoulli = 2 * scipy.special.zeta(2.0 * _TERMS) / (2 * np.pi) ** (2 * _TERMS)  # |B_2k| / (2k)!
+    return (2 - _TERMS) * bernoulli, ((1 - _TERMS) * bernoulli)[1:]
 
 
 def _planar(u: np.ndarray) -> tuple[np.ndarray, float]:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from scipy.linalg.lapack import dgesv, dposv
+import scipy
 
 
 @cache
@@ -38,7 +38,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     The inverse of a single matrix is stored by columns, so that a block of columns is contiguous.
     """
     if matrix.ndim == 2:
-        _, _, solution, info = dgesv(matrix, _identity(len(matrix)))
+        _, _, solution, info = scipy.linalg.lapack.dgesv(matrix, _identity(len(matrix)))
         return np.full_like(matrix, np.inf) if info else solution
     try:
         return np.linalg.inv(matrix)
@@ -50,7 +50,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n)."""
     if matrix.ndim == 2 and right.ndim == 1:
-        _, solution, info = dposv(matrix, right)
+        _, solution, info = scipy.linalg.lapack.dposv(matrix, right)
         return np.full_like(right, np.nan) if info else solution
     return np.linalg.solve(matrix, right[..., None])[..., 0]
 

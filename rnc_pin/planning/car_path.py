@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning.car_planner import plan_legs
@@ -79,7 +79,7 @@ class CarPath:
             if geometry is not None:
                 steering, ratios = geometry.outputs(np.tan(steering) / wheelbase)
                 speeds = speeds * ratios
-            distance = driven + make_interp_spline(local, speeds, k=5).antiderivative()(local)
+            distance = driven + scipy.interpolate.make_interp_spline(local, speeds, k=5).antiderivative()(local)
             along[:, 2] += heading - along[0, 2]  # a pose between legs may have its heading shifted by full turns
             at = begin + local
             parts.append((ViaPoints(at, np.column_stack([distance, steering])), ViaPoints(at, along[:, :2])))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.spatial import cKDTree
 
 
 def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m 2"]:
@@ -18,7 +18,7 @@ def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m
 
 def distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
     """Return the distances (n,) of points from a polyline whose segments are much shorter than its bend radii."""
-    _, nearest = cKDTree(path).query(points)
+    _, nearest = scipy.spatial.cKDTree(path).query(points)
     return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))
 
 

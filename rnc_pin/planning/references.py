@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
-from scipy.interpolate import BPoly, PPoly, make_interp_spline
 
 from rnc_pin.errors import InputError
 
@@ -59,13 +59,13 @@ class Hold:
 class _Polynomial:
     """Smooth curve on [begin, end], at rest at both ends and beyond."""
 
-    def __init__(self, curve: PPoly, begin: float, end: float) -> None:
+    def __init__(self, curve: scipy.interpolate.PPoly, begin: float, end: float) -> None:
         # One piecewise polynomial holds the curve and three derivatives: one look-up gives all.
         orders = [curve.derivative(order).c for order in range(4)]
         together = np.zeros((curve.c.shape[0], curve.c.shape[1], 4, *curve.c.shape[2:]))
         for order, coefficients in enumerate(orders):
             together[len(together) - len(coefficients) :, :, order] = coefficients
-        self._curves = PPoly(together, curve.x)
+        self._curves = scipy.interpolate.PPoly(together, curve.x)
         self._begin, self.duration = begin, end
         self._first, self._last = Hold(curve(begin)).at(begin), Hold(curve(end)).at(end)
         self.size = self._first.position.size
@@ -98,8 +98,8 @@ class MinimumJerk(_Polynomial):
         if not duration > 0:
             raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration}")
         zero = np.zeros_like(ends[0])
-        curve = BPoly.from_derivatives([begin, begin + duration], [[end, zero, zero] for end in ends])
-        super().__init__(PPoly.from_bernstein_basis(curve), begin, begin + duration)
+        curve = scipy.interpolate.BPoly.from_derivatives([begin, begin + duration], [[end, zero, zero] for end in ends])
+        super().__init__(scipy.interpolate.PPoly.from_bernstein_basis(curve), begin, begin + duration)
 
 
 class ViaPoints(_Polynomial):
@@ -118,9 +118,9 @@ class ViaPoints(_Polynomial):
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])
         rest = [(1, zero), (2, zero)]
-        spline = make_interp_spline(knots, values, k=5, bc_type=(rest, rest))
-        columns = [PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
-        curve = PPoly(np.stack([column.c for column in columns], axis=-1), columns[0].x)
+        spline = scipy.interpolate.make_interp_spline(knots, values, k=5, bc_type=(rest, rest))
+        columns = [scipy.interpolate.PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
+        curve = scipy.interpolate.PPoly(np.stack([column.c for column in columns], axis=-1), columns[0].x)
         super().__init__(curve, float(knots[0]), float(knots[-1]))
 
 
@@ -155,7 +155,9 @@ class Harmonic:
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
         # The step of degree seven has three derivatives that vanish at both ends.
-        self._growth = BPoly.from_derivatives([0.0, max(ramp, 1e-9)], [[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
+        self._growth = scipy.interpolate.BPoly.from_derivatives(
+            [0.0, max(ramp, 1e-9)], [[0.0, 0, 0, 0], [1.0, 0, 0, 0]]
+        )
         self._growths = [self._growth, *(self._growth.derivative(order) for order in (1, 2, 3))]
         self._ramp = ramp
 

@@ -6,9 +6,9 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 import pinocchio as pin
+import scipy
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.interpolate import CubicHermiteSpline
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
@@ -83,8 +83,8 @@ class SteeringGeometry:
             raise ConfigurationError(f"'{self._name}' does not steer frame '{frame}'")
         self.range: tuple[float, float] = float(curvature[0]), float(curvature[-1])
         """Smallest and largest curvature that the output reaches [1/m]."""
-        self._outputs = CubicHermiteSpline(curvature, output, 1.0 / curvature_slope)
-        self._ratios = CubicHermiteSpline(curvature, ratio, speed_slope / curvature_slope)
+        self._outputs = scipy.interpolate.CubicHermiteSpline(curvature, output, 1.0 / curvature_slope)
+        self._ratios = scipy.interpolate.CubicHermiteSpline(curvature, ratio, speed_slope / curvature_slope)
 
     def outputs(self, curvatures: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Return steering outputs (n,) for curvatures (n,) [1/m], and speed outputs (n,) per unit speed of the frame.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 _STILL = 1e-7
 
@@ -56,7 +56,7 @@ class Keyframes:
     def _motion(frames: list[int], matrices: np.ndarray) -> list[dict[str, object]]:
         columns = matrices[:, :3, :3]
         scale = np.linalg.norm(columns, axis=1)
-        turn = Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
+        turn = scipy.spatial.transform.Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
         # q and -q are the same rotation; neighbours of the same sign interpolate on the short arc.
         signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
         turn[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull
+import scipy
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.plants.mujoco.body_tree import Root
@@ -94,7 +94,7 @@ def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
     size = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
         return False
-    sides = ConvexHull(points).equations  # a x + b <= 0 inside, a of unit length
+    sides = scipy.spatial.ConvexHull(points).equations  # a x + b <= 0 inside, a of unit length
     return bool((sides[:, :2] @ weight + sides[:, 2] < -_MARGIN * size).all())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rnc_pin.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart
 from rnc_pin.math.linear_algebra import apply_transposed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, lsq_linear
+import scipy
 
 from rnc_pin.integrators import LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
@@ -106,7 +106,7 @@ class DryFriction:
 
         stops = np.where(~at_rest & sticking, h, np.inf)
         for row in np.flatnonzero(~at_rest & (speeds * speeds_at(h) < 0)):
-            stops[row] = brentq(lambda t, row=row: speeds_at(t)[row], 0.0, h, rtol=_RANK)
+            stops[row] = scipy.optimize.brentq(lambda t, row=row: speeds_at(t)[row], 0.0, h, rtol=_RANK)
         return FrictionForces(forces, sticking, speeds, stops)
 
     def stopped(self, state: StateEvaluation, which: np.ndarray) -> StateEvaluation:
@@ -136,6 +136,6 @@ def _least_energy(basis: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tu
     shares = -np.sign(wanted)  # first guess: every row slides
     if not (shares * (scaled.T @ (scaled @ shares) + wanted) < 0).all():
         target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
-        found = lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
+        found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
         return found.x * limits, found.active_mask == 0
     return shares * limits, np.zeros(len(limits), dtype=bool)

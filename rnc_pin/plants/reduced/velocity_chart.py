@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.state_evaluation import StateEvaluation
