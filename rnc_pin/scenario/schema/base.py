@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import math
 import re
 import sys
+import textwrap
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import nearest
@@ -57,13 +70,32 @@ def _hint(model: type[BaseModel], key: str) -> str:
     return nearest(key, model.model_fields)
 
 
+def _docstrings(kind: type) -> dict[str, str]:
+    """Text below each annotated attribute in the source of a class; empty if the class has no source."""
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))
+    except OSError:
+        return {}
+    (body,) = (each.body for each in tree.body if isinstance(each, ast.ClassDef))
+    return {
+        attribute.target.id: inspect.cleandoc(text.value.value)
+        for attribute, text in pairwise(body)
+        if isinstance(attribute, ast.AnnAssign) and isinstance(attribute.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
+
+
 class Strict(BaseModel):
-    """Mapping with a fixed set of keys. It refuses an unknown key and suggests the nearest one."""
+    """Mapping with a fixed set of keys. It refuses an unknown key and suggests the nearest one.
+
+    The docstring of an attribute describes its key. It is read from the source when it is asked for: pydantic's own
+    ``use_attribute_docstrings`` reads all sources at every import, which takes longer than a short run.
+    """
 
     former_keys: ClassVar[Mapping[str, str]] = {}
     """Present keys by former ones, which work for one version."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -85,6 +117,22 @@ class Strict(BaseModel):
                 if _largest(value) > _LARGEST:
                     raise ValueError(f"'{key}' has {_largest(value):g}, largest magnitude is {_LARGEST:g}")
         return raw
+
+    @classmethod
+    def key_descriptions(cls) -> dict[str, str]:
+        """Description of each key, from its field or from the docstring of the attribute."""
+        kinds = [kind for kind in reversed(cls.__mro__) if issubclass(kind, Strict)]
+        texts = {name: text for kind in kinds for name, text in _docstrings(kind).items()}
+        texts |= {name: field.description for name, field in cls.model_fields.items() if field.description is not None}
+        return {name: texts[name] for name in cls.model_fields if name in texts}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        form = handler(core)
+        properties = handler.resolve_ref_schema(form)["properties"]
+        for name, text in cls.key_descriptions().items():
+            properties[name]["description"] = text
+        return form
 
 
 NAME, _OTHER = "name", "other"

@@ -49,7 +49,7 @@ class ControllerSettings(Strict):
     def _name_missing_setting(cls, raw: object) -> object:
         for name, info in cls.model_fields.items():
             if isinstance(raw, dict) and info.is_required() and name not in raw:
-                what = str(info.description)
+                what = cls.key_descriptions()[name]
                 raise wrong(name, f"is missing; expected {what[0].lower()}{what[1:].rstrip('.')}")
         return raw
 
