@@ -61,6 +61,15 @@ def test_reading_scenarios_imports_nothing_that_draws():
     assert not packages & {"matplotlib", "meshcat", "tornado", "viser"}
 
 
+def test_running_scenarios_imports_only_linear_algebra_of_scipy():
+    code = "import sys, rnc_pin.scenario.run; print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
+    out, _ = imported([sys.executable, "-c", code])
+    assert {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")} <= {
+        "scipy.linalg",
+        "scipy.version",
+    }
+
+
 def test_the_shell_learns_to_complete():
     out, packages = imported([COMMAND], _RNC_PIN_COMPLETE="bash_source")
     assert "complete -o nosort" in out
