@@ -11,7 +11,8 @@ import scipy.linalg
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import CompiledReduction, UsesKernel, compile_reduction
+from rnc_pin.model.compiled import CompiledReduction, UsesKernel
+from rnc_pin.model.kernel_comparison import compile_reduction
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstantRows, OutputRows

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
 from rnc_pin import _kernel
-from rnc_pin.model import compiled
+from rnc_pin.model import kernel_tables
 from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.state_evaluation import StateEvaluation
 from tests.support.random_systems import recipes, reduced_of
@@ -217,7 +217,7 @@ def test_another_memory_layout_is_not_used(monkeypatch):
     def refuse(*_):
         raise ValueError("Pinocchio's matrices are not stored by columns")
 
-    monkeypatch.setattr(compiled, "_view", refuse)
+    monkeypatch.setattr(kernel_tables, "_view", refuse)
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
     with pytest.warns(RuntimeWarning, match="not stored by columns"):

@@ -1,0 +1,166 @@
+"""Tables of the compiled kernel: rows, frames and inputs of a reduction as arrays, and views of Pinocchio's memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin import _kernel
+from rnc_pin.model.kernel_rows import (
+    INTEGERS,
+    NUMBERS,
+    AttachedFrame,
+    Form,
+    KernelRow,
+    Value,
+    attached,
+    placement_numbers,
+)
+from rnc_pin.model.row_stack import OutputStack, Place, RowStack
+from rnc_pin.model.rows import OutputRows
+
+if TYPE_CHECKING:
+    from rnc_pin.model.reduction_data import ReductionData
+
+
+class RowTable:
+    """Rows of E, of J1 and of inputs on frames, as arrays.
+
+    Attributes:
+        external, external_vertical: blocks of E and of J1 that Python evaluates.
+        rates: right-hand sides mu of the constraint rows (m,).
+        integers, numbers: (rows, 8) and (rows, 12); ``frames``: the frames of all rows.
+    """
+
+    def __init__(self, data: ReductionData) -> None:
+        self._model = data.robot.model
+        self.external, stacked = self._of(data.stack)
+        self.external_vertical, vertical = self._of(data.vertical)
+        parts = data.actuation.parts
+        inputs = [] if parts is None else parts[1]
+        self.columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
+        forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
+        rows = [*stacked, *vertical, *forces]
+        self.rates = [row.rate for row in stacked[: data.m]]
+        self.frames: list[AttachedFrame] = []
+        known: dict[tuple[int, bytes], int] = {}
+        self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
+        for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
+            integers[0], integers[1] = row.form, row.joint
+            if row.value[0] != Value.NONE:
+                integers[7], integers[6] = row.value
+            integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
+            for place, frame in enumerate(row.frames):
+                key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
+                if key not in known:
+                    known[key] = len(self.frames)
+                    self.frames.append(frame)
+                integers[1 + place] = known[key]
+
+    def _of(self, stack: RowStack) -> tuple[list[Place], list[KernelRow]]:
+        external: list[Place] = []
+        rows: list[KernelRow] = []
+        count = 0
+        for place in stack.places:
+            found = place.block.kernel_rows(self._model)
+            chosen = (
+                np.arange(len(place.block.names))
+                if place.rows is None
+                else np.arange(len(place.block.names))[place.rows]
+            )
+            if found is None:
+                external.append(place)
+                rows += [KernelRow(Form.EXTERNAL, (), (count + k,)) for k in range(len(chosen))]
+                count += len(chosen)
+            else:
+                rows += [found[k] for k in chosen]
+        return external, rows
+
+
+def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
+    """Blocks whose values Python evaluates."""
+    found = []
+    for block, where, _ in stack.places:
+        rows = block.kernel_rows(model)
+        if isinstance(block, OutputRows) and not block.quasi and (rows is None or rows[0].value[0] == Value.NONE):
+            found.append((block, where))
+    return found
+
+
+def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fused: bool) -> Any:
+    """The kernel's object, with Pinocchio data of its own."""
+    robot, model = data.robot, data.robot.model
+    pinocchio = model.createData()
+    n, k, joints = data.n, data.vertical.size, model.njoints
+    moved = [_entries(model, joint) for joint in range(joints)]
+    q, v = robot.configuration(), np.zeros(n)
+    views = (
+        _view(pinocchio.M, (n, n)),
+        _view(pinocchio.J, (6, n)),
+        _view(pinocchio.dJ, (6, n)),
+        _view(pinocchio.nle, (n,)),
+        _view(pinocchio.C, (n, n)),
+        _placements(pinocchio, joints),
+        q,
+        v,
+    )
+    functions = (pin.crba, pin.nonLinearEffects, pin.computeJointJacobiansTimeVariation, pin.computeCoriolisMatrix)
+    references = (model, pinocchio, q, v, pin.Convention.WORLD, *functions, pin.isNormalized, 1e-6, np.empty)
+    parts = data.actuation.parts
+    constant = np.zeros((n, data.p)) if parts is None else parts[0]
+    external = [
+        sum(len(place.of(np.arange(len(place.block.names)))) for place in places)
+        for places in (table.external, table.external_vertical)
+    ]
+    sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
+    placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
+    return _kernel.library.Evaluator(
+        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, fused),
+        references,
+        views,
+        table.integers,
+        table.numbers,
+        table.columns,
+        np.array([frame.joint for frame in table.frames], np.int64),
+        placements,
+        np.cumsum([0, *map(len, moved)], dtype=np.int64),
+        np.array([entry for entries in moved for entry in entries], np.int64),
+        np.ascontiguousarray(np.vstack([data.template, data.vertical.template(n)])),
+        np.ascontiguousarray(constant),
+        mu,
+        np.ascontiguousarray(data.lengths),
+        data.fast_length,
+        data.fast_limit,
+    )
+
+
+def _entries(model: pin.Model, joint: int) -> list[int]:
+    """Entries of v that move a joint."""
+    found: list[int] = []
+    for support in list(model.supports[joint])[1:]:
+        moving = model.joints[support]
+        found += range(moving.idx_v, moving.idx_v + moving.nv)
+    return found
+
+
+def _view(array: Array, shape: tuple[int, ...]) -> Array:
+    """Pinocchio's memory in a shape; Pinocchio returns matrices with one column as vectors."""
+    view = array.reshape(shape, order="F")
+    if not np.shares_memory(view, array):
+        raise ValueError("Pinocchio's matrices are not stored by columns")
+    return view
+
+
+def _placements(data: pin.Data, joints: int) -> Array:
+    """Placements of all joints (12, joints): rotation by columns, then translation."""
+    first = data.oMi[0].rotation
+    for joint in range(joints):
+        place = data.oMi[joint]
+        rotation, translation = place.rotation, place.translation
+        where = first.ctypes.data + 96 * joint
+        if rotation.strides != (8, 24) or (rotation.ctypes.data, translation.ctypes.data) != (where, where + 72):
+            raise ValueError("Pinocchio's placements are not stored one after the other")
+    return np.lib.stride_tricks.as_strided(first, (12, joints), (8, 96))

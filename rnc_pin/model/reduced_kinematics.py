@@ -1,0 +1,245 @@
+"""Kinematics of a reduced model at states (q, v): velocities, rates of R, and measurements; no inertia.
+
+    Rdot = -E^-1 Edot R,   x1dot = A_star v2 + J1 b.
+
+Affine constraints ``A v = mu(q)``, e.g. a momentum that is not zero, add a prescribed motion,
+
+    bdot = E^-1 ([mudot; 0] - Edot b).
+
+Paper (2)-(3). All quantities have leading batch axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.math.linear_algebra import apply, product
+from rnc_pin.model.cached_property import cached_property, forwarded
+from rnc_pin.model.compiled import CompiledState, UsesKernel
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.input_validation import ArrayInput
+from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.measurement import Measurement
+
+_AT = "configuration"
+
+
+class ReducedKinematics(UsesKernel):
+    """Kinematics of a reduced model at states (q, v). Each quantity is computed once, on first use, and is read-only.
+
+    Args:
+        configuration: evaluation at the configurations (..., nq).
+        v2: validated reduced velocities (..., r).
+        v: validated measured full velocities (..., nv), instead of v2.
+        motion: kinematics at these configurations and full velocities, if known.
+
+    Raises (every quantity that needs R):
+        SingularityError: the outputs do not parametrise the motion at q.
+    """
+
+    all_rows = forwarded(ConfigurationEvaluation.all_rows, _AT)
+    E = forwarded(ConfigurationEvaluation.E, _AT)
+    E_inverse = forwarded(ConfigurationEvaluation.E_inverse, _AT)
+    A = forwarded(ConfigurationEvaluation.A, _AT)
+    J1 = forwarded(ConfigurationEvaluation.J1, _AT)
+    J2 = forwarded(ConfigurationEvaluation.J2, _AT)
+    R = forwarded(ConfigurationEvaluation.R, _AT)
+    A_star = forwarded(ConfigurationEvaluation.A_star, _AT)
+    mu = forwarded(ConfigurationEvaluation.mu, _AT)
+    b = forwarded(ConfigurationEvaluation.b, _AT)
+    kept = forwarded(ConfigurationEvaluation.kept, _AT)
+    scaled_stack = forwarded(ConfigurationEvaluation.scaled_stack, _AT)
+
+    def __init__(
+        self,
+        configuration: ConfigurationEvaluation,
+        v2: Array | None = None,
+        v: Array | None = None,
+        motion: VelocityKinematics | None = None,
+    ) -> None:
+        self.configuration = configuration
+        self._data = configuration._data
+        self._v2, self._v, self._motion = v2, v, motion
+
+    # ------------------------------------------------------------------ at the configuration
+
+    @property
+    def q(self) -> Float[Array, "*batch nq"]:
+        """Configurations."""
+        return self.configuration.q
+
+    @property
+    def position(self) -> PositionKinematics:
+        """Kinematics at q."""
+        return self.configuration.position
+
+    @property
+    def regular(self) -> Array:
+        """True at states where the outputs parametrise the motion, (...,)."""
+        return self.configuration.regular
+
+    @property
+    def condition(self) -> Array | float:
+        """Condition number (...) of E with scaled rows; defined at singular configurations too."""
+        return self.configuration.condition
+
+    @property
+    def smallest_singular_value(self) -> Array | float:
+        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
+        return self.configuration.smallest_singular_value
+
+    def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
+        return self.configuration.outputs(integrals)
+
+    # ------------------------------------------------------------------ velocities
+
+    @cached_property
+    def v2(self) -> Float[Array, "*batch r"]:
+        """Rates of the reducing outputs."""
+        return apply(self.J2, self.v) if self._v2 is None else self._v2
+
+    @cached_property
+    def v(self) -> Float[Array, "*batch nv"]:
+        """Full velocity: ``R v2 + b``, or the measured one."""
+        return self.configuration.velocity(self.v2) if self._v is None else self._v
+
+    @cached_property
+    def motion(self) -> VelocityKinematics:
+        """Kinematics at (q, v)."""
+        if self._motion is None:
+            self._motion = self.position.with_velocity(self.v)
+        return self._motion
+
+    @cached_property
+    def compiled(self) -> CompiledState | None:
+        """Values of the compiled kernel; None if the formulas below apply."""
+        at = self.configuration.compiled
+        if at is None or self.v.shape[:-1] != at.batch:
+            return None
+        return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None)
+
+    @cached_property
+    def gamma(self) -> Float[Array, "*batch nv"]:
+        """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
+        if self.compiled is not None:
+            return self.compiled.biases["gamma"]
+        data = self._data
+        if self.configuration.factorization.kept is None:
+            return data.stack.bias_acceleration(self.motion)
+        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.configuration.kept_rows, axis=-1)
+        return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
+
+    @cached_property
+    def residual(self) -> Float[Array, "*batch m"]:
+        """Constraint residual ``A v - mu`` of the velocity."""
+        residual = apply(self.A, self.v)
+        return residual - self.mu if self._data.affine else residual
+
+    @cached_property
+    def v1(self) -> Float[Array, "*batch k"]:
+        """Rates of the vertical outputs, ``J1 v``."""
+        return apply(self.J1, self.v)
+
+    @cached_property
+    def rates(self) -> RateKinematics:
+        """Kinematics at (q, v) with rates along v."""
+        return self.motion.rates()
+
+    @cached_property
+    def E_dot(self) -> Float[Array, "*batch nv nv"]:
+        """Rate of E."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["E_dot"]
+        data = self._data
+        if self.configuration.factorization.kept is None:
+            return data.stack.jacobian_dot(self.rates)
+        kept = self.configuration.kept_rows[..., None]
+        chosen = np.take_along_axis(data.rows.jacobian_dot(self.rates), kept, axis=-2)
+        return np.concatenate([chosen, data.reducing.jacobian_dot(self.rates)], axis=-2)
+
+    @cached_property
+    def A_dot(self) -> Float[Array, "*batch m nv"]:
+        """Rate of A."""
+        return self.E_dot[..., : self._data.m, :]
+
+    @cached_property
+    def R_dot(self) -> Float[Array, "*batch nv r"]:
+        """Rate of R."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["R_dot"]
+        return -product(self.E_inverse, product(self.E_dot, self.R))
+
+    @cached_property
+    def J1_dot(self) -> Float[Array, "*batch k nv"]:
+        """Rate of J1."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["J1_dot"]
+        return self._data.vertical.jacobian_dot(self.rates)
+
+    @cached_property
+    def A_star_dot(self) -> Float[Array, "*batch k r"]:
+        """Rate of A_star."""
+        if self.compiled is not None and self.compiled.rates is not None:
+            return self.compiled.rates["A_star_dot"]
+        return self.J1_dot @ self.R + self.J1 @ self.R_dot
+
+    @cached_property
+    def b_dot(self) -> Float[Array, "*batch nv"]:
+        """Rate of b."""
+        data = self._data
+        if not data.affine:
+            return np.zeros_like(self.b)
+        mu_dot = np.take_along_axis(data.rows.rate_dot(self.rates), self.configuration.kept_rows, axis=-1)
+        return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+
+    # ------------------------------------------------------------------ measurement
+
+    def measure(self, integrals: ArrayInput | None = None) -> Measurement:
+        """Measurement for controllers: outputs, rates and the kinematics between them, without inertia.
+
+        Args:
+            integrals: integrals of v2 over time (..., r), used as values of quasi-velocity outputs. Without them, these
+                values are NaN, and a controller that needs one raises an error.
+        """
+        quasi = self._data.reducing.quasi
+        x1, x2 = self.outputs(integrals)
+        if integrals is None and quasi.any():
+            x2 = x2.copy()
+            x2[..., quasi] = np.nan
+        offset = offset_dot = None
+        if self.compiled is not None and self.compiled.rates is not None and not self._data.affine:
+            rates, m = self.compiled.rates, self._data.m
+            velocities = rates["velocities"]
+            v2 = velocities[..., m:] if self._v2 is None else self._v2
+            return Measurement(
+                self.q,
+                self.v,
+                v2,
+                x1,
+                x2,
+                rates["v1"],
+                rates["A_star"],
+                rates["A_star_dot"],
+                None,
+                None,
+                velocities[..., :m],
+            )
+        if self._data.affine:
+            offset = apply(self.J1, self.b)
+            offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
+        return Measurement(
+            q=self.q,
+            v=self.v,
+            v2=self.v2,
+            x1=x1,
+            x2=x2,
+            v1=self.v1,
+            A_star=self.A_star,
+            A_star_dot=self.A_star_dot,
+            v1_offset=offset,
+            v1_offset_dot=offset_dot,
+            residual=self.residual,
+        )
