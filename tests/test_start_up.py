@@ -62,7 +62,7 @@ def test_reading_scenarios_imports_nothing_that_draws():
 
 
 def test_running_scenarios_imports_only_linear_algebra_of_scipy():
-    code = "import sys, rnc_pin.scenario.run; print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
+    code = "import sys, rnc_pin.scenario.execution; print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
     out, _ = imported([sys.executable, "-c", code])
     assert {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")} <= {
         "scipy.linalg",

@@ -13,6 +13,7 @@ import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.components import cross
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
@@ -240,9 +241,11 @@ class Ghost(Element):
 
 def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
     """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
-    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    a = along.tolist()
+    side = np.array(cross(a, np.eye(3)[int(np.argmin(np.abs(along)))].tolist()))
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = radius * side, height * along, radius * np.cross(side, along)
+    matrix[:3, 0], matrix[:3, 1] = radius * side, height * along
+    matrix[:3, 2] = radius * np.array(cross(side.tolist(), a))
     matrix[:3, 3] = middle
     return matrix

@@ -64,7 +64,7 @@ class MeshcatScene:
             if self._offset.any():
                 track = {"offsets": self._offsets, "rate": self.keyframes.rate}
                 self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)
-            self.window.post(self.keyframes.command(), single=True)
+            self.window.post_packed("", "set_animation", self.keyframes.packed(single=True))
 
     # ------------------------------------------------------------------ content
 

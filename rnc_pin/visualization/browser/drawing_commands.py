@@ -95,6 +95,16 @@ class SceneWindow:
         key = path, f"{kind} {command['property']}" if kind == "set_property" else kind
         self._put(key, umsgpack.packb(command, force_float_precision="single" if single else "double"))
 
+    def post_packed(self, path: str, kind: str, data: bytes) -> None:
+        """Send a drawing command that is already packed.
+
+        Args:
+            path: path of the node.
+            kind: type of the command.
+            data: the command in MessagePack.
+        """
+        self._put((path, kind), data)
+
     def place(self, path: str, matrix: np.ndarray) -> None:
         """Set the transform (4, 4) of a node, at a tenth of the cost of ``post``; every frame sets all transforms."""
         head = self._heads.get(path)
