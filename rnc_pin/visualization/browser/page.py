@@ -54,7 +54,7 @@ def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = N
         commands: drawing commands in order; the animation is last.
         begin: pause at this time [s]; by default the animation plays immediately.
     """
-    text = base64.b64encode(gzip.compress(bundle(commands), 9, mtime=0)).decode("ascii")
+    text = base64.b64encode(gzip.compress(bundle(commands), 6, mtime=0)).decode("ascii")
     start = f'play_recording("{text}"' + (")" if begin is None else f", {begin!r})")
     parts = (VIEWER.read_text(encoding="utf-8"), _part("page.js"), start)
     scripts = "\n".join(f"<script>{part}</script>" for part in parts)
