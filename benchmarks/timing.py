@@ -52,12 +52,13 @@ def used_by_command(command: Sequence[str], launches: int) -> float:
     """
     figures = []
     for _ in range(launches):
-        before = _of_children()
+        before = processor_time_of_children()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        figures.append(_of_children() - before)
+        figures.append(processor_time_of_children() - before)
     return statistics.median(figures)
 
 
-def _of_children() -> float:
+def processor_time_of_children() -> float:
+    """Processor time of all finished children so far [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime

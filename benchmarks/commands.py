@@ -1,0 +1,90 @@
+"""Time of whole commands: ``python -m benchmarks.commands [SCENARIO...]``.
+
+For ``rnc-pin run`` of each scenario, by default ``space-robot``, ``tiago`` and ``wheels-uncertain``:
+
+* first output: wall time until the command prints its first line;
+* pictures: wall time and processor time until all files are written.
+
+Then the processor time of a cold start: the import, a robot, its system and one ``forward_dynamics``.
+Wall time depends on what else the machine does; the load is printed. Processor time counts all threads and children.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from typing import NamedTuple
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.timing import processor_time_of_children, used_by_command
+from rnc_pin.scenario.files import built_in_names
+
+SCENARIOS = ("space-robot", "tiago", "wheels-uncertain")
+LAUNCHES = 5
+COLD_START = """
+from pathlib import Path
+import numpy as np
+import rnc_pin as rnc
+from rnc_pin.robots.robot_files import find_urdf
+robot = rnc.Robot.from_urdf(find_urdf("space_robot.urdf", Path()))
+system = rnc.NonholonomicSystem(
+    robot, [rnc.MomentumConservation("platform")], actuators=["joint_1", "joint_2", "joint_3"]
+)
+reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros(3))
+"""
+
+
+class RunTime(NamedTuple):
+    """Times of one ``rnc-pin run`` [s]."""
+
+    first_output: float
+    pictures: float
+    processor: float
+
+
+def run_time(scenario: str) -> RunTime:
+    """Run a scenario in a new folder.
+
+    Raises:
+        subprocess.CalledProcessError: the run failed.
+    """
+    before, start = processor_time_of_children(), time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        command = (sys.executable, "-m", "rnc_pin", "run", scenario, "--out", f"{folder}/run")
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            first = time.perf_counter() - start
+            process.stdout.read()
+        if process.returncode:
+            raise subprocess.CalledProcessError(process.returncode, command)
+        whole = time.perf_counter() - start
+    return RunTime(first, whole, processor_time_of_children() - before)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.commands", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=", ".join(built_in_names()))
+    shown = Table(box=box.SIMPLE_HEAD)
+    for heading in ("rnc-pin run", "first output [s]", "pictures [s]", "processor time [s]"):
+        shown.add_column(heading, justify="left" if heading == "rnc-pin run" else "right")
+    for scenario in parser.parse_args().scenarios or SCENARIOS:
+        shown.add_row(scenario, *(f"{seconds:.2f}" for seconds in run_time(scenario)))
+    console = Console()
+    console.print(shown)
+    cold = used_by_command((sys.executable, "-c", COLD_START), LAUNCHES)
+    console.print(f"first evaluation from a cold start: {cold:.2f} s of processor time")
+    console.print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+
+
+if __name__ == "__main__":
+    main()
