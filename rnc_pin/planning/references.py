@@ -1,11 +1,13 @@
 """References: desired positions of outputs, with three time derivatives.
 
-Every reference has ``size`` and ``at(t)``. The polynomials and splines are SciPy's.
+Every reference has ``size`` and ``at(t)``. SciPy computes the splines and the ramps of harmonics.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
+from math import comb, perm
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -59,15 +61,19 @@ class Hold:
 class _Polynomial:
     """Smooth curve on [begin, end], at rest at both ends and beyond."""
 
-    def __init__(self, curve: scipy.interpolate.PPoly, begin: float, end: float) -> None:
-        # One piecewise polynomial holds the curve and three derivatives: one look-up gives all.
-        orders = [curve.derivative(order).c for order in range(4)]
-        together = np.zeros((curve.c.shape[0], curve.c.shape[1], 4, *curve.c.shape[2:]))
-        for order, coefficients in enumerate(orders):
-            together[len(together) - len(coefficients) :, :, order] = coefficients
-        self._curves = scipy.interpolate.PPoly(together, curve.x)
+    def __init__(self, coefficients: np.ndarray, breaks: np.ndarray, begin: float, end: float) -> None:
+        """Make the curve from coefficients (degree + 1, pieces, k) of ``t - breaks[piece]``, highest power first."""
+        # One array for each piece holds the curve and three derivatives, lowest power first: one product gives all.
+        # Its first row is zero, so that a sum starts from zero.
+        together = np.zeros((coefficients.shape[1], 1 + len(coefficients), 4, coefficients.shape[2]))
+        for order in range(4):
+            lowest_first = coefficients[::-1]
+            derivative = np.moveaxis(_derivative(lowest_first, order), 0, 1)
+            together[:, 1 : 1 + derivative.shape[1], order] = derivative
+        self._pieces = list(together)
+        self._breaks = breaks.tolist()
         self._begin, self.duration = begin, end
-        self._first, self._last = Hold(curve(begin)).at(begin), Hold(curve(end)).at(end)
+        self._first, self._last = (Hold(self._at(t)[0]).at(t) for t in (begin, end))
         self.size = self._first.position.size
 
     def at(self, t: float) -> ReferencePoint:
@@ -75,7 +81,34 @@ class _Polynomial:
             return self._first
         if t >= self.duration:
             return self._last
-        return ReferencePoint(*self._curves(t))
+        return ReferencePoint(*self._at(t))
+
+    def _at(self, t: float) -> np.ndarray:
+        """Value and three derivatives (4, k)."""
+        piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
+        terms, since, power = self._pieces[piece], t - self._breaks[piece], 1.0
+        powers = [1.0, 1.0]
+        for _ in range(len(terms) - 2):
+            power *= since
+            powers.append(power)
+        values: np.ndarray = np.add.reduce(terms * np.array(powers)[:, None, None])
+        return values
+
+
+def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:
+    """Coefficients of a derivative, lowest power first (degree + 1, ...)."""
+    factors = [float(perm(power, order)) for power in range(order, len(coefficients))]
+    return coefficients[order:] * np.array(factors).reshape(-1, *[1] * (coefficients.ndim - 1))
+
+
+def _quintic(start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:
+    """Coefficients (6, k) of the quintic from rest to rest in a time (1,), highest power first."""
+    coefficients = np.zeros((6, start.size))
+    for a, control in enumerate([start] * 3 + [goal] * 3):  # control points of the Bernstein basis
+        factor = (-1) ** a * comb(5, a) * control
+        for power in range(a, 6):
+            coefficients[5 - power] += factor * (comb(5 - a, power - a) * (-1) ** power) / duration**power
+    return coefficients
 
 
 class MinimumJerk(_Polynomial):
@@ -97,9 +130,8 @@ class MinimumJerk(_Polynomial):
             raise InputError(f"start has shape {ends[0].shape} but goal {ends[1].shape}")
         if not duration > 0:
             raise InputError(f"duration of a minimum-jerk reference has to be positive, found {duration}")
-        zero = np.zeros_like(ends[0])
-        curve = scipy.interpolate.BPoly.from_derivatives([begin, begin + duration], [[end, zero, zero] for end in ends])
-        super().__init__(scipy.interpolate.PPoly.from_bernstein_basis(curve), begin, begin + duration)
+        breaks = np.array([begin, begin + duration])
+        super().__init__(_quintic(ends[0], ends[1], np.diff(breaks))[:, None], breaks, begin, begin + duration)
 
 
 class ViaPoints(_Polynomial):
@@ -120,8 +152,8 @@ class ViaPoints(_Polynomial):
         rest = [(1, zero), (2, zero)]
         spline = scipy.interpolate.make_interp_spline(knots, values, k=5, bc_type=(rest, rest))
         columns = [scipy.interpolate.PPoly.from_spline((spline.t, column, spline.k)) for column in spline.c.T]
-        curve = scipy.interpolate.PPoly(np.stack([column.c for column in columns], axis=-1), columns[0].x)
-        super().__init__(curve, float(knots[0]), float(knots[-1]))
+        coefficients = np.stack([column.c for column in columns], axis=-1)
+        super().__init__(coefficients, columns[0].x, float(knots[0]), float(knots[-1]))
 
 
 class Harmonic:

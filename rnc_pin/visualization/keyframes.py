@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import scipy
+import pinocchio as pin
 import umsgpack
 
 _STILL = 1e-7
@@ -65,7 +65,7 @@ class Keyframes:
     def _motion(frames: list[int], matrices: np.ndarray, single: bool) -> list[bytes]:
         columns = matrices[:, :3, :3]
         scale = np.linalg.norm(columns, axis=1)
-        turn = scipy.spatial.transform.Rotation.from_matrix(columns / scale[:, None, :]).as_quat()
+        turn = np.array([pin.Quaternion(rotation).coeffs() for rotation in columns / scale[:, None, :]])
         # q and -q are the same rotation; neighbours of the same sign interpolate on the short arc.
         signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
         turn[1:] *= np.cumprod(np.where(signs == 0, 1.0, signs))[:, None]
