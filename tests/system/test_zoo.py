@@ -15,10 +15,11 @@ from tolerances import CONSTRAINT, KKT, LEMMA_1
 
 PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
 PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
+ROBOTS = "".join(PAGE.partition("| robot |")[1:])  # after the tables that explain
 TABLE = {
     (cells[0], cells[1]): cells[2:]
     for cells in (
-        [each.strip() for each in line.strip("|").split("|")] for line in PAGE.splitlines() if line[:2] == "| "
+        [each.strip() for each in line.strip("|").split("|")] for line in ROBOTS.splitlines() if line[:2] == "| "
     )
 }
 
