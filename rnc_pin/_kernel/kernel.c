@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 1 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 2 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1055,6 +1055,60 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     Py_RETURN_NONE;
 }
 
+/* -mu^T lambda: power of moving constraints, with lambda from force = bias + M vdot + A^T lambda. work: 2 n */
+static double constraint_power(const Evaluator *ev, const double *P, const double *F, const double *S,
+                               const double *force, const double *v2_dot, double *work)
+{
+    Py_ssize_t n = ev->n, m = ev->m;
+    const double *solved = S + 8 * n;
+    double *acceleration = work, *push = work + n, power = 0.0;
+    memset(push, 0, (size_t)n * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++) acceleration[i] = dot(F + n * n + i * n + m, v2_dot, ev->r) - solved[i];
+    for (Py_ssize_t i = 0; i < n; i++) {
+        double rest = force[i] - S[i] - dot(P + i * n, acceleration, n);
+        add(push, rest, F + n * n + i * n, m);
+    }
+    for (Py_ssize_t i = 0; i < m; i++) power -= ev->mu[i] * push[i];
+    return power;
+}
+
+/* q, v2, T, further forces (n), damping (n), record of v, v2_dot, J1 v and the power of forces and moving constraints.
+   False if the general way has to decide. */
+static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *v2, *T, *further, *damping, *out;
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k, size = n + r + k + 1;
+    int ok = -1;
+    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
+        && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &further)
+        && optional(&all, args[4], n, &damping) && take(&all, args[5], size, WRITE, &out)) {
+        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
+        double *force = S + dynamics_size(ev);
+        ok = ev->fused && !ev->external_vertical;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v2 += r, T += ev->p, out += size) {
+            double *v = out, *v2_dot = v + n, *rates_of_J1 = v2_dot + r, *row = ev->scratch;
+            if (!take_position(ev, q, P)) ok = -1;
+            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+            if (ok <= 0) break;
+            input_force(ev, q, P, T, force, ev->scratch);
+            velocity(ev, F, ev->mu, v2, v);
+            if (further) add(force, 1.0, further + i * n, n);
+            for (Py_ssize_t j = 0; j < n && damping; j++) force[j] -= damping[i * n + j] * v[j];
+            if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
+            if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
+            for (Py_ssize_t j = 0; j < k && ok > 0; j++) {
+                ok = assemble(ev, q, P, NULL, n + j, n + j + 1, row);
+                rates_of_J1[j] = dot(row, v, n);
+            }
+            if (ok <= 0) break;
+            out[size - 1] = dot(v, force, n);
+            if (ev->mu) out[size - 1] += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
+        }
+    }
+    return result(&all, ok);
+}
+
 /* q, v2, record of all matrices: kinematics, F, v, D, K, bias, H, B, R^T B. False if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
@@ -1275,6 +1329,7 @@ static PyMethodDef methods[] = {
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
+    {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.result_types import StateDerivative
 from rnc_pin.model.row_stack import Place
 
 if TYPE_CHECKING:
@@ -93,6 +94,24 @@ class CompiledReduction:
         if not self._evaluator.configure(q, record, inverse, external, known):
             return None
         return CompiledConfiguration(self, q, position, record, inverse)
+
+    def state_derivative(
+        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None
+    ) -> tuple[StateDerivative, Array] | None:
+        """State derivative and rates of the vertical outputs; None if the other path has to decide.
+
+        Args:
+            q: one configuration (nq,); all arrays are contiguous floats.
+            v2: reduced velocities (r,).
+            T: actuator inputs (p,).
+            external: generalized forces (nv,) in addition to inputs and damping; None for zero.
+            damping: viscous coefficients (nv,); None for zero.
+        """
+        n, r = self._data.n, self._data.r
+        found = np.empty(n + r + self._data.vertical.size + 1)
+        if not self._evaluator.state_derivative(q, v2, T, external, damping, found):
+            return None
+        return StateDerivative(found[:n], found[n : n + r], found[-1]), found[n + r : -1]
 
     def terms_at_once(self, q: Array, v2: Array) -> Array | None:
         """Record of all matrices at states; None if they have to be evaluated one by one."""

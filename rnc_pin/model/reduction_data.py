@@ -84,11 +84,20 @@ class ReductionData(UsesKernel):
         if self.compiled is not None:
             self.compiled.refresh()
 
-    def in_velocities(self, W: np.ndarray, names: Sequence[str] = (), free: bool = False) -> ReductionData:
-        """Reduction of the same system to velocities ``W v``, with constant W (r, nv) and rows of unit length."""
+    def in_velocities(
+        self, W: np.ndarray, names: Sequence[str] = (), free: bool = False, vertical: OutputStack | None = None
+    ) -> ReductionData:
+        """Reduction of the same system to velocities ``W v``, with constant W (r, nv) and rows of unit length.
+
+        Args:
+            W: matrix (r, nv).
+            names: names of the velocities.
+            free: True if other velocities may be selected where these are dependent.
+            vertical: other vertical outputs; by default those of this reduction.
+        """
         names = names or [f"w[{k}]" for k in range(self.r)]
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
-        return self._with(self.kept, reducing, np.ones(self.r), free)
+        return self._with(self.kept, reducing, np.ones(self.r), free, vertical)
 
     def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
         """Reduction of the same system to r entries of v."""
@@ -99,14 +108,21 @@ class ReductionData(UsesKernel):
         """The same reduction with other constraint rows in A, (m,)."""
         return self._with(kept, self.reducing, self.output_scales, self.free)
 
-    def _with(self, kept: Sequence[int], reducing: OutputStack, lengths: np.ndarray, free: bool) -> ReductionData:
+    def _with(
+        self,
+        kept: Sequence[int],
+        reducing: OutputStack,
+        lengths: np.ndarray,
+        free: bool,
+        vertical: OutputStack | None = None,
+    ) -> ReductionData:
         return ReductionData(
             self.robot,
             self.rows,
             kept,
             self.actuation,
             reducing,
-            self.vertical,
+            self.vertical if vertical is None else vertical,
             self.singularity_limit,
             np.concatenate([self.constraint_scales, lengths]),
             free,

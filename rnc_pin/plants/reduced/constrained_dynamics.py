@@ -8,10 +8,10 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import Rate
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.input_validation import vector
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import RowStack
-from rnc_pin.model.rows import ConstantRows
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.velocity_chart import VelocityChart
 
@@ -76,7 +76,8 @@ class ConstrainedDynamics:
             check_conserved(reduced, self.damping, "joint damping")
         self._r, x2 = reduced.r, reduced.reducing
         self.integrated = integrated_outputs(reduced)
-        self._integrands = RowStack([place.block for place in x2.places if self.integrated[place.where].any()])
+        blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
+        self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
         self._chart: VelocityChart
 
@@ -84,7 +85,7 @@ class ConstrainedDynamics:
 
     def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the initial y, in a chart centred at q."""
-        self._chart = VelocityChart(self.reduced.reduction_data, q)
+        self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
         return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
@@ -111,7 +112,7 @@ class ConstrainedDynamics:
         here = self.at(q, y)
         if self._chart.is_ill_conditioned(here):
             v = here.v
-            self._chart = VelocityChart(self.reduced.reduction_data, q)
+            self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])
         return here.in_reduction(self.reduced.reduction_data), y
 
@@ -128,7 +129,7 @@ class ConstrainedDynamics:
     def derivative_at(self, state: StateEvaluation, T: np.ndarray) -> Derivative:
         """Time derivative of (q, y) at a state that is already evaluated in the reduction of the model."""
         v, v2_dot, power = state.flow(T, self.damping)
-        return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state, v, power)
+        return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state.v2[self._where], power)
 
     def derivative(
         self,
@@ -143,20 +144,24 @@ class ConstrainedDynamics:
             external: generalized forces (nv,) in addition to inputs and damping.
             projection: maps a state to the nearest valid one, for example to stop rows that stick; none by default.
         """
+        T = vector(T, self.reduced.p, "T")
+        if external is not None:
+            external = np.ascontiguousarray(external)
 
         def rate(q: np.ndarray, y: np.ndarray) -> Derivative:
-            state = self._chart.at(q, y[: self._r])
-            if projection is not None:
-                state = projection(state)
-            v, w_dot, power = state.flow(T, self.damping, external)
-            return v, self._y_dot(w_dot, state, v, power)
+            w = y[: self._r]
+            if projection is None:
+                (v, w_dot, power), rates = self._chart.derivative(q, w, T, external, self.damping)
+            else:
+                state = projection(self._chart.at(q, w))
+                (v, w_dot, power), rates = state.flow(T, self.damping, external), state.v1
+            return v, self._y_dot(w_dot, rates, power)
 
         return rate
 
-    def _y_dot(self, w_dot: np.ndarray, state: StateEvaluation, v: np.ndarray, power: np.ndarray | float) -> np.ndarray:
+    def _y_dot(self, w_dot: np.ndarray, rates: np.ndarray, power: np.ndarray | float) -> np.ndarray:
         r = self._r
         y_dot = np.zeros(2 * r + 1)
         y_dot[:r], y_dot[2 * r] = w_dot, power
-        if self._integrands.size:
-            y_dot[r + self._where] = apply(self._integrands.jacobian(state.position), v)
+        y_dot[r + self._where] = rates
         return y_dot

@@ -6,6 +6,8 @@ import numpy as np
 import scipy
 
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.result_types import StateDerivative
+from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _MAX_GROWTH = 3.0  # growth of |R|^2 at which the chart is replaced: some velocity is then 60 degrees off the basis
@@ -21,18 +23,30 @@ class VelocityChart:
     Args:
         data: data of any reduction of the system.
         q: centre of the chart (nq,).
+        integrated: outputs whose rates ``derivative`` returns.
     """
 
-    def __init__(self, data: ReductionData, q: np.ndarray) -> None:
+    def __init__(self, data: ReductionData, q: np.ndarray, integrated: OutputStack) -> None:
         m, n = data.m, data.n
         A = StateEvaluation.at(data.in_entries(range(data.r), free=True), q).A
         self._scale = data.lengths[:m]
         self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
-        self.reduction_data = data.in_velocities(self.W)
+        self.reduction_data = data.in_velocities(self.W, vertical=integrated)
 
     def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:
         """Return the state at (q, w) of this chart."""
         return StateEvaluation.at(self.reduction_data, q, w)
+
+    def derivative(
+        self, q: np.ndarray, w: np.ndarray, T: np.ndarray, external: np.ndarray | None, damping: np.ndarray | None
+    ) -> tuple[StateDerivative, np.ndarray]:
+        """Return the state derivative at (q, w) under constant forces, and the rates of the integrated outputs."""
+        compiled = self.reduction_data.compiled
+        found = None if compiled is None else compiled.state_derivative(q, w, T, external, damping)
+        if found is not None:
+            return found
+        state = self.at(q, w)
+        return state.flow(T, damping, external), state.v1
 
     def is_ill_conditioned(self, state: StateEvaluation) -> bool:
         """True if a state needs a new chart."""
