@@ -1002,57 +1002,83 @@ static int admissible(Evaluator *ev, const double *q, const double *v2, const do
     return found;
 }
 
+/* Buffers of the caller's q, v2 (and T) for one state or a stack of states. False if they are not float64 arrays of the
+   right sizes, contiguous and with equal stacks: the general way converts them or raises the error. */
+static int states(PyObject *const *args, int number, const Py_ssize_t *sizes, Arrays *all, double **x)
+{
+    for (int i = 0; i < number; i++) {
+        Py_buffer *view = all->views + all->open;
+        if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) {
+            PyErr_Clear();
+            return 0;
+        }
+        all->open++;
+        int stacked = view->ndim == 2;
+        if (!view->format || strcmp(view->format, "d") || (!stacked && view->ndim != 1)
+            || view->ndim != all->views[0].ndim || view->shape[stacked] != sizes[i]
+            || (stacked && view->shape[0] != all->views[0].shape[0]))
+            return 0;
+        x[i] = view->buf;
+    }
+    all->count = all->views[0].ndim == 2 ? all->views[0].shape[0] : 1;
+    return 1;
+}
+
+/* New array for the states: entries of a number of doubles each, of a type (NULL: float64). NULL with an error */
+static PyObject *made(Evaluator *ev, Arrays *all, PyObject *type, Py_ssize_t entries, Py_ssize_t doubles, double **out)
+{
+    PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY), *array;
+    int stacked = all->views[0].ndim == 2;
+    if (type)
+        array = stacked ? PyObject_CallFunction(empty, "nO", all->count, type) : PyObject_CallFunction(empty, "()O", type);
+    else
+        array = stacked ? PyObject_CallFunction(empty, "((nn))", all->count, entries)
+                        : PyObject_CallFunction(empty, "n", entries);
+    Py_buffer *view = all->views + all->open;
+    if (array && PyObject_GetBuffer(array, view, PyBUF_WRITABLE) < 0) Py_CLEAR(array);
+    if (!array) return NULL;
+    all->open++;
+    *out = view->buf;
+    if (view->len == all->count * doubles * (Py_ssize_t)sizeof(double)) return array;
+    PyErr_SetString(PyExc_ValueError, "kernel: a result has another size");
+    Py_DECREF(array);
+    return NULL;
+}
+
+/* The array if ok is positive, None for zero, an error below. */
+static PyObject *answer(Arrays *all, PyObject *array, int ok)
+{
+    close_arrays(all);
+    if (ok > 0) return array;
+    Py_XDECREF(array);
+    if (ok < 0) return NULL;
+    Py_RETURN_NONE;
+}
+
 /* q, v2, T -> v2_dot of one state or of a stack of states (count, ...); None if the general way has to decide. */
 static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, n = ev->n, r = ev->r, count = 1;
+    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, n = ev->n, r = ev->r;
     Arrays all = {.count = -1};
     PyObject *out = NULL;
-    double *x[3];
-    int ok = ev->fused && ev->r;
+    double *x[3], *v2_dot;
     if (!expect(ev, given, 3)) return NULL;
-    for (int i = 0; i < 3 && ok > 0; i++) {
-        Py_buffer *view = all.views + all.open;
-        if (PyObject_GetBuffer(args[i], view, PyBUF_ND | PyBUF_FORMAT) < 0) {
-            PyErr_Clear();
-            ok = 0;
-            break;
-        }
-        all.open++;
-        int stacked = view->ndim == 2;
-        ok = view->format && !strcmp(view->format, "d") && (stacked || view->ndim == 1)
-            && view->ndim == all.views[0].ndim && view->shape[stacked] == sizes[i];
-        if (ok && i && stacked) ok = view->shape[0] == all.views[0].shape[0];
-        x[i] = view->buf;
+    int ok = ev->fused && ev->r && states(args, 3, sizes, &all, x);
+    if (ok && !(out = made(ev, &all, NULL, r, r, &v2_dot))) ok = -1;
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
+    double *force = S + dynamics_size(ev);
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, v2_dot += r) {
+        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
+        ok = admissible(ev, q, v2, T);
+        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        if (ok <= 0) break;
+        input_force(ev, q, P, T, force, ev->scratch);
+        velocity(ev, F, ev->mu, v2, v);
+        if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
+        if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
     }
-    if (ok > 0) {
-        PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
-        if (all.views[0].ndim == 2) count = all.views[0].shape[0];
-        out = all.views[0].ndim == 2 ? PyObject_CallFunction(empty, "((nn))", count, r)
-                                     : PyObject_CallFunction(empty, "n", r);
-        Py_buffer *view = all.views + all.open;
-        if (!out || PyObject_GetBuffer(out, view, PyBUF_WRITABLE) < 0) ok = -1;
-        else if (all.open++, view->len != count * r * (Py_ssize_t)sizeof(double)) ok = 0;
-        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
-        double *force = S + dynamics_size(ev);
-        for (Py_ssize_t i = 0; i < count && ok > 0; i++) {
-            const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
-            double *v2_dot = (double *)view->buf + i * r;
-            ok = admissible(ev, q, v2, T);
-            if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-            if (ok <= 0) break;
-            input_force(ev, q, P, T, force, ev->scratch);
-            velocity(ev, F, ev->mu, v2, v);
-            if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
-            if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
-        }
-    }
-    close_arrays(&all);
-    if (ok > 0) return out;
-    Py_XDECREF(out);
-    if (ok < 0) return NULL;
-    Py_RETURN_NONE;
+    return answer(&all, out, ok);
 }
 
 /* -mu^T lambda: power of moving constraints, with lambda from force = bias + M vdot + A^T lambda. work: 2 n */
@@ -1109,37 +1135,39 @@ static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize
     return result(&all, ok);
 }
 
-/* q, v2, record of all matrices: kinematics, F, v, D, K, bias, H, B, R^T B. False if the general way has to decide. */
+/* q, v2 and the type of a record -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K,
+   bias, H, B, R^T B. None if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
+    Py_ssize_t sizes[2] = {ev->nq, ev->r}, n = ev->n, r = ev->r;
     Arrays all = {.count = -1};
-    double *q, *v2, *record;
-    Py_ssize_t n = ev->n, r = ev->r;
-    int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
-        && take(&all, args[2], terms_size(ev), WRITE, &record)) {
-        ok = ev->fused && !ev->external_vertical && !ev->mu;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v2 += r, record += terms_size(ev)) {
-            double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
-            double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
-            double *input = B + n * ev->p;
-            if (!take_position(ev, q, P)) ok = -1;
-            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-            if (ok <= 0) break;
-            velocity(ev, F, NULL, v2, v);
-            take_state(ev, q, v);
-            if (!called(ev, P_NLE, 1)) ok = -1;
-            memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
-            if (ok > 0 && !called(ev, P_C, 1)) ok = -1; /* dJ comes with it */
-            if (ok <= 0) break;
-            if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
-            coriolis(ev, P, F, v, bias, D, K, ev->scratch);
-            inertia(ev, P, F, H, ev->scratch);
-            input_matrix(ev, q, P, B, ev->scratch);
-            multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);
-        }
+    PyObject *out = NULL;
+    double *x[2], *record;
+    if (!expect(ev, given, 3)) return NULL;
+    int ok = ev->fused && !ev->external_vertical && !ev->mu && states(args, 2, sizes, &all, x);
+    if (ok && !(out = made(ev, &all, args[2], 0, terms_size(ev), &record))) ok = -1;
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, record += terms_size(ev)) {
+        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r;
+        double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
+        double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
+        double *input = B + n * ev->p;
+        ok = admissible(ev, q, v2, NULL);
+        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        if (ok <= 0) break;
+        velocity(ev, F, NULL, v2, v);
+        take_state(ev, q, v);
+        if (!called(ev, P_NLE, 1)) ok = -1;
+        memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
+        if (ok > 0 && !called(ev, P_C, 1)) ok = -1; /* dJ comes with it */
+        if (ok <= 0) break;
+        if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
+        coriolis(ev, P, F, v, bias, D, K, ev->scratch);
+        inertia(ev, P, F, H, ev->scratch);
+        input_matrix(ev, q, P, B, ev->scratch);
+        multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);
     }
-    return result(&all, ok);
+    return answer(&all, out, ok);
 }
 
 /* ------------------------------------------------------------------ creation */

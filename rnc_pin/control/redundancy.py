@@ -9,7 +9,7 @@ from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.io.json import Json
-from rnc_pin.math.linear_algebra import apply, condition_number
+from rnc_pin.math.linear_algebra import apply, condition_number, solve
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
@@ -146,10 +146,7 @@ class RedundancyController(ReprMixin):
         return z + apply(back, y), z_dot + apply(back_dot, y) + apply(back, y_dot)
 
     def _solve(self, A4: np.ndarray, right: np.ndarray, measurement: Measurement) -> np.ndarray:
-        try:
-            solution = np.linalg.solve(A4, right[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            solution = np.full(right.shape, np.inf)
+        solution = solve(A4, right)
         if np.abs(solution).max() < _LIMIT * (1 + np.abs(right).max()):
             return solution
         raise SingularityError(

@@ -47,6 +47,17 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
         return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
 
 
+def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve ``matrix @ x = right`` for (..., n, n) and (..., n); infinite if a matrix is exactly singular."""
+    if matrix.ndim == 2 and right.ndim == 1:
+        _, _, solution, info = scipy.linalg.lapack.dgesv(matrix, right)
+        return np.full_like(right, np.inf) if info else solution
+    try:
+        return np.linalg.solve(matrix, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.inf)
+
+
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n)."""
     if matrix.ndim == 2 and right.ndim == 1:

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.result_types import StateDerivative
+from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 from rnc_pin.model.row_stack import Place
 
 if TYPE_CHECKING:
@@ -54,7 +54,6 @@ class CompiledReduction:
         self._evaluator = kernel_evaluator(data, table, mu, fused)
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
         """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""
-        self._terms_at_once = fused and not (table.external_vertical or data.affine)
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
@@ -66,7 +65,7 @@ class CompiledReduction:
         forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p)}
         self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
         self.biases, self.rates = _record(biases), _record(rates)
-        self.terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
+        self._terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
 
         self.python_values = tuple(
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
@@ -113,12 +112,29 @@ class CompiledReduction:
             return None
         return StateDerivative(found[:n], found[n : n + r], found[-1]), found[n + r : -1]
 
-    def terms_at_once(self, q: Array, v2: Array) -> Array | None:
-        """Record of all matrices at states; None if they have to be evaluated one by one."""
-        if not self._terms_at_once:
+    def terms(self, q: object, v2: object) -> ReducedTerms | None:
+        """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
+        record = self._evaluator.terms(q, v2, self._terms)
+        if record is None:
             return None
-        record = np.empty(q.shape[:-1], self.terms)
-        return record if self._evaluator.terms(q, v2, record) else None
+        record.setflags(write=False)
+        m, v = self._data.m, record["v"]
+        zero = np.zeros(v.shape)
+        return ReducedTerms(
+            R=record["E_inverse"][..., m:],
+            R_dot=record["R_dot"],
+            H=record["H"],
+            V=record["V"],
+            G=record["G"],
+            input_matrix=record["input_matrix"],
+            A=record["E"][..., :m, :],
+            A_dot=record["E_dot"][..., :m, :],
+            A_star=record["A_star"],
+            A_star_dot=record["A_star_dot"],
+            v=v,
+            b=zero,
+            b_dot=zero,
+        )
 
 
 class CompiledConfiguration:

@@ -209,7 +209,9 @@ class ReducedModel(FormerMethods, SummaryMixin):
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         """All matrices of the reduced system at (q, v2)."""
-        return self.at(q, v2).terms()
+        compiled = self._data.compiled
+        found = None if compiled is None else compiled.terms(q, v2)
+        return self.at(q, v2).terms() if found is None else found
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
         """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``."""

@@ -69,10 +69,10 @@ class StateEvaluation(ReducedKinematics):
     # ------------------------------------------------------------------ dynamics
 
     @cached_property
-    def _at_once(self) -> Array | None:
-        """Record of all matrices from one call of the compiled kernel; None if it cannot."""
+    def _at_once(self) -> ReducedTerms | None:
+        """All matrices from one call of the compiled kernel; None if it cannot."""
         compiled = self._data.compiled
-        return None if compiled is None or self._v2 is None else compiled.terms_at_once(self.q, self._v2)
+        return None if compiled is None or self._v2 is None else compiled.terms(self.q, self._v2)
 
     @cached_property
     def C(self) -> Float[Array, "*batch nv nv"]:
@@ -93,14 +93,14 @@ class StateEvaluation(ReducedKinematics):
     def V(self) -> Float[Array, "*batch r r"]:
         """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
         if self._at_once is not None:
-            return self._at_once["V"]
+            return self._at_once.V
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
     @cached_property
     def G(self) -> Float[Array, "*batch r"]:
         """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
         if self._at_once is not None:
-            return self._at_once["G"]
+            return self._at_once.G
         g = self.g
         if self._data.affine:
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
@@ -230,7 +230,7 @@ class StateEvaluation(ReducedKinematics):
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
         if self._at_once is not None:
-            return _terms(self._at_once, self._data.m)
+            return self._at_once
         return ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,
@@ -246,23 +246,3 @@ class StateEvaluation(ReducedKinematics):
             b=self.b,
             b_dot=self.b_dot,
         )
-
-
-def _terms(record: Array, m: int) -> ReducedTerms:
-    """Matrices from a record of the compiled kernel, for m constraint rows that are not affine."""
-    v = record["v"]
-    return ReducedTerms(
-        R=record["E_inverse"][..., m:],
-        R_dot=record["R_dot"],
-        H=record["H"],
-        V=record["V"],
-        G=record["G"],
-        input_matrix=record["input_matrix"],
-        A=record["E"][..., :m, :],
-        A_dot=record["E_dot"][..., :m, :],
-        A_star=record["A_star"],
-        A_star_dot=record["A_star_dot"],
-        v=v,
-        b=np.zeros(v.shape),
-        b_dot=np.zeros(v.shape),
-    )
