@@ -5,6 +5,7 @@ For the system of every built-in scenario, or of those named after ``--systems``
 * bare calls: ``computeJointJacobians``, ``crba``, ``forwardKinematics`` at zero acceleration and ``nonLinearEffects``
   at a state, on the same model with a workspace of its own;
 * one state: ``forward_dynamics`` of single states, beside the bare calls;
+* terms: all matrices of single states, rates of R and A_star included, beside the bare calls;
 * of 256: a state in one ``forward_dynamics`` of a batch of 256, beside the bare calls;
 * tick: measure, control, allocate and integrate over one sampling period, with the scenario's controller and
   settings, beside that period;
@@ -15,17 +16,19 @@ Then the processor time of what is started again and again: the import, and ``rn
 
 Times are processor times, so that the machine may do other things besides; how fast it was in the meantime shows in the
 bare calls and in ``python_loop_ms``, a million additions in Python. Everything of a system is measured in turn,
-round by round; figures are medians and ratios are ratios of medians. What is beyond its limit is red in the table, and
-``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes it beside the table:
+round by round; figures are medians and ratios are ratios of medians. What is beyond its limit is red in the table
+and listed below it, and ``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes it beside the
+table:
 
     {"rounds": 15,
      "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 4.0,
                   "one_state": {"us": 44.0, "ratio": 11.0, "limit": ..., "within": true},
-                  "of_batch": {...the same...}, "tick": {...; ratio to the sampling period...},
+                  "of_batch": {...the same...}, "terms": {...the same...},
+                  "tick": {...; ratio to the sampling period...},
                   "threads": 1.0, "within": true}],
      "commands": [{"command": "import rnc_pin", "seconds": 0.25, "limit": 0.3, "within": true}],
      "machine": {"cpus": 2, "python": "3.11.14", "numpy": "2.4.6", "pin": "4.1.0",
-                 "python_loop_ms": 40.0}}
+                 "python_loop_ms": 40.0, "load": 1.0}}
 """
 
 from __future__ import annotations
@@ -57,9 +60,16 @@ from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names
 
 ROUNDS, BATCH, TICKS, LAUNCHES = 15, 256, 100, 5
-WIDTH = 125  # of the table, wherever it goes [characters]
-ONE_STATE, OF_BATCH, TICK, COMMAND = 10.0, 5.0, 0.1, 0.3  # limits: ratios to the bare calls and to the period; [s]
-TIGHTER = {"space-robot": (6.0, 3.0)}  # ONE_STATE and OF_BATCH of single systems
+WIDTH = 145  # of the table, wherever it goes [characters]
+ONE_STATE, OF_BATCH, TERMS, TICK, COMMAND = (
+    2.5,
+    1.6,
+    4.0,
+    0.1,
+    0.3,
+)  # limits: ratios to bare calls and to the period; [s]
+TIGHTER = {"space-robot": 0.05}  # TICK of single systems
+_COSTS = ("one_state", "of_batch", "terms", "tick")  # of SystemCosts
 COMMANDS = {
     "import rnc_pin": (sys.executable, "-c", "import rnc_pin"),
     "rnc-pin --help": (sys.executable, "-m", "rnc_pin", "--help"),
@@ -104,6 +114,7 @@ class SystemCosts:
         nv, r: degrees of freedom, and of the reduced system.
         bare_us: the bare calls at a state [us].
         one_state, of_batch: ``forward_dynamics`` of a state, by itself and in a batch.
+        terms: all matrices of a state.
         tick: a sampling period of a run.
         threads: processor time of all threads over that of the one that simulates.
     """
@@ -114,17 +125,18 @@ class SystemCosts:
     bare_us: float
     one_state: Cost
     of_batch: Cost
+    terms: Cost
     tick: Cost
     threads: float
 
     @property
     def within(self) -> bool:
         """True if all figures are within their limits."""
-        return self.one_state.within and self.of_batch.within and self.tick.within
+        return all(getattr(self, name).within for name in _COSTS)
 
     def record(self) -> dict[str, Any]:
         """For JSON."""
-        costs = {name: getattr(self, name).record() for name in ("one_state", "of_batch", "tick")}
+        costs = {name: getattr(self, name).record() for name in _COSTS}
         plain = {name: getattr(self, name) for name in ("system", "nv", "r", "bare_us")}
         return {**plain, **costs, "threads": self.threads, "within": self.within}
 
@@ -159,18 +171,19 @@ def system_costs(name: str, rounds: int = ROUNDS) -> SystemCosts:
         bare_calls(reduced, states),
         one_state(reduced, states),
         of_batch(reduced, states),
+        terms(reduced, states),
         tick(experiment),
     )
-    (bare,), (single,), (batched,), (ticking, threads) = in_turn(measurements, rounds)
-    single_limit, batched_limit = TIGHTER.get(name, (ONE_STATE, OF_BATCH))
+    (bare,), (single,), (batched,), (whole,), (ticking, threads) = in_turn(measurements, rounds)
     return SystemCosts(
         system=name,
         nv=reduced.n,
         r=reduced.r,
         bare_us=float(bare * 1e6),
-        one_state=Cost.of(single, bare, single_limit),
-        of_batch=Cost.of(batched, bare, batched_limit),
-        tick=Cost.of(ticking, dt, TICK),
+        one_state=Cost.of(single, bare, ONE_STATE),
+        of_batch=Cost.of(batched, bare, OF_BATCH),
+        terms=Cost.of(whole, bare, TERMS),
+        tick=Cost.of(ticking, dt, TIGHTER.get(name, TICK)),
         threads=float(threads),
     )
 
@@ -205,6 +218,17 @@ def one_state(reduced: rnc.ReducedModel, states: States) -> Measurement:
 def of_batch(reduced: rnc.ReducedModel, states: States) -> Measurement:
     """A state's part in one ``forward_dynamics`` of all of them."""
     return used_by(lambda: reduced.forward_dynamics(states.q, states.v2, states.T), len(states.q))
+
+
+def terms(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """All matrices of one state after the other, rates of R and A_star included."""
+    each = list(zip(states.q, states.v2, strict=True))
+
+    def calls() -> None:
+        for q, v2 in each:
+            reduced.terms(q, v2)
+
+    return used_by(calls, len(each))
 
 
 def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
@@ -243,6 +267,7 @@ def machine() -> dict[str, Any]:
         "numpy": np.__version__,
         "pin": pin.__version__,
         "python_loop_ms": round(python_loop() * 1e3, 1),
+        "load": round(os.getloadavg()[0], 1),
     }
 
 
@@ -264,7 +289,7 @@ def table(systems: Iterable[SystemCosts]) -> Table:
     """One row a system; what is beyond its limit is red."""
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))
     shown.add_column("system", no_wrap=True)
-    costs = ("one state [us]", "/ bare", f"of {BATCH} [us]", "/ bare", "tick [us]", "/ dt")
+    costs = ("one state [us]", "/ bare", f"of {BATCH} [us]", "/ bare", "terms [us]", "/ bare", "tick [us]", "/ dt")
     for heading in ("nv", "r", "bare [us]", *costs, "threads"):
         shown.add_column(escape(heading), justify="right", no_wrap=True)
     for each in systems:
@@ -275,6 +300,7 @@ def table(systems: Iterable[SystemCosts]) -> Table:
             f"{each.bare_us:.2f}",
             *cells(each.one_state),
             *cells(each.of_batch),
+            *cells(each.terms),
             *cells(each.tick, digits=3),
             f"{each.threads:.2f}",
         )
@@ -295,12 +321,18 @@ def show(systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where:
     """The table, its limits, the commands and the machine."""
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, WIDTH)
-    tighter = "".join(f"; {name} {single:g} and {batched:g}" for name, (single, batched) in TIGHTER.items())
+    tighter = "".join(f", of {name} {limit:g} dt" for name, limit in TIGHTER.items())
     console.print(table(systems))
-    console.print(f"limits: one state {ONE_STATE:g} bare, of {BATCH} {OF_BATCH:g} bare{tighter}; tick {TICK:g} dt")
-    for each in commands:
-        figure = marked(f"{each.seconds:.2f} s", each.within)
-        console.print(f"{each.command}: {figure} of processor time, limit {each.limit:g} s")
+    ratios = f"one state {ONE_STATE:g} bare, of {BATCH} {OF_BATCH:g} bare, terms {TERMS:g} bare"
+    console.print(f"limits: {ratios}, tick {TICK:g} dt{tighter}")
+    for each in systems:
+        for kind in _COSTS:
+            cost = getattr(each, kind)
+            if not cost.within:
+                console.print(f"beyond its limit: {kind} of {each.system}, {cost.ratio:.2f}, limit {cost.limit:g}")
+    for command in commands:
+        figure = marked(f"{command.seconds:.2f} s", command.within)
+        console.print(f"{command.command}: {figure} of processor time, limit {command.limit:g} s")
     console.print(", ".join(f"{name} {value}" for name, value in where.items()))
 
 
