@@ -16,9 +16,9 @@ Then the processor time of what is started again and again: the import, and ``rn
 
 Times are processor times, so that the machine may do other things besides; how fast it was in the meantime shows in the
 bare calls and in ``python_loop_ms``, a million additions in Python. Everything of a system is measured in turn,
-round by round; figures are medians and ratios are ratios of medians. What is beyond its limit is red in the table
-and listed below it, and ``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes it beside the
-table:
+round by round; figures are medians and ratios are ratios of medians. What is beyond its limit is red in the table and
+listed below it, and ``within`` is false in JSON. ``--json`` prints JSON in place of the table, ``--json FILE`` writes
+it beside the table:
 
     {"rounds": 15,
      "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 4.0,

@@ -119,11 +119,13 @@ class ConfigurationEvaluation(UsesKernel):
     @cached_property
     def E(self) -> Float[Array, "*batch nv nv"]:
         """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
-        return self.factorization.E
+        return self.factorization.E if self.compiled is None else self.compiled.E
 
     @cached_property
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
         """Inverse ``E^-1``: the columns of the multipliers, then R."""
+        if self.compiled is not None:  # regular states only
+            return self.compiled.E_inverse
         found = self.factorization
         if not found.everywhere_regular:
             raise self._singularity(np.asarray(found.regular))
