@@ -13,6 +13,7 @@ from .analysis import (
     equilibrium,
     linearize,
     lqr,
+    state_derivatives,
 )
 from .constraints import (
     AckermannSteering,
@@ -141,6 +142,7 @@ __all__ = [
     "robots",
     "simulate",
     "simulation",
+    "state_derivatives",
     "summarize",
     "tuned_tracker",
 ]

@@ -2,6 +2,7 @@
 
 from rnc_pin.analysis.boundedness import Approach, Boundedness, boundedness
 from rnc_pin.analysis.continuation import SteadyMotion, continuation
+from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.equilibrium import Equilibrium, equilibrium
 from rnc_pin.analysis.grip import Grip, lift_off_along
 from rnc_pin.analysis.growth import GrowthEvidence, growth_vector
@@ -30,6 +31,7 @@ __all__ = [
     "Report",
     "Singularity",
     "Spread",
+    "StateDerivatives",
     "SteadyMotion",
     "analyze",
     "boundedness",
@@ -43,4 +45,5 @@ __all__ = [
     "lift_off_along",
     "linearize",
     "lqr",
+    "state_derivatives",
 ]

@@ -18,7 +18,10 @@ from rnc_pin.model.rows import Rows
 
 @dataclass(frozen=True)
 class StateDerivatives:
-    """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at a state, along the tangent space at q."""
+    """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at a state, along the tangent space at q.
+
+    ``state_derivatives`` returns it.
+    """
 
     v: Float[Array, nv]
     v2_dot: Float[Array, r]
@@ -51,6 +54,14 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
 
     Raises:
         InputError, SingularityError: as in every method of ``ReducedModel``.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> found = rnc.state_derivatives(reduced, robot.configuration(), np.array([0.5, 0.2]), np.zeros(reduced.p))
+        >>> round(float(found.v2_dot_v2[0, 1] / found.v2_dot[0]), 3)  # 2 over the yaw rate
+        10.0
     """
     state = reduced.at(q, v2)
     v2_dot, T = state.v2_dot(T), np.asarray(T, float)
