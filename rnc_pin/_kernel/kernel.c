@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 2 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 3 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1024,22 +1024,18 @@ static int states(PyObject *const *args, int number, const Py_ssize_t *sizes, Ar
     return 1;
 }
 
-/* New array for the states: entries of a number of doubles each, of a type (NULL: float64). NULL with an error */
-static PyObject *made(Evaluator *ev, Arrays *all, PyObject *type, Py_ssize_t entries, Py_ssize_t doubles, double **out)
+/* New array (size,) or (count, size) of float64 for the states; NULL with an error */
+static PyObject *made(Evaluator *ev, Arrays *all, Py_ssize_t size, double **out)
 {
-    PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY), *array;
-    int stacked = all->views[0].ndim == 2;
-    if (type)
-        array = stacked ? PyObject_CallFunction(empty, "nO", all->count, type) : PyObject_CallFunction(empty, "()O", type);
-    else
-        array = stacked ? PyObject_CallFunction(empty, "((nn))", all->count, entries)
-                        : PyObject_CallFunction(empty, "n", entries);
+    PyObject *empty = PyTuple_GetItem(ev->refs, P_EMPTY);
+    PyObject *array = all->views[0].ndim == 2 ? PyObject_CallFunction(empty, "((nn))", all->count, size)
+                                              : PyObject_CallFunction(empty, "n", size);
     Py_buffer *view = all->views + all->open;
     if (array && PyObject_GetBuffer(array, view, PyBUF_WRITABLE) < 0) Py_CLEAR(array);
     if (!array) return NULL;
     all->open++;
     *out = view->buf;
-    if (view->len == all->count * doubles * (Py_ssize_t)sizeof(double)) return array;
+    if (view->len == all->count * size * (Py_ssize_t)sizeof(double)) return array;
     PyErr_SetString(PyExc_ValueError, "kernel: a result has another size");
     Py_DECREF(array);
     return NULL;
@@ -1064,7 +1060,7 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     double *x[3], *v2_dot;
     if (!expect(ev, given, 3)) return NULL;
     int ok = ev->fused && ev->r && states(args, 3, sizes, &all, x);
-    if (ok && !(out = made(ev, &all, NULL, r, r, &v2_dot))) ok = -1;
+    if (ok && !(out = made(ev, &all, r, &v2_dot))) ok = -1;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
     double *force = S + dynamics_size(ev);
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, v2_dot += r) {
@@ -1135,17 +1131,16 @@ static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize
     return result(&all, ok);
 }
 
-/* q, v2 and the type of a record -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K,
-   bias, H, B, R^T B. None if the general way has to decide. */
+/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B. None if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Py_ssize_t sizes[2] = {ev->nq, ev->r}, n = ev->n, r = ev->r;
     Arrays all = {.count = -1};
     PyObject *out = NULL;
     double *x[2], *record;
-    if (!expect(ev, given, 3)) return NULL;
+    if (!expect(ev, given, 2)) return NULL;
     int ok = ev->fused && !ev->external_vertical && !ev->mu && states(args, 2, sizes, &all, x);
-    if (ok && !(out = made(ev, &all, args[2], 0, terms_size(ev), &record))) ok = -1;
+    if (ok && !(out = made(ev, &all, terms_size(ev), &record))) ok = -1;
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, record += terms_size(ev)) {
         const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r;
         double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;

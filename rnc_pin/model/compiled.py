@@ -88,8 +88,8 @@ class CompiledReduction:
         """
         external = _concatenated(self.external, lambda block: block.jacobian(position), -2)
         known = kinematics is not None
-        record = np.empty(q.shape[:-1], self.kinematics) if kinematics is None else kinematics
-        inverse = np.empty(q.shape[:-1], self.inverse)
+        record = _empty(q.shape[:-1], self.kinematics) if kinematics is None else kinematics
+        inverse = _empty(q.shape[:-1], self.inverse)
         if not self._evaluator.configure(q, record, inverse, external, known):
             return None
         return CompiledConfiguration(self, q, position, record, inverse)
@@ -114,10 +114,11 @@ class CompiledReduction:
 
     def terms(self, q: object, v2: object) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
-        record = self._evaluator.terms(q, v2, self._terms)
-        if record is None:
+        numbers = self._evaluator.terms(q, v2)
+        if numbers is None:
             return None
-        record.setflags(write=False)
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], self._terms, numbers)
         m, v = self._data.m, record["v"]
         zero = np.zeros(v.shape)
         return ReducedTerms(
@@ -209,7 +210,7 @@ class CompiledConfiguration:
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
         external = _concatenated(self.reduction.external_vertical, lambda block: block.jacobian(self._position), -2)
-        rows = np.empty(self.batch, self.reduction.rows)
+        rows = _empty(self.batch, self.reduction.rows)
         return rows if self._evaluator.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
 
@@ -236,7 +237,7 @@ class CompiledState:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
         at, reduction = self._at, self._at.reduction
         external = _concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion), -1)
-        biases = np.empty(at.batch, reduction.biases)
+        biases = _empty(at.batch, reduction.biases)
         self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, biases)
         return biases
 
@@ -257,7 +258,7 @@ class CompiledState:
         stacks = reduction.external, reduction.external_vertical
         at_rates = None if self._motion is None else self._motion.rates()
         external = [_concatenated(each, lambda block: block.jacobian_dot(at_rates), -2) for each in stacks]
-        rates = np.empty(at.batch, reduction.rates)
+        rates = _empty(at.batch, reduction.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
         return rates if self._evaluator.rates(*arguments) else None
 
@@ -269,6 +270,11 @@ def _concatenated(places: Sequence[Place], of: Callable[[Any], Array], axis: int
     selected = (place.of if axis == -1 else place.of_matrix for place in places)
     values = [select(of(place.block)) for select, place in zip(selected, places, strict=True)]
     return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)
+
+
+def _empty(shape: tuple[int, ...], record: np.dtype[Any]) -> Array:
+    """Records without values; NumPy's ``empty`` takes several times as long for a type with fields."""
+    return np.ndarray(shape, record, np.empty((*shape, record.itemsize // 8)))
 
 
 def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
