@@ -82,7 +82,7 @@ def test_a_sample_says_what_the_whole_has_at_least():
 def test_figures_are_finite_and_positive():
     costs = reduction.system_costs(SYSTEM, rounds=2)
     figures = [costs.bare_us, costs.threads]
-    for cost in (costs.one_state, costs.of_batch, costs.tick):
+    for cost in (costs.one_state, costs.of_batch, costs.terms, costs.tick):
         figures += [cost.us, cost.ratio]
     assert np.isfinite(figures).all()
     assert min(figures) > 0
@@ -101,12 +101,13 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     written = json.loads(file.read_text())
     assert set(written) == {"rounds", "systems", "commands", "machine"}
     (system,) = written["systems"]
-    assert set(system) == {"system", "nv", "r", "bare_us", "one_state", "of_batch", "tick", "threads", "within"}
-    assert all(set(system[name]) == COST for name in ("one_state", "of_batch", "tick"))
+    costs = {"one_state", "of_batch", "terms", "tick"}
+    assert set(system) == {"system", "nv", "r", "bare_us", "threads", "within"} | costs
+    assert all(set(system[name]) == COST for name in costs)
     assert {each["command"] for each in written["commands"]} == {"import rnc_pin", "rnc-pin --help"}
     assert all(set(each) == {"command", "seconds", "limit", "within"} for each in written["commands"])
     assert all(each["seconds"] > 0 for each in written["commands"])
-    assert set(written["machine"]) == {"cpus", "python", "numpy", "pin", "python_loop_ms"}
+    assert set(written["machine"]) == {"cpus", "python", "numpy", "pin", "python_loop_ms", "load"}
     shown = capsys.readouterr().out
     assert SYSTEM in shown
     assert "rnc-pin --help" in shown
