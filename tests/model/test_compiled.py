@@ -297,11 +297,11 @@ def test_the_kernel_refuses_arrays_of_other_sizes():
 
 
 @pytest.mark.parametrize(("asked", "expected"), [("numpy", "numpy"), ("", "c" if _kernel._load() else "numpy")])
-def test_the_environment_selects_the_path(asked, expected):
+def test_the_environment_selects_the_path(asked, expected, tmp_path):
     script = "import rnc_pin; print(rnc_pin.kernel)"
-    found = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, env={"RNC_PIN_KERNEL": asked}, check=True
-    )
+    command, environment = [sys.executable, "-c", script], {"RNC_PIN_KERNEL": asked}
+    # Beside the checkout, whose sources may have no library.
+    found = subprocess.run(command, capture_output=True, text=True, env=environment, check=True, cwd=tmp_path)
     assert found.stdout.strip() == expected
 
 

@@ -205,7 +205,7 @@ print(rnc.__version__, run.info.versions["rnc_pin"], len(run.plot().axes) > 0)
 from rnc_pin.app.usage import cli
 cli(["--version"])
 """
-    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)
     assert told.stderr == ""
     assert told.stdout.splitlines() == ["unknown unknown True", f"rnc-pin, version unknown, kernel {rnc.kernel}"]
     assert rnc.Trajectory.load(tmp_path / "run.npz").outcome == "completed"
