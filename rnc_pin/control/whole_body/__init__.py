@@ -1,0 +1,6 @@
+"""Whole-body control within limits: tasks and limits as a quadratic program in the reduced velocities."""
+
+from rnc_pin.control.whole_body import limits, tasks
+from rnc_pin.control.whole_body.control_sample import ControlSample
+
+__all__ = ["ControlSample", "limits", "tasks"]

@@ -1,0 +1,40 @@
+"""One sample of a whole-body controller: its measured start and its predicted end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+
+
+class ControlSample:
+    """Sample of a whole-body controller, as tasks and limits see it.
+
+    The program decides the velocity at the end of the sample. Over the sample the commanded velocity changes linearly.
+    So the end is predicted from the velocity that is commanded at the start.
+
+    Args:
+        reduced: the model.
+        time: time of the start [s].
+        q: measured configuration at the start, (nq,).
+        v2: reduced velocity commanded at the start, (r,).
+        dt: duration of the sample [s].
+
+    Attributes:
+        time: time of the end [s].
+        dt: duration [s].
+        start: model at the start: measured configuration, commanded velocity.
+        end: model at the predicted configuration of the end. ``end.position`` has placements and Jacobians of frames;
+            ``end.R`` and ``end.b`` map reduced velocities at the end, ``v = R v2 + b``. Its own velocity is the one
+            commanded at the start.
+    """
+
+    __slots__ = ("dt", "end", "start", "time")
+
+    def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
+        self.time, self.dt = time + dt, dt
+        self.start: StateEvaluation = reduced.at(q, v2)
+        ahead = pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v)
+        self.end: StateEvaluation = reduced.at(ahead, v2)

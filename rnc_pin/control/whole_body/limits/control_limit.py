@@ -1,0 +1,66 @@
+"""Base of the limits of whole-body control: rows ``lower <= J v <= upper`` that a program respects."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.model.reduced_model import ReducedModel
+
+
+class LimitRows(NamedTuple):
+    """Rows of a limit at one sample: ``lower <= J v <= upper`` for the velocity at the end of the sample."""
+
+    jacobian: Float[Array, "k nv"]
+    """Jacobian J on the full velocity; the program multiplies it by R."""
+    lower: Float[Array, " k"]
+    """Lower bounds; -inf for rows without one."""
+    upper: Float[Array, " k"]
+    """Upper bounds; inf for rows without one."""
+
+
+class BoundLimit(ABC):
+    """Limit of one model.
+
+    Attributes:
+        names: name of each row, (k,), e.g. "elbow position".
+    """
+
+    names: tuple[str, ...]
+
+    @abstractmethod
+    def rows(self, sample: ControlSample) -> LimitRows:
+        """Return the rows at the end of a sample. Their number is constant; an idle row has infinite bounds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlLimit(ABC):
+    """Limit of whole-body control: a description without a model.
+
+    To add a limit, derive a frozen dataclass with its settings and a ``bind`` method.
+
+    Args:
+        priority: order in which limits give way if they exclude each other: the largest number first. Hard limits never
+            give way to others.
+
+    Attributes:
+        hard: True for limits that are never softened in favour of others. They have to allow zero velocity.
+    """
+
+    hard: ClassVar[bool] = False
+
+    priority: int = 0
+
+    @abstractmethod
+    def bind(self, reduced: ReducedModel) -> BoundLimit:
+        """Return the limit of a model, with all names resolved.
+
+        Raises:
+            ModelError: a joint or frame does not exist.
+            ConfigurationError: the settings do not fit the model.
+        """
