@@ -16,11 +16,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 3 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 4 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
 #define TOGETHER 1e-9 /* distance below which frames coincide [m] */
+#define FARTHEST 1e4  /* square of the longest step of the integrator [rad or m] */
 
 enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN };
 
@@ -62,7 +63,10 @@ typedef struct {
     double *constant;        /* constant rows of E and J1 (n + k, n) */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
     double fast_length, fast_limit;
+    long *curved;            /* joints with curved coordinates: kind and first entry of v; NULL if one has no formula */
+    Py_ssize_t curves;       /* their number */
     Py_ssize_t work;         /* size of the part of scratch for work; states of one call follow */
+    double *stages;          /* the integrator's part of scratch, after them */
     Motion *motion;
     double *scratch;
     PyObject *refs;          /* tuple of Python objects, see below */
@@ -71,7 +75,7 @@ typedef struct {
 } Evaluator;
 
 enum { V_M, V_J, V_DJ, V_NLE, V_C, V_PLACES, V_Q, V_V, VIEWS };
-enum { P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, REFS };
+enum { P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, REFS };
 
 /* ------------------------------------------------------------------ small vectors */
 
@@ -1094,38 +1098,189 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
     return power;
 }
 
-/* q, v2, T, further forces (n), damping (n), record of v, v2_dot, J1 v and the power of forces and moving constraints.
-   False if the general way has to decide. */
+/* State derivative at one state: v (n), v2_dot (r), J1 v (k), and the power of forces and moving constraints.
+   Forces are those of T, further ones (n) and damping (n), unless NULL. 0: the general way has to decide; -1: an error */
+static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
+                      const double *damping, double *out)
+{
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
+    double *force = S + dynamics_size(ev), *v = out, *v2_dot = v + n, *rates_of_J1 = v2_dot + r, *row = ev->scratch;
+    if (!take_position(ev, q, P)) return -1;
+    if (!factorize(ev, q, P, NULL, F)) return 0;
+    input_force(ev, q, P, T, force, ev->scratch);
+    velocity(ev, F, ev->mu, v2, v);
+    if (further) add(force, 1.0, further, n);
+    for (Py_ssize_t j = 0; j < n && damping; j++) force[j] -= damping[j] * v[j];
+    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    if (!accelerate(ev, F, S, force, v2_dot, ev->scratch)) return 0;
+    for (Py_ssize_t j = 0; j < k; j++) {
+        if (!assemble(ev, q, P, NULL, n + j, n + j + 1, row)) return 0;
+        rates_of_J1[j] = dot(row, v, n);
+    }
+    rates_of_J1[k] = dot(v, force, n);
+    if (ev->mu) rates_of_J1[k] += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
+    return 1;
+}
+
+/* q, v2, T, further forces (n), damping (n), record of the state derivative. False if the general way has to decide. */
 static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
     double *q, *v2, *T, *further, *damping, *out;
-    Py_ssize_t n = ev->n, r = ev->r, k = ev->k, size = n + r + k + 1;
+    Py_ssize_t n = ev->n, r = ev->r, size = n + r + ev->k + 1;
     int ok = -1;
     if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
         && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &further)
         && optional(&all, args[4], n, &damping) && take(&all, args[5], size, WRITE, &out)) {
-        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
-        double *force = S + dynamics_size(ev);
         ok = ev->fused && !ev->external_vertical;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v2 += r, T += ev->p, out += size) {
-            double *v = out, *v2_dot = v + n, *rates_of_J1 = v2_dot + r, *row = ev->scratch;
-            if (!take_position(ev, q, P)) ok = -1;
-            if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-            if (ok <= 0) break;
-            input_force(ev, q, P, T, force, ev->scratch);
-            velocity(ev, F, ev->mu, v2, v);
-            if (further) add(force, 1.0, further + i * n, n);
-            for (Py_ssize_t j = 0; j < n && damping; j++) force[j] -= damping[i * n + j] * v[j];
-            if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
-            if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
-            for (Py_ssize_t j = 0; j < k && ok > 0; j++) {
-                ok = assemble(ev, q, P, NULL, n + j, n + j + 1, row);
-                rates_of_J1[j] = dot(row, v, n);
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+            ok = derivative(ev, q + i * ev->nq, v2 + i * r, T + i * ev->p, further ? further + i * n : NULL,
+                            damping ? damping + i * n : NULL, out + i * size);
+    }
+    return result(&all, ok);
+}
+
+/* ------------------------------------------------------------------ integration */
+
+/* |B_2k| / (2k)!, k = 1 to 14, of the series of the inverse Jacobian of an exponential */
+static const double BERNOULLI[14] = {
+    1 / 12.0, 1 / 720.0, 1 / 30240.0, 1 / 1209600.0, 1 / 47900160.0, 691 / 1307674368000.0, 1 / 74724249600.0,
+    3617 / 10670622842880000.0, 43867 / 5109094217170944000.0, 174611 / 802857662698291200000.0,
+    77683 / 14101100039391805440000.0, 236364091 / 1693824136731743669452800000.0,
+    657931 / 186134520519971831808000000.0, 3392780147 / 37893265687455865519472640000000.0,
+};
+
+enum { PLANAR, SPHERICAL, FREE }; /* joints with curved coordinates */
+
+/* [u, x] in the Lie algebra of a joint */
+static void bracket(long kind, const double *u, const double *x, double *out)
+{
+    double coupled[3];
+    if (kind == PLANAR) {
+        out[0] = u[1] * x[2] - u[2] * x[1], out[1] = u[2] * x[0] - u[0] * x[2], out[2] = 0.0;
+        return;
+    }
+    if (kind == SPHERICAL) {
+        cross(u, x, out);
+        return;
+    }
+    cross(u + 3, x, out);
+    cross(u, x + 3, coupled);
+    for (int i = 0; i < 3; i++) out[i] += coupled[i];
+    cross(u + 3, x + 3, out + 3);
+}
+
+/* v -> rate of u where q = q0 (+) u; see exponential_coordinates.py */
+static void coordinate_rates(const Evaluator *ev, const double *u, double *v)
+{
+    for (Py_ssize_t j = 0; j < ev->curves; j++) {
+        long kind = ev->curved[2 * j], at = ev->curved[2 * j + 1];
+        int size = kind == FREE ? 6 : 3;
+        const double *turn = u + at + (kind == PLANAR ? 2 : kind == FREE ? 3 : 0);
+        double square = dot(turn, turn, kind == PLANAR ? 1 : 3), a = 0.0, b = 0.0, power[4][6];
+        if (square < 1.0)
+            for (int k = 14; k > 0; k--) {
+                a = a * square + (2 - k) * BERNOULLI[k - 1];
+                if (k > 1) b = b * square + (1 - k) * BERNOULLI[k - 1];
             }
-            if (ok <= 0) break;
-            out[size - 1] = dot(v, force, n);
-            if (ev->mu) out[size - 1] += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
+        else {
+            double half = 0.5 * sqrt(square), alpha = half / tan(half), beta = half * half / (sin(half) * sin(half));
+            a = (2 * (1 - alpha) + 0.5 * (alpha - beta)) / square;
+            b = (1 - alpha + 0.5 * (alpha - beta)) / (square * square);
+        }
+        bracket(kind, u + at, v + at, power[0]);
+        for (int i = 1; i < 4; i++) bracket(kind, u + at, power[i - 1], power[i]);
+        for (int i = 0; i < size; i++) v[at + i] += 0.5 * power[0][i] + a * power[1][i] + b * power[3][i];
+    }
+}
+
+/* out = q (+) u; false with an error */
+static int displace(Evaluator *ev, const double *q, const double *u, double *out)
+{
+    Py_buffer view;
+    take_state(ev, q, u);
+    PyObject *moved = PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_INTEGRATE),
+                                                   PyTuple_GetItem(ev->refs, P_MODEL), PyTuple_GetItem(ev->refs, P_Q),
+                                                   PyTuple_GetItem(ev->refs, P_V), NULL);
+    if (!moved || PyObject_GetBuffer(moved, &view, PyBUF_SIMPLE) < 0) {
+        Py_XDECREF(moved);
+        return 0;
+    }
+    int ok = view.len == ev->nq * (Py_ssize_t)sizeof(double);
+    if (ok) memcpy(out, view.buf, (size_t)view.len);
+    else PyErr_SetString(PyExc_ValueError, "kernel: Pinocchio integrates to another size");
+    PyBuffer_Release(&view);
+    Py_DECREF(moved);
+    return ok;
+}
+
+static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + ev->r + ev->k + 1) + ev->nq; }
+
+/* One step of the method of lie_runge_kutta.py: q and y = [v2, integrals of J1 v, work] after a time h. */
+static int step(Evaluator *ev, const double *T, double h, double *q, double *y)
+{
+    static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
+    Py_ssize_t n = ev->n, s = ev->r + ev->k + 1;
+    double *rate = ev->stages, *sum = rate + n + s, *u = sum + n + s, *y_at = u + n, *q_at = y_at + s;
+    memcpy(q_at, q, (size_t)ev->nq * sizeof(double));
+    memset(sum, 0, (size_t)(n + s) * sizeof(double));
+    memset(rate, 0, (size_t)(n + s) * sizeof(double));
+    for (int stage = 0; stage < 4; stage++) {
+        for (Py_ssize_t i = 0; i < n; i++) u[i] = fraction[stage] * h * rate[i];
+        for (Py_ssize_t i = 0; i < s; i++) y_at[i] = y[i] + fraction[stage] * h * rate[n + i];
+        if (!(dot(u, u, n) < FARTHEST)) return 0;
+        if (stage && !displace(ev, q, u, q_at)) return -1;
+        int ok = derivative(ev, q_at, y_at, T, NULL, NULL, rate);
+        if (ok <= 0) return ok;
+        coordinate_rates(ev, u, rate);
+        add(sum, weight[stage], rate, n + s);
+    }
+    for (Py_ssize_t i = 0; i < n; i++) u[i] = h / 6 * sum[i];
+    if (!displace(ev, q, u, q_at)) return -1;
+    memcpy(q, q_at, (size_t)ev->nq * sizeof(double));
+    add(y, h / 6, sum + n, s);
+    return 1;
+}
+
+/* q, y, T, step, number of steps, record of q and y at the end. False if the general way has to decide. */
+static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *q, *y, *T, *out;
+    Py_ssize_t s = ev->r + ev->k + 1;
+    int ok = -1;
+    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], s, READ, &y)
+        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[5], ev->nq + s, WRITE, &out)) {
+        double h = PyFloat_AsDouble(args[3]);
+        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[4]);
+        if (!PyErr_Occurred()) {
+            ok = ev->fused && !ev->external_vertical && ev->curved && all_finite(T, ev->p);
+            memcpy(out, q, (size_t)ev->nq * sizeof(double));
+            memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
+        }
+        for (Py_ssize_t i = 0; i < steps && ok > 0; i++) ok = step(ev, T, h, out, out + ev->nq);
+    }
+    return result(&all, ok);
+}
+
+/* q, v2, record of the full velocity (n) and of the sum of squares of R. False if the general way has to decide. */
+static PyObject *admissible_velocity(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *q, *v2, *out;
+    Py_ssize_t n = ev->n;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->r, READ, &v2)
+        && take(&all, args[2], n + 1, WRITE, &out)) {
+        double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev);
+        ok = ev->fused;
+        if (ok && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        if (ok > 0) {
+            velocity(ev, F, ev->mu, v2, out);
+            out[n] = 0.0;
+            for (Py_ssize_t i = 0; i < n; i++) out[n] += dot(F + n * n + i * n + ev->m, F + n * n + i * n + ev->m, ev->r);
         }
     }
     return result(&all, ok);
@@ -1240,6 +1395,23 @@ static int checked(Evaluator *ev)
     return 1;
 }
 
+/* Table of joints with curved coordinates; None if the coordinates of a joint have no formula here. */
+static int bent(Evaluator *ev, PyObject *table)
+{
+    Py_ssize_t bytes = table == Py_None ? 0 : PyObject_Size(table) * 2 * (Py_ssize_t)sizeof(long);
+    if (table == Py_None) return 1;
+    if (bytes < 0 || !(ev->curved = copied(table, bytes / (Py_ssize_t)sizeof(long), sizeof(long)))) return 0;
+    ev->curves = bytes / (2 * (Py_ssize_t)sizeof(long));
+    for (Py_ssize_t j = 0; j < ev->curves; j++) {
+        long kind = ev->curved[2 * j], at = ev->curved[2 * j + 1];
+        if (!within(kind, FREE + 1) || at < 0 || at + (kind == FREE ? 6 : 3) > ev->n) {
+            PyErr_SetString(PyExc_ValueError, "kernel: coordinates of a joint are out of range");
+            return 0;
+        }
+    }
+    return 1;
+}
+
 static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memory, and of q and v */
 {
     Py_ssize_t n = ev->n, square[2] = {n, n}, motions[2] = {6, n};
@@ -1265,7 +1437,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
     PyObject *refs, *views, *integers, *numbers, *columns, *joints, *placements, *start, *support, *constant, *B, *mu;
-    PyObject *lengths;
+    PyObject *lengths, *curved;
     Py_ssize_t supported;
     long *table = NULL, *on = NULL;
     double *weights = NULL, *placed = NULL;
@@ -1274,10 +1446,10 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpp)O!O!OOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpp)O!O!OOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
                           &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported, &ev->normalized,
                           &ev->fused, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
-                          &placements, &start, &support, &constant, &B, &mu, &lengths, &ev->fast_length, &ev->fast_limit))
+                          &placements, &start, &support, &constant, &B, &mu, &lengths, &curved, &ev->fast_length, &ev->fast_limit))
         return -1;
     Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
@@ -1297,14 +1469,15 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         && (ev->constant = copied(constant, (n + ev->k) * n, sizeof(double)))
         && (ev->B = copied(B, n * ev->p, sizeof(double)))
         && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
-        && (ev->lengths = copied(lengths, n, sizeof(double)))) {
+        && (ev->lengths = copied(lengths, n, sizeof(double))) && bent(ev, curved)) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
         Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
         ev->work = work;
         ev->rows = calloc((size_t)ev->count, sizeof(Row));
         ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
         ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
-        ev->scratch = calloc((size_t)(work + states), sizeof(double));
+        ev->scratch = calloc((size_t)(work + states + stages_size(ev)), sizeof(double));
+        ev->stages = ev->scratch ? ev->scratch + work + states : NULL;
         if (!ev->rows || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
         else {
             for (Py_ssize_t i = 0; i < ev->count; i++) {
@@ -1334,7 +1507,7 @@ static void destroy(PyObject *self)
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch);
+    free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);
     Py_DECREF(type);
@@ -1353,6 +1526,8 @@ static PyMethodDef methods[] = {
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
+    {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
+    {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.result_types import ReducedTerms, StateDerivative
+from rnc_pin.model.result_types import ReducedTerms
 from rnc_pin.model.row_stack import Place
 
 if TYPE_CHECKING:
@@ -96,8 +96,8 @@ class CompiledReduction:
 
     def state_derivative(
         self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None
-    ) -> tuple[StateDerivative, Array] | None:
-        """State derivative and rates of the vertical outputs; None if the other path has to decide.
+    ) -> tuple[Array, Array] | None:
+        """Full velocity, and rates of v2, of the integrals of J1 v and of the work; None if the other path decides.
 
         Args:
             q: one configuration (nq,); all arrays are contiguous floats.
@@ -110,7 +110,27 @@ class CompiledReduction:
         found = np.empty(n + r + self._data.vertical.size + 1)
         if not self._evaluator.state_derivative(q, v2, T, external, damping, found):
             return None
-        return StateDerivative(found[:n], found[n : n + r], found[-1]), found[n + r : -1]
+        return found[:n], found[n:]
+
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array] | None:
+        """Configuration and y after equal Runge-Kutta steps; None if the other path has to decide.
+
+        Args:
+            q: configuration (nq,); all arrays are contiguous floats.
+            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,).
+            T: actuator inputs (p,), constant.
+            h: duration of each step [s].
+            steps: number of steps.
+        """
+        found = np.empty(len(q) + len(y))
+        if not self._evaluator.integrate(q, y, T, h, steps, found):
+            return None
+        return found[: len(q)], found[len(q) :]
+
+    def admissible_velocity(self, q: Array, v2: Array) -> tuple[Array, float] | None:
+        """Full velocity (nv,) at one state, and the sum of the squares of R; None if the other path has to decide."""
+        found = np.empty(self._data.n + 1)
+        return (found[:-1], found[-1]) if self._evaluator.admissible_velocity(q, v2, found) else None
 
     def terms(self, q: object, v2: object) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""

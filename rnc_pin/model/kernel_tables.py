@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from rnc_pin.model.reduction_data import ReductionData
 
 
+_CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
+
+
 class RowTable:
     """Rows of E, of J1 and of inputs on frames, as arrays.
 
@@ -108,7 +111,18 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         v,
     )
     functions = (pin.crba, pin.nonLinearEffects, pin.computeJointJacobiansTimeVariation, pin.computeCoriolisMatrix)
-    references = (model, pinocchio, q, v, pin.Convention.WORLD, *functions, pin.isNormalized, 1e-6, np.empty)
+    references = (
+        model,
+        pinocchio,
+        q,
+        v,
+        pin.Convention.WORLD,
+        *functions,
+        pin.isNormalized,
+        1e-6,
+        np.empty,
+        pin.integrate,
+    )
     parts = data.actuation.parts
     constant = np.zeros((n, data.p)) if parts is None else parts[0]
     external = [
@@ -132,9 +146,22 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         np.ascontiguousarray(constant),
         mu,
         np.ascontiguousarray(data.lengths),
+        _curved_joints(model),
         data.fast_length,
         data.fast_limit,
     )
+
+
+def _curved_joints(model: pin.Model) -> Array | None:
+    """Kind and first entry of v of each joint with curved coordinates; None if the kernel does not know a joint."""
+    found = []
+    for joint in list(model.joints)[1:]:
+        kind = _CURVED.get(joint.shortname())
+        if kind is not None:
+            found.append((kind, joint.idx_v))
+        elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
+            return None
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
 def _entries(model: pin.Model, joint: int) -> list[int]:

@@ -11,9 +11,11 @@ from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
 from rnc_pin import _kernel
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model import kernel_tables
 from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.reduced.velocity_chart import state_rates
 from tests.support.random_systems import recipes, reduced_of
 from tests.support.systems import (
     ackermann_car,
@@ -79,6 +81,14 @@ def outputs_of_all_kinds():
     return rnc.NonholonomicSystem(robot, constraints, actuators).reduce(vertical=vertical)
 
 
+def body_on_a_joint(joint_model):
+    model = pin.Model()
+    joint = model.addJoint(0, joint_model, pin.SE3.Identity(), "root_joint")
+    inertia = pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 1.5, 2.0]))
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(model.nv)).reduce()
+
+
 SYSTEMS = (
     ackermann_car,
     bicycle,
@@ -136,10 +146,14 @@ def compare(reduced, q, v2, size=1e-3):
     damping = np.linspace(0.0, 1.0, reduced.n)
     for one, other in zip(found.flow(T, damping, 0.1 * damping), plain.flow(T, damping, 0.1 * damping), strict=True):
         near(one, other, condition, "flow")
-    if q.ndim == 1 and (fused := reduced.reduction_data.compiled.state_derivative(q, v2, T, 0.1 * damping, damping)):
+    kernel = reduced.reduction_data.compiled
+    if q.ndim == 1 and (fused := kernel.state_derivative(q, v2, T, 0.1 * damping, damping)):
         expected = plain.flow(T, damping, 0.1 * damping)
-        for one, other in zip((*fused[0], fused[1]), (*expected, plain.v1), strict=True):
-            near(one, other, condition, "state_derivative")
+        near(fused[0], expected.v, condition, "state_derivative")
+        near(fused[1], np.concatenate([expected.v2_dot, plain.v1, [expected.power]]), condition, "state_derivative")
+    if q.ndim == 1 and (found := kernel.admissible_velocity(q, v2)):
+        near(found[0], plain.v, condition, "admissible_velocity")
+        near(found[1], np.square(plain.R).sum(), condition, "sum of squares of R")
     measured = plain.v + 0.1
     slipping = by_numpy(reduced, q, v=measured)
     for name in STATE:
@@ -174,6 +188,44 @@ def test_random_systems_agree(recipe):
     size = max(1e-3, np.abs(reduced.at(q).R).max() ** 2)  # as in the rate of R, which may be zero
     compare(reduced, q[0], v2[0], size)
     compare(reduced, q, v2, size)
+
+
+@needs_library
+@pytest.mark.parametrize("make", [mobile_manipulator, tiago, spinning_space_robot, tumbling_panda])
+def test_integration_agrees(make):
+    """Steps of the kernel are those of ``LieRungeKutta4``."""
+    compare_steps(make(), h=0.002, steps=3)
+
+
+@needs_library
+@pytest.mark.parametrize("joint", [pin.JointModelPlanar, pin.JointModelSpherical, pin.JointModelFreeFlyer])
+def test_steps_of_more_than_a_radian_agree(joint):
+    compare_steps(body_on_a_joint(joint()), h=3.0, steps=1)
+
+
+def compare_steps(reduced, h, steps):
+    ((q, v2),) = random_states(reduced, 1)
+    T = np.linspace(-1.0, 1.0, reduced.p)
+    y = np.concatenate([v2, np.zeros(reduced.vertical.size + 1)])
+    found = reduced.reduction_data.compiled.integrate(q, y, T, h, steps)
+    integrator = LieRungeKutta4(reduced.robot)
+
+    def rate(at, y):
+        return state_rates(by_numpy(reduced, at, v2=y[: reduced.r]), T, None, None)
+
+    for _ in range(steps):
+        q, y = integrator.step(rate, q, y, h)
+    np.testing.assert_allclose(found[0], q, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(found[1], y, rtol=1e-9, atol=1e-9 * np.abs(y).max())
+
+
+@needs_library
+def test_a_step_that_is_too_long_is_left_to_python():
+    """``LieRungeKutta4`` then raises the error."""
+    reduced = mobile_manipulator()
+    ((q, v2),) = random_states(reduced, 1)
+    y = np.concatenate([1e6 * v2, np.zeros(reduced.vertical.size + 1)])
+    assert reduced.reduction_data.compiled.integrate(q, y, np.zeros(reduced.p), 0.1, 1) is None
 
 
 @needs_library

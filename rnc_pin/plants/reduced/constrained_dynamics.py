@@ -7,15 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.integrators import Rate
+from rnc_pin.integrators import LieRungeKutta4, Rate
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.velocity_chart import VelocityChart
-
-Derivative = tuple[np.ndarray, np.ndarray]
+from rnc_pin.plants.reduced.velocity_chart import VelocityChart, state_rates
 
 
 def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
@@ -49,8 +47,8 @@ class ConstrainedDynamics:
     The integration state is q and ``y = [w, integrals, work]``:
 
     * w (r,): velocities of the current chart,
-    * integrals (r,) of the model's reducing velocities, for outputs that need one. A quasi-velocity has no other value,
-      and a continuous joint loses full turns without it,
+    * integrals of those of the model's reducing velocities that need one. A quasi-velocity has no other value, and a
+      continuous joint loses full turns without it,
     * work of all forces.
 
     Args:
@@ -79,6 +77,7 @@ class ConstrainedDynamics:
         blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
         self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
+        self._integrator = LieRungeKutta4(reduced.robot)
         self._chart: VelocityChart
 
     # ------------------------------------------------------------------ states
@@ -86,22 +85,21 @@ class ConstrainedDynamics:
     def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the initial y, in a chart centred at q."""
         self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
-        return np.concatenate([self._chart.W @ v, np.zeros(self._r + 1)])
+        return np.concatenate([self._chart.W @ v, np.zeros(len(self._where) + 1)])
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
-        """Integrals of the reducing velocities, (r,)."""
-        return y[self._r : 2 * self._r]
+        """Integrals of the reducing velocities, (r,); zero for those without one."""
+        integrals = np.zeros(self._r)
+        integrals[self._where] = y[self._r : -1]
+        return integrals
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State in the current chart."""
         return self._chart.at(q, y[: self._r])
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
-        """Jacobian (r, nv) of the integrals; rows without an integral are zero."""
-        rows = np.zeros((self._r, self.reduced.n))
-        if self._integrands.size:
-            rows[self._where] = self._integrands.jacobian(state.position)
-        return rows
+        """Jacobian (k, nv) of the integrals."""
+        return self._integrands.jacobian(state.position)
 
     def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State in the reduction of the model."""
@@ -109,12 +107,11 @@ class ConstrainedDynamics:
 
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
-        here = self.at(q, y)
-        if self._chart.is_ill_conditioned(here):
-            v = here.v
+        v, is_ill_conditioned = self._chart.velocity(q, y[: self._r])
+        if is_ill_conditioned:
             self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])
-        return here.in_reduction(self.reduced.reduction_data), y
+        return StateEvaluation.at(self.reduced.reduction_data, q, v=v), y
 
     # ------------------------------------------------------------------ motion
 
@@ -126,10 +123,21 @@ class ConstrainedDynamics:
         """Inputs clipped to the actuator limits."""
         return T if self._limits is None else np.clip(T, -self._limits, self._limits)
 
-    def derivative_at(self, state: StateEvaluation, T: np.ndarray) -> Derivative:
-        """Time derivative of (q, y) at a state that is already evaluated in the reduction of the model."""
-        v, v2_dot, power = state.flow(T, self.damping)
-        return v, self._y_dot(self._chart.W @ state.v_dot(v2_dot), state.v2[self._where], power)
+    def advance(
+        self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return (q, y) after equal steps of a time h [s] under inputs T, without damping.
+
+        Raises:
+            DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
+        """
+        found = self._chart.advance(q, y, T, h, steps)
+        if found is not None:
+            return found
+        rate = self.derivative(T)
+        for _ in range(steps):
+            q, y = self._integrator.step(rate, q, y, h)
+        return q, y
 
     def derivative(
         self,
@@ -148,20 +156,9 @@ class ConstrainedDynamics:
         if external is not None:
             external = np.ascontiguousarray(external)
 
-        def rate(q: np.ndarray, y: np.ndarray) -> Derivative:
-            w = y[: self._r]
+        def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if projection is None:
-                (v, w_dot, power), rates = self._chart.derivative(q, w, T, external, self.damping)
-            else:
-                state = projection(self._chart.at(q, w))
-                (v, w_dot, power), rates = state.flow(T, self.damping, external), state.v1
-            return v, self._y_dot(w_dot, rates, power)
+                return self._chart.derivative(q, y[: self._r], T, external, self.damping)
+            return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate
-
-    def _y_dot(self, w_dot: np.ndarray, rates: np.ndarray, power: np.ndarray | float) -> np.ndarray:
-        r = self._r
-        y_dot = np.zeros(2 * r + 1)
-        y_dot[:r], y_dot[2 * r] = w_dot, power
-        y_dot[r + self._where] = rates
-        return y_dot

@@ -143,7 +143,8 @@ class DissipativeStep:
 
     def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""
-        R, H, damping = state.R, state.H, self._dynamics.damping
+        dynamics = self._dynamics
+        R, H, damping = state.R, state.H, dynamics.damping
         if damping is None:
             modes = scipy.linalg.solve_triangular(np.linalg.cholesky(H), np.eye(len(H)), lower=True).T
             decay = np.zeros(len(H))
@@ -153,11 +154,12 @@ class DissipativeStep:
         inverse = modes.T @ H
         flow = state.flow(T, damping)
         if damping is None:
-            return LinearPart(modes, inverse, decay, R @ modes, np.zeros((1 + len(H), len(H)))), flow.v2_dot
+            rows = dynamics.integral_rows(state)
+            return LinearPart(modes, inverse, decay, R @ modes, np.zeros((1 + len(rows), len(H)))), flow.v2_dot
         force = state.B @ T - damping * state.v
         others = np.vstack(
             [
-                self._dynamics.integral_rows(state) @ R @ modes,
+                dynamics.integral_rows(state) @ R @ modes,
                 modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power minus the rate of kinetic energy
             ]
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, InputError
-from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
@@ -57,7 +56,6 @@ class ReducedPlant:
         self.reduced, self.substeps = reduced, substeps
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
-        self._integrator = LieRungeKutta4(reduced.robot)
         self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
@@ -121,17 +119,13 @@ class ReducedPlant:
         Raises:
             DivergenceError: velocities or accelerations are not finite.
         """
-        state, q, y, h = self.state, self._q, self._y, dt / self.substeps
+        _ = self.state  # in a chart that is regular here
+        q, y, h = self._q, self._y, dt / self.substeps
         if self._dissipative.needed:
             for _ in range(self.substeps):
                 q, y = self._dissipative.advance(q, y, self.applied, h)
         else:
-            derivative, first = (
-                self._dynamics.derivative(self.applied),
-                self._dynamics.derivative_at(state, self.applied),
-            )
-            for substep in range(self.substeps):
-                q, y = self._integrator.step(derivative, q, y, h, None if substep else first)
+            q, y = self._dynamics.advance(q, y, self.applied, h, self.substeps)
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
             q = self.reduced.assembly.project(q)
         self._q, self._y, self._state = q, y, None

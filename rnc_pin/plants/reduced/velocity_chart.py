@@ -6,7 +6,6 @@ import numpy as np
 import scipy
 
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.result_types import StateDerivative
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -39,16 +38,35 @@ class VelocityChart:
 
     def derivative(
         self, q: np.ndarray, w: np.ndarray, T: np.ndarray, external: np.ndarray | None, damping: np.ndarray | None
-    ) -> tuple[StateDerivative, np.ndarray]:
-        """Return the state derivative at (q, w) under constant forces, and the rates of the integrated outputs."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Full velocity at (q, w), and the rates of w, of the integrals and of the work, under constant forces."""
         compiled = self.reduction_data.compiled
         found = None if compiled is None else compiled.state_derivative(q, w, T, external, damping)
         if found is not None:
             return found
-        state = self.at(q, w)
-        return state.flow(T, damping, external), state.v1
+        return state_rates(self.at(q, w), T, damping, external)
 
-    def is_ill_conditioned(self, state: StateEvaluation) -> bool:
-        """True if a state needs a new chart."""
-        size = state.R.ravel("K")
-        return not size.dot(size) < self.reduction_data.r + _MAX_GROWTH
+    def advance(
+        self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """State (q, y) after equal steps of ``LieRungeKutta4`` under inputs T; None without the compiled kernel."""
+        compiled = self.reduction_data.compiled
+        return None if compiled is None else compiled.integrate(q, y, T, h, steps)
+
+    def velocity(self, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Full velocity at (q, w), and True if this state needs a new chart."""
+        compiled = self.reduction_data.compiled
+        found = None if compiled is None else compiled.admissible_velocity(q, w)
+        if found is None:
+            state = self.at(q, w)
+            found = state.v, float(np.square(state.R).sum())
+        v, size = found
+        return v, not size < self.reduction_data.r + _MAX_GROWTH
+
+
+def state_rates(
+    state: StateEvaluation, T: np.ndarray, damping: np.ndarray | None, external: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Full velocity at a state of a chart, and the rates of w, of the integrals and of the work."""
+    v, w_dot, power = state.flow(T, damping, external)
+    return v, np.concatenate([w_dot, state.v1, [power]])
