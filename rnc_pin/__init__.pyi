@@ -1,6 +1,6 @@
 """Exports of ``rnc_pin``. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
 
-from . import analysis, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
+from . import analysis, collision, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
 from ._kernel import kernel
 from .analysis import (
     Equilibrium,
@@ -124,6 +124,7 @@ __all__ = [
     "__version__",
     "analysis",
     "analyze",
+    "collision",
     "constraints",
     "continuation",
     "control",

@@ -1,0 +1,217 @@
+"""Distances of CollisionDistances against closed forms, support functions and fine differences."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+
+STEP = 1e-6  # of differences [s]
+
+
+def ball_on_rails(radius=0.1):
+    """Ball that moves along x and then along y."""
+    model = pin.Model()
+    along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
+    across = model.addJoint(along, pin.JointModelPY(), pin.SE3.Identity(), "across")
+    for joint in (along, across):
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, radius), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("ball", across, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry = pin.GeometryModel()
+    geometry.addGeometryObject(pin.GeometryObject("ball_0", across, frame, pin.SE3.Identity(), coal.Sphere(radius)))
+    return rnc.Robot(model, geometry, geometry)
+
+
+@pytest.fixture(scope="module")
+def tiago():
+    return rnc.Robot.from_example("tiago_no_hand", base="planar")
+
+
+@pytest.fixture(scope="module")
+def flying_panda():
+    return rnc.Robot.from_example("panda", base="free")
+
+
+def obstacles(center):
+    x, y, z = center
+    motion = rnc.planning.Harmonic([x, y, z, 0.3], [0.3, 0.2, 0.1, 0.8], 0.4)
+    return [
+        Obstacle(coal.Box(0.3, 0.5, 0.7), position=(x + 0.5, y - 0.6, z), yaw=0.4, roll=0.3, pitch=-0.2, name="box"),
+        Obstacle(coal.Cylinder(0.2, 0.8), position=(x, y + 0.9, z), pitch=0.7, name="cylinder"),
+        Obstacle(coal.Capsule(0.15, 0.5), name="person", motion=motion),
+        Obstacle(coal.Sphere(0.2), position=(x - 0.6, y - 0.6, z + 0.3), name="ball"),
+    ]
+
+
+@pytest.mark.parametrize("place", [(0.7, 0.2), (0.05, -0.12), (-1.0, 0.4)])
+def test_spheres_have_the_closed_form(place):
+    robot = ball_on_rails()
+    target = Obstacle(coal.Sphere(0.25), position=(0.3, 0.1, 0.2), name="target")
+    found = CollisionDistances(robot, [target]).at(place)
+    offset = target.position - np.array([*place, 0.0])
+    length = np.linalg.norm(offset)
+    assert found.distance == pytest.approx([length - 0.35], abs=1e-12)
+    np.testing.assert_allclose(found.normal[0], offset / length, atol=1e-12)
+    np.testing.assert_allclose(found.jacobian[0], -offset[:2] / length, atol=1e-12)
+    np.testing.assert_allclose(found.point_b - found.point_a, found.distance[:, None] * found.normal, atol=1e-12)
+
+
+def test_penetration_of_a_box_is_the_way_out():
+    block = Obstacle(coal.Box(2.0, 1.0, 4.0), name="block")
+    found = CollisionDistances(ball_on_rails(), [block]).at([0.2, 0.45])
+    assert found.distance == pytest.approx([-(0.05 + 0.1)], abs=1e-9)
+    np.testing.assert_allclose(found.normal[0], [0.0, -1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.jacobian[0], [0.0, 1.0], atol=1e-9)
+
+
+def test_moving_obstacle_contributes_its_own_rate():
+    """Relative to a wall that turns about z, the ball's distance has the closed form of a line."""
+    turn = rnc.planning.MinimumJerk([1.0, 0.0, 0.0, 0.0], [1.4, 0.0, 0.0, 0.9], duration=2.0)
+    wall = Obstacle(coal.Box(0.2, 50.0, 2.0), name="wall", motion=turn)
+    distances = CollisionDistances(ball_on_rails(), [wall])
+    q, v, t = np.array([0.1, 0.3]), np.array([0.5, -0.7]), 1.1
+
+    def closed(t, q):
+        x, y, _, yaw = turn.at(t).position
+        return np.cos(yaw) * (x - q[0]) + np.sin(yaw) * (y - q[1]) - 0.2
+
+    found = distances.at(q, t)
+    assert found.distance == pytest.approx([closed(t, q)], abs=1e-9)
+    difference = (closed(t + STEP, q + STEP * v) - closed(t - STEP, q - STEP * v)) / (2 * STEP)
+    assert found.rates(v) == pytest.approx([difference], abs=1e-6)
+
+
+def support(shape, direction):
+    """Largest coordinate of a shape along a direction of its own frame."""
+    if isinstance(shape, coal.Box):
+        return np.abs(direction) @ np.array(shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return shape.radius
+    if isinstance(shape, coal.Cylinder):
+        return shape.halfLength * abs(direction[2]) + shape.radius * np.hypot(*direction[:2])
+    if isinstance(shape, coal.Capsule):
+        return shape.halfLength * abs(direction[2]) + shape.radius
+    return (np.array(shape.vertices()) @ direction).max()  # the vertices of a mesh, not those of its hull
+
+
+@pytest.mark.parametrize("name", ["tiago", "flying_panda"])
+def test_planes_along_the_normals_separate_by_the_distance(name, request):
+    """The gap of two convex bodies along a direction is a lower bound of their distance, equal at the normal."""
+    robot = request.getfixturevalue(name)
+    about = obstacles((0.6, 0.0, 0.6))
+    distances = CollisionDistances(robot, about)
+    generator = np.random.default_rng(3)
+    shapes = {shape.name: shape for shape in robot.collision_model.geometryObjects}
+    checked = 0
+    for t in (0.0, 0.6, 1.7):
+        q = robot.random_configuration(generator, 1.0)
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, q)
+        found = distances.at(q, t)
+        names = list(shapes)
+        for k, distance, normal in zip(found.pairs, found.distance, found.normal, strict=True):
+            pair, gap = distances.pairs[k], 0.0
+            for index, sign in ((pair.first, -1.0), (pair.second, 1.0)):
+                if index < len(names):
+                    shape = shapes[names[index]]
+                    pose, body = data.oMi[shape.parentJoint] * shape.placement, shape.geometry
+                else:
+                    obstacle = about[index - len(names)]
+                    pose, body = obstacle.placement(t), obstacle.shape
+                inner = pose.rotation.T @ normal
+                gap += sign * (normal @ pose.translation) - support(body, -sign * inner)
+            assert gap == pytest.approx(distance, abs=1e-6 if distance > 0 else 5e-6)
+            checked += distance > 0
+    assert checked > 300
+
+
+@pytest.mark.parametrize("name", ["tiago", "flying_panda"])
+def test_rates_agree_with_differences(name, request):
+    robot = request.getfixturevalue(name)
+    distances = CollisionDistances(robot, obstacles((0.6, 0.0, 0.6)))
+    generator = np.random.default_rng(5)
+    errors, step = [], 1e-5
+    for _ in range(8):
+        q, v, t = (
+            robot.random_configuration(generator, 1.0),
+            generator.normal(size=robot.nv),
+            generator.uniform(0.0, 2.0),
+        )
+        found = distances.at(q, t)
+        ahead, behind = (
+            distances.at(pin.integrate(robot.model, q, sign * step * v), t + sign * step) for sign in (1.0, -1.0)
+        )
+        difference = (ahead.distance - behind.distance) / (2 * step)
+        # A difference across a change of the nearest feature shows as a second difference.
+        smooth = np.abs(ahead.distance - 2 * found.distance + behind.distance) < 1e-8
+        apart = (found.distance > 1e-3) & smooth
+        errors.append(np.abs(found.rates(v) - difference)[apart])
+    every = np.concatenate(errors)
+    assert every.size > 1000
+    assert np.quantile(every, 0.99) < 1e-3
+    assert np.median(every) < 1e-6
+
+
+def test_broad_phase_omits_only_far_pairs(tiago):
+    distances = CollisionDistances(tiago, obstacles((0.6, 0.0, 0.6)))
+    generator = np.random.default_rng(7)
+    for t in (0.0, 1.0, 2.0):
+        q = tiago.random_configuration(generator, 1.0)
+        whole, near = distances.at(q, t), distances.at(q, t, within=0.2)
+        inside = whole.distance < 0.2
+        np.testing.assert_array_equal(near.pairs, whole.pairs[inside])
+        np.testing.assert_array_equal(near.distance, whole.distance[inside])
+        bounds = distances.smallest(q, t, beyond=0.2)
+        np.testing.assert_array_equal(bounds[whole.distance < 0.2], whole.distance[inside])
+        assert (bounds <= whole.distance + 1e-9).all()
+        assert 0 < inside.sum() < inside.size / 2
+
+
+def test_results_do_not_depend_on_the_history(tiago):
+    about = obstacles((0.6, 0.0, 0.6))
+    fresh, used = CollisionDistances(tiago, about), CollisionDistances(tiago, about)
+    generator = np.random.default_rng(1)
+    for _ in range(3):
+        q = tiago.random_configuration(generator, 1.0)
+        used.at(q, 0.5)
+    one, other = fresh.at(q, 0.7), used.at(q, 0.7)
+    for key in ("distance", "normal", "jacobian", "drift"):
+        assert getattr(one, key).tobytes() == getattr(other, key).tobytes()
+    assert not one.distance.flags.writeable
+
+
+def test_pairs_that_touch_at_the_start_are_reported(tiago):
+    omitted = {each.names: each.reason for each in CollisionDistances(tiago).omitted}
+    assert omitted["torso_fixed_column_link", "arm_1_link"] == "overlap by 0.0115 m at the reference configuration"
+    assert omitted["arm_1_link", "arm_2_link"] == "adjacent links"
+    free = tiago.configuration({"torso_lift_joint": 0.3, "arm_1_joint": 0.7})
+    pairs = [pair.names for pair in CollisionDistances(tiago, q0=free).pairs]
+    assert ("torso_fixed_column_link", "arm_1_link") in pairs
+
+
+def test_rules_of_pairs(tiago):
+    named = [("arm_5_link", "base_link")]
+    chosen = CollisionDistances(tiago, selection=PairSelection(pairs=named))
+    assert {frozenset(pair.names) for pair in chosen.pairs} == {frozenset(named[0])}
+    every = CollisionDistances(tiago)
+    fewer = CollisionDistances(tiago, selection=PairSelection(disabled=named))
+    assert len(every.pairs) - len(fewer.pairs) == 1
+    ball = Obstacle(coal.Sphere(0.1), position=(3, 0, 0), name="ball")
+    alone = CollisionDistances(tiago, [ball], PairSelection(links=False))
+    assert {pair.names[1] for pair in alone.pairs} == {"ball"}
+    assert len(alone.pairs) == len(tiago.collision_model.geometryObjects)
+
+
+def test_unusable_requests_are_refused(tiago):
+    with pytest.raises(rnc.ModelError, match=r"no link 'arm_5_lnk'.*did you mean 'arm_5_link'"):
+        CollisionDistances(tiago, selection=PairSelection(pairs=[("arm_5_lnk", "base_link")]))
+    ball = Obstacle(coal.Sphere(0.1), name="ball")
+    with pytest.raises(rnc.ModelError, match="two obstacles are named 'ball'"):
+        CollisionDistances(tiago, [ball, ball])
+    with pytest.raises(rnc.InputError, match="q has shape"):
+        CollisionDistances(tiago).at([tiago.configuration()] * 2)
+    bare = rnc.Robot(tiago.model)
+    with pytest.raises(rnc.ModelError, match="no collision geometry"):
+        CollisionDistances(bare)
