@@ -9,7 +9,7 @@ import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.differences import gradient_with_error
+from rnc_pin.model.differences import gradient_with_error
 from rnc_pin.model.kinematics import Kinematics, RateKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack

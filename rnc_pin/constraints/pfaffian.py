@@ -11,6 +11,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.rows import Rows, admit_rows
+from rnc_pin.model.user_functions import DerivedRate, Function, Rate, check_rate
 from rnc_pin.robots.robot import Robot
 
 
@@ -20,36 +21,36 @@ class Pfaffian:
 
     Args:
         rows: matrix A, ``rows(q) -> (k, nv)``.
-        rows_dot: ``rows_dot(q, v) -> (k, nv)``, the rate of ``rows`` along v.
+        rows_dot: ``rows_dot(q, v) -> (k, nv)``, the rate of ``rows`` along v; derived from ``rows`` by default.
         names: name of each row; ``row[0]``, ``row[1]``, ... by default, numbered over all constraints of a system.
         rate: right-hand side mu, ``rate(q) -> (k,)``, e.g. for a conveyor or a turntable.
-        rate_dot: ``rate_dot(q, v) -> (k,)``, the rate of mu along v.
+        rate_dot: ``rate_dot(q, v) -> (k,)``, the rate of mu along v; derived from ``rate`` by default.
         residual: ``residual(q) -> (k,)`` for holonomic rows: the function of q that has the rate ``A v`` and stays at
             zero. The simulation removes its drift.
 
     Raises:
         InputError: a function returns an array of wrong shape.
-        ConstraintError: ``names`` does not fit the rows, or ``rate`` is given without ``rate_dot`` or with
-            ``residual``.
+        ConstraintError: ``names`` does not fit the rows, ``rate_dot`` is given without ``rate`` or ``rate`` with
+            ``residual``, or a given rate differs from differences of its function at random states.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> row = np.array([[0.0, 1.0, 1.0, 1.0]])  # the hand does not turn
-        >>> level = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, names=["level"])
+        >>> level = rnc.Pfaffian(lambda q: row, names=["level"])
         >>> rnc.NonholonomicSystem(robot, [level], ["joint_1", "joint_2", "joint_3"]).constraints.names
         ('level',)
     """
 
     rows: Callable[[np.ndarray], np.ndarray]
-    rows_dot: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    rows_dot: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     names: Sequence[str] | None = None
     rate: Callable[[np.ndarray], np.ndarray] | None = None
     rate_dot: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     residual: Callable[[np.ndarray], np.ndarray] | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        if (self.rate is None) != (self.rate_dot is None):
-            raise ConstraintError("a Pfaffian constraint takes 'rate' and 'rate_dot' together")
+        if self.rate is None and self.rate_dot is not None:
+            raise ConstraintError("a Pfaffian constraint takes 'rate_dot' only together with 'rate'")
         if self.rate is not None and self.residual is not None:
             raise ConstraintError("a Pfaffian constraint takes 'rate' or 'residual', not both")
         return _PfaffianRows(self, robot)
@@ -68,12 +69,22 @@ class _PfaffianRows(Rows):
         self.affine = kind.rate is not None
         self.holonomic = (kind.residual is not None,) * self._shape[0]
         admit_rows(sample, self._shape, "rows(q) of a Pfaffian constraint")
+        self._rows_dot = self._rate_of(kind.rows, kind.rows_dot, ("rows(q)", "rows_dot(q, v)"), robot)
+        if kind.rate is not None:
+            self._evaluated(kind.rate, "rate(q)", self._shape[:1], robot.configuration())
+            self._rate_dot = self._rate_of(kind.rate, kind.rate_dot, ("rate(q)", "rate_dot(q, v)"), robot)
+
+    def _rate_of(self, function: Function, given: Rate | None, labels: tuple[str, str], robot: Robot) -> Rate:
+        if given is None:
+            return DerivedRate(robot, function, f"{labels[0]} of a Pfaffian constraint")
+        check_rate(robot, function, given, (labels[0], f"{labels[1]} of a Pfaffian constraint"), self.names)
+        return given
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._evaluated(self._kind.rows, "rows(q)", self._shape, at.q)
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._evaluated(self._kind.rows_dot, "rows_dot(q, v)", self._shape, at.q, at.v)
+        return self._evaluated(self._rows_dot, "rows_dot(q, v)", self._shape, at.q, at.v)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         bias_acceleration = apply(self.jacobian_dot(at), at.v)
@@ -85,9 +96,9 @@ class _PfaffianRows(Rows):
         return self._evaluated(self._kind.rate, "rate(q)", self._shape[:1], at.q)
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        if self._kind.rate_dot is None:
+        if not self.affine:
             return self._zeros(at)
-        return self._evaluated(self._kind.rate_dot, "rate_dot(q, v)", self._shape[:1], at.q, at.v)
+        return self._evaluated(self._rate_dot, "rate_dot(q, v)", self._shape[:1], at.q, at.v)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         if self._kind.residual is None:

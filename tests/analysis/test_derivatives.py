@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.analysis.differences import directional_derivative, gradient
+from rnc_pin.model.differences import directional_derivative, gradient
 from systems import (
     random_states,
     sleigh,

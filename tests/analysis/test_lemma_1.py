@@ -195,12 +195,15 @@ def test_batch_is_the_same_as_one_by_one(reduced, states):
 
 
 def slides(A, A_dot, mu=None, mu_dot=None):
-    """Unit masses, of which the last moves at ``A(q) v2 + mu(q)``."""
+    """Unit masses, of which the last moves at ``A(q) v2 + mu(q)``; the rates become these after they were checked."""
+    told = right_rate
     moves = () if mu is None else (lambda q: np.array([mu(q)]), lambda q, v: np.array([mu_dot(q, v)]))
     row = rnc.Pfaffian(
-        lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-A_dot(q, v)), 0.0]]), ["row"], *moves
+        lambda q: np.array([[*(-A(q)), 1.0]]), lambda q, v: np.array([[*(-told(q, v)), 0.0]]), ["row"], *moves
     )
-    return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce([rnc.JointPosition("s0"), rnc.JointPosition("s1")])
+    told = A_dot
+    return reduced
 
 
 def slopes(q):

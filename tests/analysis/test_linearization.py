@@ -7,7 +7,7 @@ import scipy.linalg
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.analysis.differences import gradient
+from rnc_pin.model.differences import gradient
 from systems import ALL, four_bar, random_states
 from textbook_systems import (
     SIZE,

@@ -18,8 +18,8 @@ from textbook_systems import planar_model, rail_sliders
 
 
 def rates_of(rows, names):
-    """Outputs with rows of a function of q; their own rates are not asked for."""
-    return rnc.Output(None, lambda q: np.array(rows(q), float), lambda q, v: np.zeros((len(names), len(q))), names)
+    """Outputs with rows of a function of q."""
+    return rnc.Output(None, lambda q: np.array(rows(q), float), names=names)
 
 
 # ---------------------------------------------------------------------- singular configurations
@@ -129,7 +129,7 @@ def test_the_way_to_a_singular_configuration_keeps_a_loop_closed():
 
 def steered(a, g):
     """``x11dot = a(w) u``, and the redundant output has the rate ``g(w) u``: A4 is a / g, and E is singular with g."""
-    row = rnc.Pfaffian(lambda q: np.array([[1.0, -a(q[2]), 0.0]]), lambda q, v: np.zeros((1, 3)), ["steered"])
+    row = rnc.Pfaffian(lambda q: np.array([[1.0, -a(q[2]), 0.0]]), names=["steered"])
     return rnc.NonholonomicSystem(rail_sliders(3), [row]).reduce(
         [rates_of(lambda q: [[0, 0, 1]], ["w"]), rates_of(lambda q: [[0, g(q[2]), 0]], ["x22"])],
         [rnc.JointPosition("s1"), rnc.JointPosition("s0")],

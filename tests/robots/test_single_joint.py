@@ -9,8 +9,8 @@ from scipy.special import ellipk
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.analysis.differences import gradient
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
+from rnc_pin.model.differences import gradient
 from rnc_pin.planning import Hold, TaskReference
 from rnc_pin.scenario.draft import draft
 from rnc_pin.scenario.execution import execute, plan

@@ -1,0 +1,166 @@
+"""Functions of the configuration that a user wrote: their rates, and a check of the rates that the user gave.
+
+The rate along v is a complex step where the function accepts complex numbers: exact to rounding, one evaluation (Squire
+and Trapp, SIAM Review 40(1), 1998). Otherwise it is a central difference of order eight, with an error estimate.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.model.differences import STEP, directional_derivative
+from rnc_pin.robots.robot import Robot
+
+Function = Callable[[np.ndarray], object]
+Rate = Callable[[np.ndarray, np.ndarray], object]
+
+_IMAGINARY = 1e-30  # small enough for its square to vanish, far from the smallest float
+_STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
+_DRAWS, _CHECKED = 8, 2  # random states drawn and used
+_WRONG = 1e-6  # relative error that rounding and differences do not explain
+_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
+_ROUGH = 1e-3  # relative error estimate above which a function has no rate
+
+
+def configuration_rate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Rate of the numbers of q (nq,) at the velocity v (nv,)."""
+    rate = np.zeros(model.nq)
+    if model.nq == model.nv:
+        rate += v
+        return rate
+    for joint in list(model.joints)[1:]:
+        size, own, moved = (joint.nq, joint.nv), joint.idx_q, v[joint.idx_v : joint.idx_v + joint.nv]
+        if joint.nq == joint.nv:
+            rate[own : own + joint.nq] = moved
+        elif size == (2, 1):  # cosine and sine
+            rate[own : own + 2] = moved[0] * np.array([-q[own + 1], q[own]])
+        elif joint.shortname() == "JointModelPlanar":
+            cosine, sine = q[own + 2 : own + 4]
+            rate[own : own + 2] = cosine * moved[0] - sine * moved[1], sine * moved[0] + cosine * moved[1]
+            rate[own + 2 : own + 4] = moved[2] * np.array([-sine, cosine])
+        elif joint.shortname() in ("JointModelFreeFlyer", "JointModelSpherical"):
+            quaternion = q[own + joint.nq - 4 : own + joint.nq]
+            rate[own : own + joint.nq - 4] = pin.Quaternion(quaternion).matrix() @ moved[:-3] if size == (7, 6) else ()
+            vector, scalar = quaternion[:3], quaternion[3]
+            rate[own + joint.nq - 4 : own + joint.nq - 1] = 0.5 * (scalar * moved[-3:] + np.cross(vector, moved[-3:]))
+            rate[own + joint.nq - 1] = -0.5 * vector @ moved[-3:]
+        else:  # joints that are composed of others
+            return np.asarray(directional_derivative(model, lambda each: each, q, v))
+    return rate
+
+
+class DerivedRate:
+    """Rate of a user's function along v: ``rate(q, v)``, for a function without a rate of its own.
+
+    Args:
+        robot: the robot.
+        function: values at one configuration, ``function(q)``.
+        label: the function in messages.
+
+    Raises:
+        ConstraintError: the function has no rate at random configurations, e.g. because it jumps.
+    """
+
+    def __init__(self, robot: Robot, function: Function, label: str) -> None:
+        self._model, self._function = robot.model, function
+        states = _random_states(robot, function)
+        self.complex = bool(states)
+        """True for the complex step, False for differences."""
+        for q, v in states:
+            expected, doubt = _difference(robot.model, function, q, v)
+            scale = 1.0 + np.abs(expected).max(initial=0.0)
+            if doubt > _ROUGH * scale:
+                raise ConstraintError(
+                    f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
+                    "pass its rate as well"
+                )
+            found = self._complex_step(q, v)
+            self.complex &= found is not None and bool(
+                (np.abs(found - expected) <= _WRONG * scale + _DOUBT * doubt).all()
+            )
+
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if not self.complex:
+            return directional_derivative(self._model, self._values, q, v, _STEPS[0])
+        rate = configuration_rate(self._model, q, v)
+        return np.asarray(self._function(q + _IMAGINARY * 1j * rate)).imag / _IMAGINARY
+
+    def _values(self, q: np.ndarray) -> np.ndarray:
+        return np.asarray(self._function(q), dtype=float)
+
+    def _complex_step(self, q: np.ndarray, v: np.ndarray) -> np.ndarray | None:
+        """Rate by a complex step; None if the function refuses complex numbers."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy warns where an imaginary part is lost
+            try:
+                return self(q, v)
+            except Exception:  # whatever a user's function raises for numbers that it does not expect
+                return None
+
+
+def check_rate(
+    robot: Robot, function: Function, rate: Rate, labels: tuple[str, str], names: Sequence[str], angular: bool = False
+) -> None:
+    """Compare a rate that the user gave with differences of the function at two random states.
+
+    Args:
+        robot: the robot.
+        function: values at one configuration, ``function(q)``.
+        rate: the user's rate of these values, ``rate(q, v)``.
+        labels: the function and its rate in messages.
+        names: name of each row of the values.
+        angular: True if the values are angles, which may jump by a full turn.
+
+    Raises:
+        ConstraintError: the rate is wrong; the message has the row, the entry and both values.
+    """
+    for q, v in _random_states(robot, function):
+        expected, doubt = _difference(robot.model, function, q, v, angular)
+        given = np.asarray(rate(q, v), dtype=float)
+        if given.shape != expected.shape:
+            return  # another message tells the shape
+        allowed = _WRONG * (1.0 + np.abs(expected).max(initial=0.0)) + _DOUBT * doubt
+        wrong = ~(np.abs(given - expected) <= allowed)
+        if wrong.any():
+            row, *entry = np.unravel_index(np.argmax(np.where(wrong, np.abs(given - expected), 0.0)), given.shape)
+            place = f"row '{names[int(row)]}'" + (f", entry {entry[0]}" if entry else "")
+            raise ConstraintError(
+                f"{labels[1]} is not the rate of {labels[0]}: {place} is {given[row, *entry]:.6g}, differences give "
+                f"{expected[row, *entry]:.6g} (at q = {np.round(q, 3).tolist()}, v = {np.round(v, 3).tolist()})"
+            )
+
+
+def _random_states(robot: Robot, function: Function) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Two random states at which the function is finite; fewer if it rarely is."""
+    generator, found = np.random.default_rng(0), []
+    for _ in range(_DRAWS):
+        q, v = robot.random_configuration(generator, 1.0), generator.uniform(-1.0, 1.0, robot.nv)
+        try:  # differences need a neighbourhood
+            near = [function(pin.integrate(robot.model, q, share * v)) for share in (-0.1, 0.0, 0.1)]
+        except SingularityError:
+            continue
+        if np.isfinite(np.asarray(near, dtype=float)).all():
+            found.append((q, v))
+        if len(found) == _CHECKED:
+            break
+    return found
+
+
+def _difference(
+    model: pin.Model, function: Function, q: np.ndarray, v: np.ndarray, angular: bool = False
+) -> tuple[np.ndarray, float]:
+    """Rate by differences, from the best pair of step lengths, and its error estimate."""
+    here = np.asarray(function(q), dtype=float)
+
+    def values(at: np.ndarray) -> np.ndarray:
+        change = np.asarray(function(at), dtype=float) - here
+        return np.remainder(change + np.pi, 2 * np.pi) - np.pi if angular else change
+
+    found = [directional_derivative(model, values, q, v, step) for step in _STEPS]
+    doubts = [float(np.abs(found[0] - other).max(initial=0.0)) for other in found[1:]]
+    return found[0] if doubts[0] <= doubts[1] else found[2], min(doubts)

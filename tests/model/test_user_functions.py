@@ -1,0 +1,152 @@
+"""Rates of user-defined functions: derived, or checked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.differences import directional_derivative
+from rnc_pin.model.user_functions import DerivedRate, check_rate, configuration_rate
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def robots():
+    free = rnc.Robot.from_example("ur5_robot", base="free")
+    planar = rnc.Robot.from_urdf("space_robot.urdf", base="fixed")
+    model = pin.Model()
+    ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    turning = model.addJoint(ball, pin.JointModelRUBZ(), pin.SE3.Random(), "turning")
+    base = model.addJoint(turning, pin.JointModelPlanar(), pin.SE3.Random(), "base")
+    model.addJoint(base, pin.JointModelPX(), pin.SE3.Random(), "slide")
+    for joint in range(1, model.njoints):
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    return [free, planar, rnc.Robot(model)]
+
+
+@pytest.mark.parametrize("robot", robots(), ids=lambda robot: f"{robot.nq} {robot.nv}")
+def test_the_rate_of_a_configuration_is_that_of_pinocchios_integral(robot, rng):
+    for _ in range(5):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        expected = directional_derivative(robot.model, lambda each: each, q, v)
+        np.testing.assert_allclose(configuration_rate(robot.model, q, v), expected, atol=1e-12)
+
+
+def sleigh(q):
+    """Knife edge on a planar base, in the coordinates of a fixed frame, with tenths of a metre."""
+    return np.array([[-np.sin(3 * q[0]) * np.exp(q[1]), np.cos(q[2]) / (2 + q[0] ** 2), 0.1 * q[1], q[3] ** 3]])
+
+
+def without_complex_numbers(q):
+    return sleigh(np.array([float(each) for each in q]))
+
+
+def with_lost_imaginary_part(q):
+    rows = np.zeros((1, 4))
+    rows[:] = sleigh(np.real(q))
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("function", "is_complex"), [(sleigh, True), (without_complex_numbers, False), (with_lost_imaginary_part, False)]
+)
+def test_a_rate_is_derived_by_the_means_that_the_function_allows(function, is_complex, rng):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rate = DerivedRate(robot, function, "rows(q)")
+    assert rate.complex is is_complex
+    q, v = rng.uniform(-1, 1, 4), rng.normal(size=4)
+    exact = [
+        -3 * v[0] * np.cos(3 * q[0]) * np.exp(q[1]) - np.sin(3 * q[0]) * np.exp(q[1]) * v[1],
+        -np.sin(q[2]) * v[2] / (2 + q[0] ** 2) - np.cos(q[2]) * 2 * q[0] * v[0] / (2 + q[0] ** 2) ** 2,
+        0.1 * v[1],
+        3 * q[3] ** 2 * v[3],
+    ]
+    np.testing.assert_allclose(rate(q, v)[0], exact, rtol=0, atol=1e-14 if is_complex else 1e-11)
+    np.testing.assert_array_equal(rate(q, 0 * v), 0 * rate(q, v))
+
+
+def test_a_constraint_and_an_output_from_rows_alone_give_the_dynamics_of_the_built_in_kind(rng):
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    own = rnc.Pfaffian(lambda q: np.array([[0.0, 1.0, 0.0]]), names=["edge"])  # velocities are in body axes
+    ahead = rnc.Output(None, lambda q: np.array([[1.0, 0.0, 0.0]]), names=["ahead"])
+    heading = rnc.FrameYaw("sleigh")
+    derived = rnc.NonholonomicSystem(robot, [own]).reduce([ahead, heading])
+    built_in = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce([rnc.FrameSpeed("sleigh"), heading])
+    for _ in range(5):
+        q, v2 = robot.random_configuration(rng), rng.normal(size=2)
+        found, expected = derived.at(q, v2), built_in.at(q, v2)
+        np.testing.assert_allclose(found.R_dot, expected.R_dot, atol=1e-12)
+        np.testing.assert_allclose(found.V, expected.V, atol=1e-12)
+
+
+def test_the_rate_of_a_moving_belt_is_derived(rng):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    row = np.array([[0.0, 1.0, 1.0, 1.0]])
+
+    def system(**options):
+        rows = rnc.Pfaffian(lambda q: row, names=["belt"], rate=lambda q: np.sin(2 * q[:1]) * q[3], **options)
+        return rnc.NonholonomicSystem(robot, [rows], ["joint_1", "joint_2", "joint_3"]).reduce()
+
+    given = system(rate_dot=lambda q, v: 2 * np.cos(2 * q[:1]) * v[0] * q[3] + np.sin(2 * q[:1]) * v[3])
+    derived = system()
+    for _ in range(5):
+        q, v2, T = robot.random_configuration(rng), rng.normal(size=3), rng.normal(size=3)
+        expected = given.forward_dynamics(q, v2, T)
+        np.testing.assert_allclose(derived.forward_dynamics(q, v2, T), expected, rtol=1e-12, atol=1e-12)
+
+
+def bend(q):
+    return np.array([[1.0, np.sin(q[1]), 0.0, 0.0], [0.0, 0.0, 1.0, q[3] ** 2]])
+
+
+def bend_rate(q, v, sign=1.0):
+    return np.array([[0.0, np.cos(q[1]) * v[1], 0.0, 0.0], [0.0, 0.0, 0.0, sign * 2 * q[3] * v[3]]])
+
+
+def test_a_rate_with_a_wrong_sign_is_refused_with_row_entry_and_both_values():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rnc.Pfaffian(bend, bend_rate).bind(robot)
+    with pytest.raises(
+        rnc.ConstraintError, match=r"rows_dot\(q, v\).*row 'low', entry 3 is (\S+), differences give"
+    ) as e:
+        rnc.Pfaffian(bend, lambda q, v: bend_rate(q, v, -1.0), ["high", "low"]).bind(robot)
+    given, found = (
+        float(each) for each in (str(e.value).split(" is ")[2].split(",")[0], str(e.value).split("give ")[1].split()[0])
+    )
+    assert given == pytest.approx(-found, rel=1e-4)
+    with pytest.raises(rnc.ConstraintError, match=r"jacobian_dot\(q, v\) of output .* row 'y', entry 3"):
+        rnc.Output(None, bend, lambda q, v: bend_rate(q, v, -1.0), ["x", "y"]).bind(robot)
+    with pytest.raises(
+        rnc.ConstraintError, match=r"jacobian\(q\) v of output .* is not the rate of value\(q\): row 'a' is"
+    ):
+        rnc.Output(lambda q: np.sin(q[:1]), lambda q: np.array([[-np.cos(q[0]), 0, 0, 0]]), names=["a"]).bind(robot)
+    with pytest.raises(rnc.ConstraintError, match=r"rate_dot\(q, v\).*'row\[0\]'.*differences give"):
+        rnc.Pfaffian(
+            lambda q: np.eye(4)[:1], rate=lambda q: np.sin(q[:1]), rate_dot=lambda q, v: np.cos(q[:1]) * v[:1] * 1.001
+        ).bind(robot)
+
+
+def test_angles_may_jump_by_a_turn_and_other_values_may_not(rng):
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+
+    def angle(q):
+        return np.remainder(9.0 * q[:1], 2 * np.pi)
+
+    def jacobian(q):
+        return np.array([[9.0, 0.0, 0.0, 0.0]])
+
+    rnc.Output(angle, jacobian, names=["angle"], angular=True).bind(robot)
+    q = np.array([2 * np.pi / 9, 0.0, 0.0, 0.0])
+    check_rate(robot, angle, lambda q, v: jacobian(q) @ v, ("value(q)", "jacobian(q) v"), ["angle"], angular=True)
+    assert angle(q - 1e-9) - angle(q + 1e-9) > 6.0
+
+
+def test_rows_that_jump_have_no_rate_to_derive():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match="has no rate that differences can find"):
+        rnc.Pfaffian(lambda q: np.array([[1.0, np.floor(1e4 * q[1].real), 0.0, 0.0]])).bind(robot)
