@@ -35,6 +35,15 @@ from rnc_pin.control.uncertain_redundancy import UncertainRedundancyController
 from rnc_pin.control.unicycle_stabilizer import UnicycleStabilizer
 from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
+from rnc_pin.control.whole_body import (
+    ControlSample,
+    LimitReport,
+    ProgramSolution,
+    ProgramState,
+    VelocityQP,
+    limits,
+    tasks,
+)
 
 __all__ = [
     "AdaptedModel",
@@ -42,6 +51,7 @@ __all__ = [
     "Combined",
     "Command",
     "ComputedTorque",
+    "ControlSample",
     "Controller",
     "Describable",
     "Description",
@@ -51,6 +61,7 @@ __all__ = [
     "JacobianTransposeController",
     "JointLimits",
     "KinematicController",
+    "LimitReport",
     "MomentumRegressor",
     "ParametrizedCopy",
     "PositionGains",
@@ -58,6 +69,8 @@ __all__ = [
     "PositionTracker",
     "Posture",
     "Preset",
+    "ProgramSolution",
+    "ProgramState",
     "ReducingOutputController",
     "RedundancyController",
     "Regressor",
@@ -75,6 +88,7 @@ __all__ = [
     "UnknownRadius",
     "UnknownTrack",
     "VelocityGains",
+    "VelocityQP",
     "VelocityTarget",
     "VelocityTracker",
     "WheelRegressor",
@@ -82,4 +96,6 @@ __all__ = [
     "design_position_gains",
     "design_velocity_gains",
     "effective_inertia",
+    "limits",
+    "tasks",
 ]

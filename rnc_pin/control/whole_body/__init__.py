@@ -2,5 +2,6 @@
 
 from rnc_pin.control.whole_body import limits, tasks
 from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.velocity_qp import LimitReport, ProgramSolution, ProgramState, VelocityQP
 
-__all__ = ["ControlSample", "limits", "tasks"]
+__all__ = ["ControlSample", "LimitReport", "ProgramSolution", "ProgramState", "VelocityQP", "limits", "tasks"]

@@ -1,0 +1,102 @@
+"""Least-distance programs: the point nearest to a goal within linear bounds. Every program here has this form."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError, nearest
+
+_SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
+_SOLVED = 1
+
+
+class NearestPoint(NamedTuple):
+    """Solution of a least-distance program."""
+
+    point: Float[Array, " n"]
+    multipliers: Float[Array, " k"]
+    """Multipliers of the rows: positive at an active upper bound, negative at an active lower one.
+    ``point - goal + rows^T multipliers = 0``."""
+
+
+class LeastDistanceSolver:
+    """Solver of ``min |x - goal|^2 / 2`` subject to ``lower <= rows x <= upper``.
+
+    Args:
+        name: "daqp" (default), which is called directly, or another solver of ``qpsolvers``, by its name there.
+
+    Raises:
+        ConfigurationError: unknown solver, or a solver that is not installed.
+    """
+
+    def __init__(self, name: str = "daqp") -> None:
+        self.name = name
+        self._daqp: Any = _imported("daqp").solve if name == "daqp" else None
+        self._qpsolvers: Any = None if name == "daqp" else _qpsolvers(name)
+
+    def solve(
+        self, goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None
+    ) -> NearestPoint | None:
+        """Return the nearest point; None if no point satisfies the rows.
+
+        Args:
+            goal: (n,).
+            rows: (k, n).
+            lower, upper: bounds, (k,) each; infinite if there are none.
+            multipliers: multipliers of a similar program, (k,), to start from.
+        """
+        if self._qpsolvers is not None:
+            return self._solve_by_name(goal, rows, lower, upper)
+        if multipliers is not None and multipliers.any():
+            found = self._solve_directly(goal, rows, lower, upper, multipliers)
+            if found is not None:
+                return found
+        return self._solve_directly(goal, rows, lower, upper, None)
+
+    def _solve_directly(
+        self, goal: Array, rows: Array, lower: Array, upper: Array, start: Array | None
+    ) -> NearestPoint | None:
+        kinds = np.zeros(len(rows), dtype=np.int32)
+        x, _, status, info = self._daqp(
+            np.eye(len(goal)), -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS
+        )
+        return NearestPoint(x, info["lam"]) if status == _SOLVED else None
+
+    def _solve_by_name(self, goal: Array, rows: Array, lower: Array, upper: Array) -> NearestPoint | None:
+        above, below = np.isfinite(upper), np.isfinite(lower)
+        G = np.vstack([rows[above], -rows[below]])
+        h = np.concatenate([upper[above], -lower[below]])
+        problem = self._qpsolvers.Problem(np.eye(len(goal)), -goal, G, h)
+        try:
+            found = self._qpsolvers.solve_problem(problem, solver=self.name)
+        except self._qpsolvers.exceptions.SolverError:
+            return None
+        if not found.found or found.x is None:
+            return None
+        multipliers = np.zeros(len(rows))
+        z = np.zeros(len(h)) if found.z is None else found.z
+        multipliers[above] += z[: above.sum()]
+        multipliers[below] -= z[above.sum() :]
+        return NearestPoint(found.x, multipliers)
+
+
+def _imported(package: str) -> Any:
+    """Import a solver at its first use: most programs need none."""
+    try:
+        return import_module(package)
+    except ImportError:
+        remedy = "pip install daqp" if package == "daqp" else "pip install 'rnc_pin[qp]'"
+        raise ConfigurationError(f"the solver of the quadratic program needs {package}: {remedy}") from None
+
+
+def _qpsolvers(name: str) -> Any:
+    package = _imported("qpsolvers")
+    available = list(package.available_solvers)
+    if name not in available:
+        raise ConfigurationError(f"no installed solver '{name}'{nearest(name, available)}")
+    return package

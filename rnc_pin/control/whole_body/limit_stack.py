@@ -1,0 +1,105 @@
+"""Limits of a program in reduced velocities, and their relaxation if they exclude each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.reduced_model import ReducedModel
+
+_VELOCITY_COST = 1e-4  # of a velocity, beside the cost 1 of exceeding a limit
+_ROUNDING = 1e-9  # [of a row] by which bounds are widened after they gave way
+
+
+class ProgramBounds(NamedTuple):
+    """Limits on the reduced velocity: ``lower <= rows v2 <= upper``."""
+
+    rows: Float[Array, "k r"]
+    lower: Float[Array, " k"]
+    upper: Float[Array, " k"]
+
+    def excess(self, v2: Array) -> Float[Array, " k"]:
+        """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
+        values = self.rows @ v2
+        return np.maximum(np.maximum(values - self.upper, self.lower - values), 0.0)
+
+
+class LimitStack:
+    """All limits of a program.
+
+    Limits give way in groups: soft limits with the largest ``priority`` first, hard limits last.
+
+    Args:
+        limits: the limits.
+        reduced: the model.
+
+    Attributes:
+        names: name of each row, (k,).
+    """
+
+    def __init__(self, limits: Sequence[ControlLimit], reduced: ReducedModel) -> None:
+        for each in limits:
+            if not isinstance(each, ControlLimit):
+                raise ConfigurationError(f"a limit has to be a ControlLimit, found {type(each).__name__}")
+        self._bound = [each.bind(reduced) for each in limits]
+        sizes = [len(each.names) for each in self._bound]
+        self.names = tuple(name for each in self._bound for name in each.names)
+        stops = np.cumsum([0, *sizes])
+        self._places = [slice(int(stop - size), int(stop)) for stop, size in zip(stops[1:], sizes, strict=True)]
+        ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
+        hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
+        self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
+        self._nv, self._affine = reduced.n, reduced.affine
+
+    def bounds(self, sample: ControlSample) -> ProgramBounds:
+        """Return the limits at the end of a sample: ``J v`` with ``v = R v2 + b``."""
+        k = len(self.names)
+        J, lower, upper = np.empty((k, self._nv)), np.empty(k), np.empty(k)
+        for limit, where in zip(self._bound, self._places, strict=True):
+            J[where], lower[where], upper[where] = limit.rows(sample)
+        if self._affine:
+            offset = J @ sample.end.b
+            lower, upper = lower - offset, upper - offset
+        return ProgramBounds(J @ sample.end.R, lower, upper)
+
+    def relaxed(self, bounds: ProgramBounds, solver: LeastDistanceSolver) -> ProgramBounds:
+        """Return bounds that some velocity satisfies.
+
+        Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
+        before it allow.
+        """
+        rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
+        r = rows.shape[1]
+        fixed = np.zeros(0, dtype=int)
+        for group in self._groups:
+            both = np.concatenate([fixed, group])
+            if solver.solve(np.zeros(r), rows[both], lower[both], upper[both]) is None:
+                v2 = self._least_excess(ProgramBounds(rows, lower, upper), fixed, group, solver)
+                values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
+                lower[group] = np.where(values < lower[group], values - room, lower[group])
+                upper[group] = np.where(values > upper[group], values + room, upper[group])
+            fixed = both
+        return ProgramBounds(rows, lower, upper)
+
+    @staticmethod
+    def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array, solver: LeastDistanceSolver) -> Array:
+        """Velocity (r,) that exceeds the rows of a group least, within the rows before it."""
+        r, k = bounds.rows.shape[1], len(group)
+        # Variables: the velocity times its cost, and the excess of each row of the group.
+        free = np.zeros((len(fixed) + 2 * k, r + k))
+        both = np.concatenate([fixed, group, group])
+        free[:, :r] = bounds.rows[both] / _VELOCITY_COST
+        above, below = slice(len(fixed), len(fixed) + k), slice(len(fixed) + k, None)
+        free[above, r:], free[below, r:] = -np.eye(k), np.eye(k)
+        lower, upper = bounds.lower[both], bounds.upper[both]
+        lower[above], upper[below] = -np.inf, np.inf
+        found = solver.solve(np.zeros(r + k), free, lower, upper)
+        return np.zeros(r) if found is None else found.point[:r] / _VELOCITY_COST

@@ -1,0 +1,139 @@
+"""Tasks of a program in reduced velocities, level by level: a lexicographic cascade of least squares within limits.
+
+At each level, the rows J of its tasks are restricted to the null space Z of the levels above. In the coordinates of the
+singular value decomposition of ``J Z`` the program has the identity as Hessian. So it needs no regularisation in the
+directions that tasks determine, and without active limits its solution is that of linear equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import ProgramBounds
+from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.reduced_model import ReducedModel
+
+_RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
+_FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
+_TOUCHING = 1e-12  # relative excess of a limit that is rounding
+
+
+class TaskLevel(NamedTuple):
+    """Tasks of one priority: the program minimises ``|J v2 - rate|^2``; rows are multiplied by roots of weights."""
+
+    jacobian: Float[Array, "k r"]
+    rate: Float[Array, " k"]
+
+
+class CascadeSolution(NamedTuple):
+    """Solution of all levels."""
+
+    v2: Float[Array, " r"]
+    multipliers: Float[Array, "levels k"]
+    """Multipliers of the limits at each level; zero at a level that touches no limit."""
+
+
+class TaskStack:
+    """All tasks of a program.
+
+    Args:
+        tasks: the tasks.
+        reduced: the model.
+
+    Attributes:
+        bound: the tasks of the model.
+        levels: number of levels.
+    """
+
+    def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
+        for each in tasks:
+            if not isinstance(each, ControlTask):
+                raise ConfigurationError(f"a task has to be a ControlTask, found {type(each).__name__}")
+        self.bound = [each.bind(reduced) for each in tasks]
+        roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
+        priorities = sorted({each.priority for each in tasks})
+        self._levels = [
+            [(bound, root) for task, bound, root in zip(tasks, self.bound, roots, strict=True) if task.priority == p]
+            for p in priorities
+        ]
+        self._sizes = [sum(len(bound.names) for bound, _ in level) for level in self._levels]
+        self.levels = len(self._levels)
+        self._nv, self._affine = reduced.n, reduced.affine
+
+    def at(self, sample: ControlSample) -> list[TaskLevel]:
+        """Return the levels at the end of a sample."""
+        found = []
+        for level, size in zip(self._levels, self._sizes, strict=True):
+            J, rate, start = np.empty((size, self._nv)), np.empty(size), 0
+            for bound, root in level:
+                rows = bound.rows(sample)
+                where = slice(start, start + len(root))
+                J[where], rate[where] = root[:, None] * rows.jacobian, root * rows.rate
+                start = where.stop
+            if self._affine:
+                rate = rate - J @ sample.end.b
+            found.append(TaskLevel(J @ sample.end.R, rate))
+        return found
+
+
+def solve_cascade(
+    levels: Sequence[TaskLevel],
+    bounds: ProgramBounds,
+    damping: float,
+    solver: LeastDistanceSolver,
+    multipliers: Array | None = None,
+) -> CascadeSolution | None:
+    """Solve the levels from the highest to the lowest; None if no velocity satisfies the limits.
+
+    Args:
+        levels: tasks, highest level first.
+        bounds: limits.
+        damping: cost of the velocity at every level, which bounds it near singular configurations.
+        solver: solver of the programs.
+        multipliers: multipliers of a similar cascade, (levels, k), to start from.
+    """
+    r, k = bounds.rows.shape[1], len(bounds.lower)
+    levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
+    found = np.zeros((len(levels), k))
+    room = _TOUCHING * (1.0 + np.abs(bounds.rows).sum(axis=1))
+    kept, Z = np.zeros(r), np.eye(r)  # what higher levels determine, and the null space that they leave
+    v2 = None
+    for index, level in enumerate(levels):
+        J = level.jacobian @ Z
+        left, values, right = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
+        rank = int((values > _RANK * max(float(np.linalg.norm(level.jacobian)), 1e-300)).sum())
+        values, determined, free = values[:rank], right[:rank], right[rank:]
+        scales = np.hypot(values, damping)
+        goal = values * (left[:, :rank].T @ (level.rate - level.jacobian @ kept)) / scales
+        ahead = kept + Z @ (determined.T @ (goal / scales))
+        reached = bounds.rows @ ahead
+        if (reached <= bounds.upper + room).all() and (reached >= bounds.lower - room).all():
+            v2, kept = ahead, ahead
+        else:
+            cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
+            T = Z @ np.hstack([determined.T / scales, free.T / cheap])
+            offset = bounds.rows @ kept
+            start = None if multipliers is None else multipliers[index]
+            nearest = solver.solve(
+                np.concatenate([goal, np.zeros(len(free))]),
+                bounds.rows @ T,
+                bounds.lower - offset,
+                bounds.upper - offset,
+                start,
+            )
+            if nearest is None:
+                break  # at a lower level: rounding left no room
+            v2, found[index] = kept + T @ nearest.point, nearest.multipliers
+            kept = kept + T[:, :rank] @ nearest.point[:rank]
+        Z = Z @ free.T
+        if not Z.shape[1]:
+            break
+    return None if v2 is None else CascadeSolution(v2, found)

@@ -1,0 +1,241 @@
+"""Whole-body controller at velocity level: one quadratic program per sample in the reduced velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import LimitStack
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.task_hierarchy import CascadeSolution, TaskStack, solve_cascade
+from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.io.json import Json
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+_EXCEEDED = 1e-8  # excess of a limit above which it gave way
+
+
+class ProgramState(NamedTuple):
+    """State of ``VelocityQP`` from one sample to the next."""
+
+    time: float | None
+    """Time of the last sample [s]."""
+    interval: float
+    """Duration for which the last sample planned [s]; zero if none was known."""
+    v2: Float[Array, " r"]
+    """Velocity commanded at the last sample."""
+    v2_dot: Float[Array, " r"]
+    """Its rate until the end of that sample."""
+    multipliers: Float[Array, "levels k"]
+    """Multipliers of the limits at each level of tasks; the next program starts from them."""
+    excess: Float[Array, " k"]
+    """Amount by which each limit gave way at the last sample; zero if it did not."""
+    worst_excess: Float[Array, " k"]
+    """Largest such amount since the start."""
+
+
+class ProgramSolution(NamedTuple):
+    """Solution of one program."""
+
+    v2: Float[Array, " r"]
+    """Velocity at the end of the sample."""
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+
+
+class LimitReport(NamedTuple):
+    """Effect of the limits at a sample."""
+
+    active: tuple[str, ...]
+    """Limits that change the motion."""
+    exceeded: Mapping[str, float]
+    """Limits that gave way, with the amounts, because they excluded each other."""
+    worst: Mapping[str, float]
+    """The same since the start, with the largest amounts."""
+
+
+class VelocityQP(ReprMixin):
+    """Kinematic controller within limits: tasks as least squares, limits as inequalities, in ``v = R v2 + b``.
+
+    The program has only the r reduced velocities as unknowns. So rolling, closed loops and momentum hold exactly. At
+    each sample it decides the velocity at the sample's end, at the predicted configuration there. Until then the
+    commanded velocity changes linearly: ``v2_dot`` is exactly its rate, and the next sample starts where this one ends.
+    A sample that takes longer than planned holds the velocity of its planned end.
+
+    If limits exclude each other, they give way in this order: soft limits of the largest ``priority`` first, then those
+    of smaller ``priority``, each group by the least sum of squares. Hard limits (positions and velocities of joints)
+    never give way to others: zero velocity satisfies them. ``report`` tells which limits gave way.
+
+    Reads from the measurement: ``q``, and ``v2`` at the start.
+
+    Args:
+        reduced: the model.
+        tasks: tasks from ``control.tasks``.
+        limits: limits from ``control.limits``.
+        dt: sampling interval [s]; by default the last interval predicts the next one, and the first sample keeps the
+            measured velocity.
+        damping: cost of the reduced velocity beside the tasks at every level, as the root of a weight. It bounds the
+            velocity near singular configurations, and zero follows the tasks exactly.
+        solver: "daqp", or another solver of qpsolvers by name.
+
+    Raises:
+        ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> reach = rnc.control.tasks.OutputTask(rnc.FramePosition("tip", "xy"), rnc.planning.Hold([1.0, 1.0]))
+        >>> slow = rnc.control.limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=0.5)
+        >>> controller = rnc.control.VelocityQP(reduced, [reach], [slow], dt=0.01)
+        >>> start = reduced.at(robot.configuration({"joint_2": 1.0}), np.zeros(reduced.r)).measure()
+        >>> target, state = controller.step(0.0, start, controller.initial_state(start))
+        >>> controller.report(state).active
+        ('joint_1 velocity',)
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        tasks: Sequence[ControlTask],
+        limits: Sequence[ControlLimit] = (),
+        *,
+        dt: float | None = None,
+        damping: float = 0.0,
+        solver: str = "daqp",
+    ) -> None:
+        if dt is not None and not 0 < dt < np.inf:
+            raise ConfigurationError(f"dt of a whole-body controller has to be positive, found {dt}")
+        if not 0 <= damping < np.inf:
+            raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
+        self.tasks, self.limits, self.dt, self.damping = tuple(tasks), tuple(limits), dt, damping
+        self._reduced = reduced
+        self._solver = LeastDistanceSolver(solver)
+        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self._goals = [
+            (bound.goal, own, where, place)
+            for bound in self._tasks.bound
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
+            for own, where in [_matches(bound.goal_names, names)]
+            if own
+        ]
+
+    @property
+    def limit_names(self) -> tuple[str, ...]:
+        """Names of the limits' rows, in the order of ``ProgramState.excess``."""
+        return self._limits.names
+
+    def describe(self) -> Description:
+        """Return the settings of tasks and limits."""
+        return {
+            "type": type(self).__name__,
+            "tasks": [_settings(each) for each in self.tasks],
+            "limits": [_settings(each) for each in self.limits],
+            "dt": self.dt,
+            "damping": self.damping,
+            "solver": self._solver.name,
+        }
+
+    def initial_state(self, measurement: Measurement) -> ProgramState:
+        """Return the state before the first sample: the measured reduced velocity."""
+        r, k = self._reduced.r, len(self.limit_names)
+        v2 = np.zeros(r) if measurement.v2 is None else np.array(measurement.v2, dtype=float)
+        if v2.shape != (r,):
+            raise InputError(f"a whole-body controller takes one state: v2 has shape {v2.shape}, expected ({r},)")
+        levels = max(self._tasks.levels, 1)
+        return ProgramState(None, 0.0, v2, np.zeros(r), np.zeros((levels, k)), np.zeros(k), np.zeros(k))
+
+    def step(self, t: float, measurement: Measurement, state: ProgramState) -> tuple[VelocityTarget, ProgramState]:
+        """Compute one sample.
+
+        Raises:
+            InputError: time runs backwards, or the measurement has no configuration.
+            SingularityError: the reducing outputs do not parametrise the motion at the configuration.
+        """
+        if measurement.q is None:
+            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
+        elapsed = elapsed_time(t, state.time)
+        v2 = state.v2 + min(elapsed, state.interval) * state.v2_dot
+        dt = self.dt or elapsed or state.interval
+        x1, x2 = self._desired_outputs(t)
+        if not dt:  # the first sample: no interval is known
+            still = state._replace(time=t)
+            return VelocityTarget(v2, np.zeros_like(v2), x1, x2), still
+        sample = ControlSample(self._reduced, t, measurement.q, v2, dt)
+        solution = self.solve(sample, state.multipliers)
+        v2_dot = (solution.v2 - v2) / dt
+        worst = np.maximum(state.worst_excess, solution.excess)
+        next_state = ProgramState(t, dt, v2, v2_dot, solution.multipliers, solution.excess, worst)
+        return VelocityTarget(v2, v2_dot, x1, x2), next_state
+
+    def solve(self, sample: ControlSample, multipliers: Array | None = None) -> ProgramSolution:
+        """Solve the program of one sample.
+
+        Args:
+            sample: the sample.
+            multipliers: multipliers of the last program, (levels, k), to start from.
+        """
+        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        found = solve_cascade(levels, bounds, self.damping, self._solver, multipliers)
+        if found is not None:
+            return ProgramSolution(found.v2, found.multipliers, np.zeros(len(bounds.lower)))
+        wider = self._limits.relaxed(bounds, self._solver)
+        found = solve_cascade(levels, wider, self.damping, self._solver)
+        if found is None:  # rounding: even the wider limits exclude each other
+            found = CascadeSolution(np.zeros(self._reduced.r), np.zeros((max(len(levels), 1), len(bounds.lower))))
+        excess = bounds.excess(found.v2)
+        excess[excess < _EXCEEDED] = 0.0
+        return ProgramSolution(found.v2, found.multipliers, excess)
+
+    def report(self, state: ProgramState) -> LimitReport:
+        """Return the limits that are active, and those that gave way."""
+        names, active = self.limit_names, np.any(state.multipliers, axis=0).tolist()
+        return LimitReport(
+            tuple(name for name, flag in zip(names, active, strict=True) if flag),
+            _nonzero(names, state.excess),
+            _nonzero(names, state.worst_excess),
+        )
+
+    def _desired_outputs(self, t: float) -> tuple[Array | None, Array | None]:
+        if not self._goals:
+            return None, None
+        found = np.full(self._reduced.vertical.size, np.nan), np.full(self._reduced.r, np.nan)
+        for goal, own, where, place in self._goals:
+            found[place][where] = goal(t)[own]
+        return found
+
+
+def _matches(names: Sequence[str], among: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Indices of common names in both sequences."""
+    own = [index for index, name in enumerate(names) if name in among]
+    return own, [list(among).index(names[index]) for index in own]
+
+
+def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
+
+
+def _settings(description: object) -> Json:
+    """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
+    if not is_dataclass(description):
+        return type(description).__name__
+    found: dict[str, Json] = {"type": type(description).__name__}
+    for each in fields(description):
+        value = getattr(description, each.name)
+        if isinstance(value, np.ndarray | list | tuple):
+            found[each.name] = np.asarray(value).tolist()
+        elif value is None or isinstance(value, bool | int | float | str):
+            found[each.name] = value
+        else:
+            found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
+    return found

@@ -1,0 +1,166 @@
+"""The program in reduced velocities: law (12) without limits, conditions of optimality, and samples that join."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import ControlSample, RedundancyController, VelocityQP, limits, tasks
+from rnc_pin.planning import Hold, MinimumJerk
+from systems import mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago
+
+TIP = MinimumJerk([1.0, 1.0], [0.5, 0.7], 2.0)
+LAW = 1e-9  # of the largest rate; the issue's bound
+
+
+def space_robot_tasks(**settings):
+    turn = MinimumJerk([0.0], [0.3], 2.0)
+    return (
+        TIP,
+        turn,
+        [
+            tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.9, **settings),
+            tasks.OutputTask(rnc.JointPosition("platform"), turn, gain=1.7, **settings),
+        ],
+    )
+
+
+@pytest.mark.parametrize("system", [space_robot, spinning_space_robot])
+def test_without_active_limits_the_program_is_law_12(system):
+    reduced = system()
+    primary, vertical, followed = space_robot_tasks()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    law = RedundancyController(task, primary, vertical, k3=1.7, k21=0.9)
+    wide = limits.JointVelocityLimit(limit=1e6)
+    for q, v2 in random_states(reduced, 8, seed=1):
+        sample = ControlSample(reduced, 0.3, q, v2, 0.01)
+        expected = law.step(sample.time, sample.end.measure(), None)[0].v2
+        for program in (VelocityQP(reduced, followed), VelocityQP(reduced, followed, [wide])):
+            found = program.solve(sample)
+            np.testing.assert_allclose(found.v2, expected, rtol=0, atol=LAW * (1 + np.abs(expected).max()))
+            assert not found.multipliers.any()
+
+
+def test_lower_levels_are_the_secondary_freedom_of_law_12():
+    """Law (12) with a wide A4: the redundant rates nearest to zero, weighted, that give the vertical rate."""
+    reduced = mobile_manipulator()
+    weights = np.array([0.4, 2.5])
+    chosen = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["base_speed_x", "base_yaw"], ["distance_base_tip"])
+    distance = Hold([1.2])
+    law = RedundancyController(chosen, TIP, distance, k3=2.0, k21=0.5, weights=weights)
+    still = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
+    program = VelocityQP(
+        reduced,
+        [
+            tasks.OutputTask(rnc.FramePosition("tip", "xy"), TIP, gain=0.5),
+            tasks.OutputTask(rnc.Distance("base", "tip"), distance, gain=2.0),
+            *(
+                tasks.OutputTask(kind, Hold([0.0]), gain=0.0, weight=weight, priority=1)
+                for kind, weight in zip(still, weights, strict=True)
+            ),
+        ],
+    )
+    for q, v2 in random_states(reduced, 8, seed=4):
+        sample = ControlSample(reduced, 0.5, q, v2, 0.01)
+        expected = law.step(sample.time, sample.end.measure(), None)[0].v2
+        np.testing.assert_allclose(program.solve(sample).v2, expected, rtol=0, atol=LAW * (1 + np.abs(expected).max()))
+
+
+def tiago_program(limit=0.2, **settings):
+    reduced = tiago()
+    arm = [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
+    reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.5, 1.0, 1.2]), gain=3.0)
+    level = tasks.OutputTask(rnc.FrameOrientation("arm_7_link"), Hold([0.0, 0.3, 0.0]), gain=1.0, weight=[0.2, 0.5, 1])
+    posture = [tasks.OutputTask(rnc.JointPosition(name), Hold([0.1]), gain=2.0, weight=0.05) for name in arm]
+    return reduced, VelocityQP(
+        reduced, [reach, level, *posture], [limits.JointVelocityLimit(limit=limit, margin=0.0)], **settings
+    )
+
+
+def test_the_solution_satisfies_the_conditions_of_optimality():
+    """Stationarity, signs of multipliers, complementarity and bounds, written from the tasks and limits themselves."""
+    reduced, program = tiago_program()
+    touched = 0
+    for q, v2 in random_states(reduced, 6, seed=3):
+        sample = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002)
+        found = program.solve(sample)
+        R, gradient = sample.end.R, np.zeros(reduced.r)
+        for each in program.tasks:
+            rows = each.bind(reduced).rows(sample)
+            weight = np.broadcast_to(np.asarray(each.weight, dtype=float), len(rows.rate))
+            gradient += (rows.jacobian @ R).T @ (weight * (rows.jacobian @ R @ found.v2 - rows.rate))
+        box = program.limits[0].bind(reduced).rows(sample)
+        values, force = box.jacobian @ R @ found.v2, found.multipliers[0]
+        scale = np.abs(gradient).max() + np.abs(force).max()
+        np.testing.assert_allclose(gradient + (box.jacobian @ R).T @ force, 0, atol=1e-9 * scale)
+        assert (values <= box.upper + 1e-9).all()
+        assert (values >= box.lower - 1e-9).all()
+        np.testing.assert_allclose(values[force > 0], box.upper[force > 0], atol=1e-9)
+        np.testing.assert_allclose(values[force < 0], box.lower[force < 0], atol=1e-9)
+        touched += np.count_nonzero(force)
+    assert touched > 6
+
+
+def test_samples_join_without_jumps_and_the_rate_is_exact():
+    reduced, program = tiago_program()
+    q = reduced.robot.configuration({"arm_2_joint": -0.5, "arm_4_joint": 1.0})
+    still = reduced.at(q, np.zeros(reduced.r)).measure()
+    state = program.initial_state(still)
+    first, state = program.step(0.0, still, state)
+    np.testing.assert_array_equal([first.v2, first.v2_dot], 0.0)  # no interval is known yet
+    target, state = program.step(0.01, still, state)
+    assert np.abs(target.v2_dot).max() > 1
+    shorter, _ = program.step(0.016, still, state)
+    np.testing.assert_array_equal(shorter.v2, target.v2 + (0.016 - 0.01) * target.v2_dot)
+    later, _ = program.step(0.05, still, state)  # a late sample: the planned end is held
+    np.testing.assert_array_equal(later.v2, target.v2 + 0.01 * target.v2_dot)
+    wheels = reduced.robot.velocity_indices("wheel_left_joint")
+    assert abs((reduced.at(q).R @ later.v2)[wheels][0]) <= 0.2 + 1e-9
+
+
+def test_the_same_inputs_give_the_same_bits():
+    reduced, program = tiago_program(dt=0.002)
+    (q, v2), *_ = random_states(reduced, 1, seed=5)
+    here = reduced.at(q, 0.1 * v2).measure()
+    runs = []
+    for _ in range(2):
+        state, seen = program.initial_state(here), []
+        for sample in range(4):
+            target, state = program.step(0.002 * sample, here, state)
+            seen.append(np.concatenate([target.v2, target.v2_dot, state.multipliers.ravel()]))
+        runs.append(seen)
+        _, program = tiago_program(dt=0.002)
+    np.testing.assert_array_equal(*runs)
+
+
+def test_desired_outputs_are_recorded_where_the_model_has_them():
+    reduced, program = tiago_program(dt=0.002)
+    here = reduced.at(reduced.robot.configuration(), np.zeros(reduced.r)).measure()
+    target, _ = program.step(0.0, here, program.initial_state(here))
+    np.testing.assert_array_equal(target.x1, [1.5, 1.0, 1.2, np.nan])
+    np.testing.assert_array_equal(target.x2, [np.nan, np.nan] + [0.1] * 10)
+
+
+def test_bad_input_is_refused():
+    reduced, program = tiago_program()
+    with pytest.raises(rnc.InputError, match="has no q"):
+        program.step(0.0, rnc.Measurement(v2=np.zeros(reduced.r)), program.initial_state(rnc.Measurement()))
+    with pytest.raises(rnc.InputError, match="takes one state"):
+        program.initial_state(rnc.Measurement(v2=np.zeros((2, reduced.r))))
+    with pytest.raises(rnc.ConfigurationError, match="dt of a whole-body controller has to be positive, found -1"):
+        VelocityQP(reduced, [], dt=-1.0)
+    with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
+        VelocityQP(reduced, [], damping=-1.0)
+    with pytest.raises(rnc.ConfigurationError, match="no installed solver 'dapq'"):
+        VelocityQP(reduced, [], solver="dapq")
+    with pytest.raises(rnc.ConfigurationError, match="a task has to be a ControlTask, found FrameYaw"):
+        VelocityQP(reduced, [rnc.FrameYaw("base_link")])
+    with pytest.raises(rnc.ConfigurationError, match="a limit has to be a ControlLimit, found int"):
+        VelocityQP(reduced, [], [3])
+    with pytest.raises(rnc.ConfigurationError, match="gain of OutputTask has to be a number or 1 numbers"):
+        VelocityQP(reduced, [tasks.OutputTask(rnc.FrameYaw("base_link"), Hold([0.0]), gain=-1.0)])
+    with pytest.raises(rnc.ConfigurationError, match="reference has 2 values for 1 outputs"):
+        VelocityQP(reduced, [tasks.OutputTask(rnc.FrameYaw("base_link"), Hold([0.0, 0.0]))])
+    with pytest.raises(rnc.ModelError, match="no joint 'arm_8_joint'"):
+        VelocityQP(reduced, [], [limits.JointVelocityLimit(joints=["arm_8_joint"])])
+    with pytest.raises(rnc.ConfigurationError, match="has no velocity limit"):
+        VelocityQP(reduced, [], [limits.JointVelocityLimit(joints=["root_joint"])])
