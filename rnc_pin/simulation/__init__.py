@@ -5,6 +5,7 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
+from rnc_pin.simulation.limit_replay import Clearance, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.preflight import Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
@@ -26,8 +27,11 @@ from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
+    "Clearance",
     "Columns",
     "FrictionDemand",
+    "LimitReplay",
+    "LimitUse",
     "Margin",
     "Margins",
     "Observer",
@@ -51,6 +55,7 @@ __all__ = [
     "margins_along",
     "output_names",
     "preflight",
+    "replay_limits",
     "sample_count",
     "simulate",
     "summarize",

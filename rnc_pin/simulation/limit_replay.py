@@ -1,0 +1,211 @@
+"""Replay of a trajectory against the limits of the robot's file, and against collisions by coal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.errors import InputError
+from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation.trajectory import Trajectory
+
+_NO_LIMIT = 1e10
+"""Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
+ROUNDING = 1e-9
+"""Largest excess over a limit that counts as rounding, as a share of its range."""
+
+LimitKind = Literal["position", "velocity", "effort"]
+
+
+class LimitUse(NamedTuple):
+    """Largest use of a joint limit in a run.
+
+    Attributes:
+        kind: "position", "velocity" or "effort".
+        name: joint.
+        excess: largest excess over the limit, as a share of its range; negative while the limit is kept. The range is
+            that from the lower to the upper position limit, or the limit itself.
+        time: time of the largest excess [s].
+        value: value at that time [rad, m, rad/s, m/s, N m or N].
+        limit: limit that is nearest to it.
+    """
+
+    kind: LimitKind
+    name: str
+    excess: float
+    time: float
+    value: float
+    limit: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.kind} of {self.name}: {self.value:.4g} at t = {self.time:.3f} s, limit {self.limit:.4g} "
+            f"({100 * self.excess:+.2g} % of its range)"
+        )
+
+
+class Clearance(NamedTuple):
+    """Smallest distance of a pair in a run.
+
+    Attributes:
+        names: the two bodies; the second may be an obstacle.
+        distance: smallest signed distance [m]; negative for penetration.
+        time: time of the smallest distance [s].
+        obstacle: True if the second body is an obstacle.
+    """
+
+    names: tuple[str, str]
+    distance: float
+    time: float
+    obstacle: bool
+
+    def __str__(self) -> str:
+        words = "distance" if self.distance > 0 else "penetration"
+        return f"{' / '.join(self.names)}: {words} {1e3 * abs(self.distance):.3g} mm at t = {self.time:.3f} s"
+
+
+@dataclass(frozen=True)
+class LimitReplay:
+    """Result of ``replay_limits``.
+
+    Attributes:
+        uses: largest use of every limit of a joint.
+        clearances: smallest distance of every pair that comes nearer than ``within``, nearest first.
+        omitted: pairs of links that are not checked because they touch at the start, and why.
+        time: times (N,) of the distances [s].
+        distances: distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower
+            bounds.
+        within: distance up to which distances are exact [m].
+    """
+
+    uses: tuple[LimitUse, ...]
+    clearances: tuple[Clearance, ...]
+    omitted: tuple[str, ...]
+    time: np.ndarray
+    distances: np.ndarray
+    within: float
+
+    @property
+    def violations(self) -> tuple[LimitUse, ...]:
+        """Limits that the run exceeds."""
+        return tuple(use for use in self.uses if use.excess > ROUNDING)
+
+    @property
+    def collisions(self) -> tuple[Clearance, ...]:
+        """Pairs that penetrate each other in the run."""
+        return tuple(each for each in self.clearances if each.distance < -ROUNDING)
+
+    def worst(self, kind: LimitKind) -> LimitUse | None:
+        """Limit of a kind with the largest excess; None without such limits."""
+        return max((use for use in self.uses if use.kind == kind), key=lambda use: use.excess, default=None)
+
+
+def replay_limits(
+    robot: Robot,
+    trajectory: Trajectory,
+    obstacles: Sequence[Obstacle] = (),
+    selection: PairSelection | None = None,
+    step: float = 0.0,
+    within: float = 0.05,
+) -> LimitReplay:
+    """Replay a trajectory and return how much of each limit it uses, and the distances of pairs over time.
+
+    Limits of position and velocity, and those of the effort of driven joints, come from the robot's file.
+
+    Args:
+        robot: robot of the trajectory.
+        trajectory: a run.
+        obstacles: bodies in the world.
+        selection: rules for pairs of links; by default all pairs that are not adjacent.
+        step: time between the samples whose distances are computed [s]; every sample by default.
+        within: distance up to which distances are exact [m].
+
+    Raises:
+        InputError: the trajectory has no samples, or belongs to another robot.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+        >>> replay = rnc.simulation.replay_limits(robot, run)
+        >>> replay.violations, replay.collisions
+        ((), ())
+    """
+    if trajectory.q.shape[1] != robot.nq:
+        raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
+    if not len(trajectory.time):
+        raise InputError("the run has no samples")
+    uses = (*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory))
+    every = _spaced(trajectory.time, step)
+    model = robot.collision_model
+    if model is None or not len(model.geometryObjects):
+        return LimitReplay(uses, (), (), trajectory.time[every], np.zeros((len(every), 0)), within)
+    checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
+    omitted = tuple(
+        f"{' / '.join(each.names)}: {each.reason}" for each in checked.omitted if each.reason.startswith("overlap")
+    )
+    time, q = trajectory.time[every], trajectory.q[every]
+    over_time = np.array([checked.smallest(q_k, t, within) for t, q_k in zip(time.tolist(), q, strict=True)])
+    first = over_time.argmin(axis=0) if over_time.size else np.zeros(0, dtype=int)
+    lowest = over_time[first, np.arange(over_time.shape[1])]
+    near = [int(k) for k in np.argsort(lowest, kind="stable") if lowest[k] < within]
+    links = len(model.geometryObjects)
+    clearances = tuple(
+        Clearance(checked.pairs[k].names, float(lowest[k]), float(time[first[k]]), checked.pairs[k].second >= links)
+        for k in near
+    )
+    return LimitReplay(uses, clearances, omitted, time, over_time[:, near], within)
+
+
+def _spaced(time: np.ndarray, step: float) -> np.ndarray:
+    """Indices of samples that are at least a step apart, with the first and the last."""
+    if not step > 0:
+        return np.arange(len(time))
+    cells = np.floor((time - time[0]) / step + 1e-9)
+    return np.unique(np.append(np.flatnonzero(np.diff(cells, prepend=-1.0) > 0), len(time) - 1))
+
+
+def _positions(robot: Robot, run: Trajectory) -> list[LimitUse]:
+    model, uses = robot.model, []
+    for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
+        if joint.nq != joint.nv:
+            continue  # coordinates on a circle or a sphere, or those of a base
+        for k in range(joint.idx_q, joint.idx_q + joint.nq):
+            low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
+            if not (-_NO_LIMIT < low < high < _NO_LIMIT):
+                continue
+            excess = np.maximum(run.q[:, k] - high, low - run.q[:, k]) / (high - low)
+            at = int(excess.argmax())
+            value = float(run.q[at, k])
+            nearest = high if value - low > high - value else low
+            uses.append(LimitUse("position", name, float(excess[at]), float(run.time[at]), value, nearest))
+    return uses
+
+
+def _rates(robot: Robot, run: Trajectory) -> list[LimitUse]:
+    limits = robot.model.upperVelocityLimit
+    return [
+        _symmetric("velocity", name, run.time, run.v[:, k], float(limits[k]))
+        for k, name in enumerate(robot.velocity_names)
+        if 0 < limits[k] < _NO_LIMIT
+    ]
+
+
+def _efforts(robot: Robot, run: Trajectory) -> list[LimitUse]:
+    limits, uses = robot.model.upperEffortLimit, []
+    for column, name in enumerate(run.info.outputs.T):
+        if name in robot.joint_names:
+            place = robot.velocity_indices(name)
+            if place.stop - place.start == 1 and 0 < limits[place.start] < _NO_LIMIT:
+                uses.append(_symmetric("effort", name, run.time, run.T[:, column], float(limits[place.start])))
+    return uses
+
+
+def _symmetric(kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float) -> LimitUse:
+    finite = np.where(np.isfinite(values), np.abs(values), 0.0)
+    at = int(finite.argmax())
+    return LimitUse(kind, name, float(finite[at]) / limit - 1.0, float(time[at]), float(values[at]), limit)

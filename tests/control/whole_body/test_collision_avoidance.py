@@ -1,0 +1,118 @@
+"""Collision avoidance: rows of single samples, and the clearance that sampled control keeps, measured by coal."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy
+
+import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.control.whole_body import ControlSample
+from rnc_pin.control.whole_body.limits import CollisionAvoidance
+
+DT = 0.01
+
+
+def differential_drive_with_arm():
+    """TIAGo on two rolling wheels, without its head and wrist."""
+    lock = dict.fromkeys(("head_1_joint", "head_2_joint", "arm_5_joint", "arm_6_joint", "arm_7_joint"), 0.0)
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar", lock=lock)
+    wheels = [rnc.RollingWheel(f"wheel_{side}_link", 0.0985) for side in ("left", "right")]
+    arm = ["torso_lift_joint", "arm_1_joint", "arm_2_joint", "arm_3_joint", "arm_4_joint"]
+    outputs = [rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *map(rnc.JointPosition, arm)]
+    start = {"torso_lift_joint": 0.3, "arm_1_joint": 0.7, "arm_2_joint": -0.5, "arm_3_joint": -1.2, "arm_4_joint": 1.9}
+    return rnc.NonholonomicSystem(robot, wheels).reduce(outputs), robot.configuration(start)
+
+
+def nearest_allowed(wanted, rows, lower):
+    """Point nearest to a wanted one with ``rows x >= lower``: least-distance programming of Lawson and Hanson."""
+    shift = lower - rows @ wanted
+    matrix, right = np.vstack([rows.T, shift]), np.r_[np.zeros(len(wanted)), 1.0]
+    weights, _ = scipy.optimize.nnls(matrix, right)
+    residual = matrix @ weights - right
+    return wanted - residual[:-1] / residual[-1]
+
+
+def damped_run(reduced, limit, q, desired, duration):
+    """Configurations at all samples, under a velocity that changes linearly within a sample."""
+    bound, v2, path = limit.bind(reduced), np.zeros(reduced.r), [q]
+    for k in range(round(duration / DT)):
+        sample = ControlSample(reduced, k * DT, q, v2, DT)
+        rows, lower, _ = bound.rows(sample)
+        active = np.isfinite(lower)
+        R, b = sample.end.R, sample.end.b
+        wanted = desired(sample.time)
+        ahead = wanted
+        if active.any():
+            ahead = nearest_allowed(wanted, rows[active] @ R, lower[active] - rows[active] @ b)
+        for share in (0.125, 0.375, 0.625, 0.875):
+            state = reduced.at(q, v2 + share * (ahead - v2))
+            q = pin.integrate(reduced.robot.model, q, 0.25 * DT * state.v)
+        v2 = ahead
+        path.append(q)
+    return np.array(path)
+
+
+def test_rows_are_the_damper():
+    reduced, q0 = differential_drive_with_arm()
+    towards = rnc.planning.MinimumJerk([1.0, 0.1, 0.5, 0.0], [0.2, 0.1, 0.5, 0.0], duration=4.0)
+    person = Obstacle(coal.Cylinder(0.2, 1.6), name="person", motion=towards)
+    limit = CollisionAvoidance(clearance=0.03, influence=0.4, rate=4.0, obstacles=[person], q0=q0)
+    bound, sample = limit.bind(reduced), ControlSample(reduced, 1.0, q0, np.full(reduced.r, 0.1), DT)
+    rows, lower, upper = bound.rows(sample)
+    assert len(rows) == len(bound.names) == len(bound.clearances)
+    assert np.isinf(upper).all()
+    exact = CollisionDistances(reduced.robot, [person], q0=q0).at(sample.end.q, 1.0 + DT)
+    active, v = np.isfinite(lower), sample.end.v
+    np.testing.assert_array_equal(active, exact.distance < 0.4)
+    rates = exact.rates(v)[active]
+    wanted = -4.0 * (exact.distance - bound.clearances)[active]
+    np.testing.assert_allclose(rows[active] @ v - lower[active], rates - wanted, atol=1e-12)
+    assert any("person" in name for name, used in zip(bound.names, active, strict=True) if used)
+
+
+def test_neighbours_keep_half_of_their_distance():
+    reduced, q0 = differential_drive_with_arm()
+    bound = CollisionAvoidance(clearance=0.1, q0=q0).bind(reduced)
+    at_start = bound.distances.at(q0).distance
+    np.testing.assert_allclose(bound.clearances, np.minimum(0.1, 0.5 * at_start))
+    assert (bound.clearances < 0.1).any()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sampled_control_keeps_the_clearance(seed):
+    """Base and arm want to move through a table, a person that walks by, and the robot itself."""
+    reduced, q0 = differential_drive_with_arm()
+    generator = np.random.default_rng(seed)
+    walk = rnc.planning.MinimumJerk([1.2, -0.9, 0.5, 0.0], [0.9, 0.9, 0.5, 0.0], duration=3.0)
+    around = [
+        Obstacle(coal.Box(0.5, 1.2, 0.1), position=(1.3, 0.2, 0.6), yaw=0.2, name="table"),
+        Obstacle(coal.Capsule(0.15, 1.0), name="person", motion=walk),
+    ]
+    amplitude = np.r_[0.0, 0.5, 0.05, generator.uniform(0.3, 0.8, 4)]
+    phase = generator.uniform(-0.5, 0.5, reduced.r)
+    forward = np.r_[0.3, np.zeros(6)]
+
+    def desired(t):
+        return forward + amplitude * np.sin(1.5 * t + phase)
+
+    check = CollisionDistances(reduced.robot, around, q0=q0)
+
+    limit = CollisionAvoidance(clearance=0.02, influence=0.2, rate=5.0, obstacles=around, q0=q0)
+    clearances = limit.bind(reduced).clearances
+
+    def smallest(limit):
+        path = damped_run(reduced, limit, q0, desired, 2.5)
+        return min((check.smallest(q, k * DT, beyond=0.1) - clearances).min() for k, q in enumerate(path))
+
+    nothing = CollisionAvoidance(selection=PairSelection(links=False))
+    assert smallest(nothing) < -0.04
+    assert -1e-4 < smallest(limit) < 5e-3  # normals turn within a sample
+
+
+def test_unusable_settings_are_refused():
+    with pytest.raises(rnc.ConfigurationError, match="clearance < influence"):
+        CollisionAvoidance(clearance=0.2, influence=0.1)
+    with pytest.raises(rnc.ConfigurationError, match="positive rate"):
+        CollisionAvoidance(rate=0.0)
