@@ -130,13 +130,17 @@ def main(given: Sequence[str] | None = None) -> int:
     modules = available(console)
     cases = [CASES[name]() for name in options.systems]
     costs = [row for case in cases for row in evaluations(case, modules, options.rounds)]
-    motions = [motion(case, options.motions) for case in cases if options.motions]
+    motions = [motion(case, options.motions) for case in cases if options.motions and case.regular]
     if options.json:
         json.dump({"evaluations": costs, "motions": motions, "machine": machine()}, sys.stdout, indent=1)
         print()
     else:
         headings = {"system:": "system", "peer:": "peer", "peer [us]:.1f": "us", "ours [us]:.1f": "ours_us"}
-        headings |= {"ours / peer:.2f": "ratio", f"of {BATCH} / peer:.2f": "batch_ratio", "difference:.0e": "difference"}
+        headings |= {
+            "ours / peer:.2f": "ratio",
+            f"of {BATCH} / peer:.2f": "batch_ratio",
+            "difference:.0e": "difference",
+        }
         console.print(table(costs, headings))
         headings = {"system:": "system", "ours [ms]:.1f": "ours_ms", "DOP853 over KKT [ms]:.1f": "theirs_ms"}
         headings |= {"ours / theirs:.2f": "ratio", "error:.0e": "error", "agreement:.0e": "agreement"}

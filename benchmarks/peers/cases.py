@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ class Case:
         q0: configuration near which states are drawn.
         by_hand: ``(q, v2, T) -> (v2_dot, v, v_dot)``.
         free: True if momentum is the only constraint, so that an engine needs no constraints.
+        regular: True if v2 stays regular during a free motion, so that the solution by hand can follow it.
     """
 
     name: str
@@ -31,6 +33,7 @@ class Case:
     q0: np.ndarray
     by_hand: Callable[[np.ndarray, np.ndarray, np.ndarray], Solution]
     free: bool
+    regular: bool = True
     coordinates: PlainCoordinates | QuaternionCoordinates = field(init=False)
     """Coordinates of a user's integrator."""
 
@@ -45,6 +48,7 @@ class Case:
         return self.reduced.robot.model
 
 
+@cache
 def space_robot() -> Case:
     """Pinned platform with an arm of three joints, one momentum row."""
     experiment = plan("space-robot").experiment
@@ -57,12 +61,14 @@ def space_robot() -> Case:
     )
 
 
+@cache
 def tiago() -> Case:
     """TIAGo on two rolling wheels, three independent contact rows."""
     experiment = plan("tiago").experiment
     return Case("tiago", experiment.reduced, experiment.q0, Tiago(experiment.reduced.robot.model), free=False)
 
 
+@cache
 def mobile_manipulator() -> Case:
     """Platform with a knife edge and an arm of two joints."""
     experiment = plan("mobile-manipulator").experiment
@@ -70,16 +76,36 @@ def mobile_manipulator() -> Case:
     return Case("mobile-manipulator", experiment.reduced, experiment.q0, by_hand, free=False)
 
 
+@cache
 def free_panda() -> Case:
-    """Panda on a free base with six momentum rows: hand and four joints."""
+    """Panda on a free base with six momentum rows: hand and four joints, which are singular at some configurations."""
+    reduced, bent = _panda(hand=True)
+    by_hand = FreeArm(reduced.robot.model, base=6, hand="panda_hand", axes=3, joints=[6, 8, 10, 12])
+    return Case("free-panda", reduced, bent, by_hand, free=True, regular=False)
+
+
+@cache
+def free_panda_joints() -> Case:
+    """The same in its joints, which are regular everywhere."""
+    reduced, bent = _panda(hand=False)
+    by_hand = FreeArm(reduced.robot.model, base=6, hand="panda_hand", axes=0, joints=list(range(6, 13)))
+    return Case("free-panda-joints", reduced, bent, by_hand, free=True)
+
+
+def _panda(hand: bool) -> tuple[rnc.ReducedModel, np.ndarray]:
     fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
     robot = rnc.Robot.from_example("panda", base="free", gravity=(0, 0, 0), lock=fingers)
     joints = [f"panda_joint{number}" for number in range(1, 8)]
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("root_joint")], joints)
-    reduced = system.reduce([rnc.FramePosition("panda_hand"), *map(rnc.JointPosition, joints[::2])])
-    bent = dict(zip(joints, (0.3, -0.6, 0.4, -1.8, 0.2, 1.4, 0.5), strict=True))
-    by_hand = FreeArm(robot.model, base=6, hand="panda_hand", axes=3, joints=[6, 8, 10, 12])
-    return Case("free-panda", reduced, robot.configuration(bent), by_hand, free=True)
+    outputs = [rnc.FramePosition("panda_hand"), *map(rnc.JointPosition, joints[::2])] if hand else []
+    reduced = system.reduce(outputs or [rnc.JointPosition(name) for name in joints])
+    return reduced, robot.configuration(dict(zip(joints, (0.3, -0.6, 0.4, -1.8, 0.2, 1.4, 0.5), strict=True)))
 
 
-CASES = {"space-robot": space_robot, "tiago": tiago, "mobile-manipulator": mobile_manipulator, "free-panda": free_panda}
+CASES = {
+    "space-robot": space_robot,
+    "tiago": tiago,
+    "mobile-manipulator": mobile_manipulator,
+    "free-panda": free_panda,
+    "free-panda-joints": free_panda_joints,
+}

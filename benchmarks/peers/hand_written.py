@@ -23,7 +23,7 @@ class FreeArm:
         model: robot whose first entries of v are the base's.
         base: number of these entries.
         hand: frame whose velocity is a part of v2.
-        axes: number of its axes in v2.
+        axes: number of its axes in v2, possibly zero.
         joints: entries of v that follow in v2.
     """
 
@@ -39,15 +39,16 @@ class FreeArm:
         model, data, base, axes, E = self._model, self._data, self._base, self._axes, self._E
         M = pin.crba(model, data, q, pin.Convention.WORLD)
         E[:base] = M[:base]
-        E[base : base + axes] = pin.getFrameJacobian(model, data, self._hand, WORLD_AXES)[:axes]
+        if axes:
+            E[base : base + axes] = pin.getFrameJacobian(model, data, self._hand, WORLD_AXES)[:axes]
         self._right[base:] = v2
         v = dgesv(E, self._right)[2]
         self._force[base:] = T
         v_dot = dposv(M, self._force - pin.nonLinearEffects(model, data, q, v))[1]
-        pin.forwardKinematics(model, data, q, v, self._zero)
-        drift = pin.getFrameClassicalAcceleration(model, data, self._hand, WORLD_AXES).linear
         v2_dot = E[base:].dot(v_dot)
-        v2_dot[:axes] += drift[:axes]
+        if axes:
+            pin.forwardKinematics(model, data, q, v, self._zero)
+            v2_dot[:axes] += pin.getFrameClassicalAcceleration(model, data, self._hand, WORLD_AXES).linear[:axes]
         return v2_dot, v, v_dot
 
 

@@ -17,7 +17,7 @@ from benchmarks.peers.cases import Case
 from benchmarks.states import regular_states
 from benchmarks.timing import Measurement, in_turn, used_by
 
-DURATION, DT, SLOWER = 10.0, 0.02, 0.3
+DURATION, DT, SLOWER = 4.0, 0.02, 0.3
 RTOL, FINEST = 1e-10, 3e-14
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 
@@ -62,7 +62,10 @@ class Motion:
         """Coordinates (count, n) by DOP853."""
         start = np.concatenate([self._case.coordinates.of(self._q0), self._v2])
         span = (0.0, self._duration)
-        return solve_ivp(self._rate, span, start, "DOP853", self._times, rtol=rtol, atol=rtol).y[: -len(self._v2)].T
+        found = solve_ivp(self._rate, span, start, "DOP853", self._times, rtol=rtol, atol=rtol)
+        if not found.success:
+            raise RuntimeError(f"{self._case.name}: DOP853 stopped at t = {found.t[-1]:g} s: {found.message}")
+        return found.y[: -len(self._v2)].T
 
     def _rate(self, t: float, y: np.ndarray) -> np.ndarray:
         """Rates of the coordinates and of v2."""

@@ -1,7 +1,7 @@
 """Pinocchio's own constrained forward dynamics: one call of its library for a state.
 
-``forwardDynamics`` takes constraint rows and their bias accelerations as known. ``constraintDynamics`` has rigid contacts
-and closed loops only, so it meets systems without other rows.
+``forwardDynamics`` takes constraint rows and their bias accelerations as known. ``constraintDynamics`` has rigid
+contacts and closed loops only, so it meets systems without other rows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Equations of planar systems, derived by SymPy and compiled by ``lambdify`` with ``cse``.
 
-Lagrange's equations are written in the velocities that suit each system best: the joints of the space robot, and forward
-speed, yaw rate and joints of the mobile manipulator. Inputs act along these velocities.
+Lagrange's equations are written in the velocities that suit each system best: the joints of the space robot, and
+forward speed, yaw rate and joints of the mobile manipulator. Inputs act along these velocities.
 """
 
 from __future__ import annotations
@@ -105,9 +105,7 @@ def _zero_momentum(
     return sp.lambdify([x, v[1:], T], (M.tolist(), list(right)), modules="math", cse=True), list(range(1, len(x)))
 
 
-def _no_side_slip(
-    x: tuple[sp.Symbol, ...], v: sp.Matrix, M: sp.Matrix, bias: sp.Matrix
-) -> tuple[Equations, list[int]]:
+def _no_side_slip(x: tuple[sp.Symbol, ...], v: sp.Matrix, M: sp.Matrix, bias: sp.Matrix) -> tuple[Equations, list[int]]:
     """Forward speed, yaw rate and joints of a base without lateral velocity."""
     count = len(x) - 1
     R = sp.zeros(len(x), count)
