@@ -16,11 +16,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 4 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 5 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
 #define TOGETHER 1e-9 /* distance below which frames coincide [m] */
+#define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
+#define STEEP 1e8     /* rates per wanted rate above which A4 counts as singular */
 #define FARTHEST 1e4  /* square of the longest step of the integrator [rad or m] */
 
 enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN };
@@ -109,6 +111,8 @@ static int all_finite(const double *x, Py_ssize_t n)
     for (Py_ssize_t i = 0; i < n; i++) sum += x[i];
     return isfinite(sum);
 }
+
+static int within(long index, Py_ssize_t size) { return index >= 0 && index < size; }
 
 /* ------------------------------------------------------------------ small matrices */
 
@@ -768,7 +772,7 @@ static void coriolis(Evaluator *ev, const double *P, const double *F, const doub
 
 /* Arrays of one call. Each is a contiguous block of doubles: count states of a given size. */
 typedef struct {
-    Py_buffer views[10];
+    Py_buffer views[12];
     int open;
     Py_ssize_t count;
 } Arrays;
@@ -975,6 +979,36 @@ static PyObject *actuation(Evaluator *ev, PyObject *const *args, Py_ssize_t give
         ok = 1;
         for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, P += kinematics_size(ev), B += n * p)
             input_matrix(ev, q, P, B, ev->scratch);
+    }
+    return result(&all, ok);
+}
+
+/* q, P, F, reduced force (r), record of the inputs T (p = r) with R^T B T = force. False if the general way has to decide,
+   e.g. for dependent actuators. */
+static PyObject *allocation(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *F, *force, *T;
+    Py_ssize_t n = ev->n, r = ev->r;
+    int ok = -1;
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], 2 * n * n, READ, &F) && take(&all, args[3], r, READ, &force)
+        && take(&all, args[4], ev->p, WRITE, &T)) {
+        double *B = ev->scratch, *matrix = B + n * r, *inverse = matrix + r * r, *work = inverse + r * r;
+        ok = ev->p == r;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, F += 2 * n * n, force += r, T += r) {
+            input_matrix(ev, q + i * ev->nq, P + i * kinematics_size(ev), B, work);
+            multiply_transposed(F + n * n + ev->m, n, B, r, matrix, r, n, r);
+            ok = invert(matrix, inverse, work, r) && all_finite(inverse, r * r);
+            for (Py_ssize_t a = 0; a < r && ok > 0; a++) {
+                for (Py_ssize_t b = 0; b < r; b++) {
+                    double amplified = 0.0;
+                    for (Py_ssize_t c = 0; c < r; c++) amplified += fabs(matrix[a * r + c]) * fabs(inverse[c * r + b]);
+                    if (!(amplified < AMPLIFIED)) ok = 0;
+                }
+                T[a] = dot(inverse + a * r, force, r);
+            }
+        }
     }
     return result(&all, ok);
 }
@@ -1320,6 +1354,148 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     return answer(&all, out, ok);
 }
 
+/* ------------------------------------------------------------------ controllers */
+
+/* Buffer of size numbers of an array of float64, or NULL without an error. */
+static double *numbers(Arrays *all, PyObject *object, Py_ssize_t size)
+{
+    Py_buffer *view = all->views + all->open;
+    if (PyObject_GetBuffer(object, view, PyBUF_ND | PyBUF_FORMAT) < 0) {
+        PyErr_Clear();
+        return NULL;
+    }
+    all->open++;
+    return view->format && !strcmp(view->format, "d") && view->len == size * (Py_ssize_t)sizeof(double) ? view->buf : NULL;
+}
+
+/* Law (10) over one sample; see velocity_tracker.py. v2, v2d, v2d_dot (r), deficit of force (r) or None, g (r), C (r, r),
+   D (r, r^2), gains (4, r) or (4, 1): k, beta, dead zone, compensation; True with a dead zone, decay, time of the leak, record of
+   F, g, C, D. False if the arrays need the other path. */
+static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[8], *out = NULL, decay, leak, square = 1.0;
+    (void)module;
+    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: track takes 12 arguments"), NULL;
+    Py_ssize_t r = PyObject_Size(args[0]), sizes[8] = {r, r, r, r, r, r * r, r * r * r};
+    decay = PyFloat_AsDouble(args[9]), leak = PyFloat_AsDouble(args[10]);
+    if (r < 0 || PyErr_Occurred()) return NULL;
+    int ok = r < 1 << 15, zone = args[8] == Py_True;
+    for (int i = 0; i < 7 && ok; i++) {
+        x[i] = i == 3 && args[i] == Py_None ? NULL : numbers(&all, args[i], sizes[i]);
+        ok = x[i] || (i == 3 && args[i] == Py_None);
+    }
+    Py_ssize_t each = 1; /* gains of each output, or one for all */
+    if (ok && !(x[7] = numbers(&all, args[7], 4 * r))) ok = (x[7] = numbers(&all, args[7], 4)) != NULL, each = 0;
+    Py_ssize_t next = each ? r : 1;
+    if (ok && !(out = numbers(&all, args[11], 2 * r + r * r + r * r * r))) ok = 0;
+    if (ok && all.views[all.open - 1].readonly) ok = 0;
+    const double *v2 = x[0], *v2d = x[1], *v2d_dot = x[2], *k = x[7];
+    for (Py_ssize_t i = 0; i < r && ok; i++) {
+        square += v2d_dot[i] * v2d_dot[i];
+        for (Py_ssize_t j = 0; j < r; j++) square += v2[i] * v2d[j] * (v2[i] * v2d[j]);
+    }
+    for (Py_ssize_t i = 0; i < r && ok; i++) {
+        double feedback = k[each * i], beta = k[next + each * i], size = k[2 * next + each * i], keep = decay;
+        double error = v2d[i] - v2[i], beyond = error - fmin(fmax(error, -size), size);
+        double step = leak * beta / (1.0 + leak * beta * square / feedback) * beyond;
+        if (zone && beyond == 0.0) keep = 1.0;
+        if (x[3] && x[3][i] * error > 0.0) step = 0.0, keep = 1.0;
+        double *g = out + r + i, *C = out + 2 * r + i * r, *D = out + 2 * r + r * r + i * r * r;
+        const double *C_before = x[5] + i * r, *D_before = x[6] + i * r * r;
+        *g = keep * x[4][i] + step;
+        double force = *g + feedback * error + k[3 * next + each * i];
+        for (Py_ssize_t j = 0; j < r; j++) {
+            C[j] = keep * C_before[j] + step * v2d_dot[j];
+            force += C[j] * v2d_dot[j];
+        }
+        for (Py_ssize_t a = 0; a < r; a++)
+            for (Py_ssize_t b = 0; b < r; b++) {
+                D[a * r + b] = keep * D_before[a * r + b] + step * (v2[a] * v2d[b]);
+                force += D[a * r + b] * (v2[a] * v2d[b]);
+            }
+        out[i] = force;
+    }
+    return result(&all, ok);
+}
+
+/* Rates of class 1, (12), over one sample; see redundancy.py. A_star, A_star_dot (k, r), indices of the vertical, primary
+   and redundant outputs (as many as a, b, c), v21, v21_dot (b), rates wanted of the vertical outputs and their rates (a),
+   cost^-1 (c), secondary rates and theirs (c) or None, a, record of v2 and v2_dot (r). False if the arrays need the other
+   path, or A4 is nearly singular. */
+static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[10] = {NULL}, *out = NULL, *work = NULL;
+    long *places;
+    (void)module;
+    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: spread takes 12 arguments"), NULL;
+    Py_ssize_t r = PyObject_Size(args[2]), b = PyObject_Size(args[3]), a = PyLong_AsSsize_t(args[10]);
+    if (r < 0 || b < 0 || PyErr_Occurred()) return NULL;
+    r -= a; /* vertical, primary and redundant outputs */
+    Py_ssize_t c = r - b, k = PyObject_Size(args[0]), sizes[10] = {k * r, k * r, r + a, b, b, a, a, c, c, c};
+    int ok = a > 0 && c >= a && k >= 0 && k < 1 << 15 && r < 1 << 15, wide = c > a, free_rates = args[8] != Py_None;
+    for (int i = 0; i < 10 && ok; i++) {
+        if (i == 2 || (i > 7 && args[i] == Py_None)) continue;
+        ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
+    }
+    if (!ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly) return result(&all, 0);
+    Arrays table = {.count = 1};
+    if (!take(&table, args[2], r + a, READ, (double **)&places) || !(work = malloc((size_t)(a * (4 * c + 3 * a + 3)) * 8))) {
+        close_arrays(&table);
+        return result(&all, -1);
+    }
+    const long *vertical = places, *primary = places + a, *redundant = primary + b;
+    for (Py_ssize_t i = 0; i < r + a; i++)
+        if (!within(places[i], i < a ? k : r)) ok = 0;
+    double *A4 = work, *A4_dot = A4 + a * c, *back = A4_dot + a * c, *back_dot = back + a * c, *S = back_dot + a * c;
+    double *inverse = S + a * a, *right = inverse + 2 * a * a, *y = right + a, *y_dot = y + a, *rates[2] = {out, out + r};
+    for (Py_ssize_t i = 0; i < a && ok; i++)
+        for (Py_ssize_t j = 0; j < c; j++) {
+            A4[i * c + j] = x[0][vertical[i] * r + redundant[j]];
+            A4_dot[i * c + j] = x[1][vertical[i] * r + redundant[j]];
+            back[i * c + j] = x[7][j] * A4[i * c + j]; /* columns of W^-1 A4^T */
+            back_dot[i * c + j] = x[7][j] * A4_dot[i * c + j];
+        }
+    for (Py_ssize_t i = 0; i < a && ok; i++)
+        for (Py_ssize_t j = 0; j < a; j++) S[i * a + j] = wide ? dot(A4 + i * c, back + j * c, c) : A4[i * c + j];
+    if (ok) ok = invert(S, inverse, inverse + a * a, a);
+    for (int rate = 0; rate < 2 && ok; rate++) { /* the rates, then their rates, which use y */
+        double largest = 0.0, *solution = rate ? y_dot : y;
+        for (Py_ssize_t i = 0; i < a; i++) {
+            const double *A3 = x[0] + vertical[i] * r, *A3_dot = x[1] + vertical[i] * r;
+            right[i] = x[5 + rate][i];
+            for (Py_ssize_t j = 0; j < b; j++) {
+                right[i] -= A3[primary[j]] * x[3 + rate][j];
+                if (rate) right[i] -= A3_dot[primary[j]] * x[3][j];
+            }
+            if (wide && free_rates) right[i] -= dot(A4 + i * c, x[8 + rate], c);
+            if (rate && wide && free_rates) right[i] -= dot(A4_dot + i * c, x[8], c);
+            if (rate && wide)
+                for (Py_ssize_t j = 0; j < a; j++)
+                    right[i] -= (dot(A4_dot + i * c, back + j * c, c) + dot(A4 + i * c, back_dot + j * c, c)) * y[j];
+            if (rate && !wide) right[i] -= dot(A4_dot + i * c, y, c);
+            largest = fmax(largest, fabs(right[i]));
+        }
+        for (Py_ssize_t i = 0; i < a; i++) {
+            solution[i] = dot(inverse + i * a, right, a);
+            if (!(fabs(solution[i]) < STEEP * (1.0 + largest))) ok = 0;
+        }
+        for (Py_ssize_t j = 0; j < b; j++) rates[rate][primary[j]] = x[3 + rate][j];
+        for (Py_ssize_t j = 0; j < c; j++) {
+            double sum = wide ? (free_rates ? x[8 + rate][j] : 0.0) : solution[j];
+            for (Py_ssize_t i = 0; i < a && wide; i++) {
+                sum += back[i * c + j] * solution[i];
+                if (rate) sum += back_dot[i * c + j] * y[i];
+            }
+            rates[rate][redundant[j]] = sum;
+        }
+    }
+    free(work);
+    close_arrays(&table);
+    return result(&all, ok);
+}
+
 /* ------------------------------------------------------------------ creation */
 
 static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL with an error if the size differs */
@@ -1337,8 +1513,6 @@ static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL
     PyBuffer_Release(&view);
     return out;
 }
-
-static int within(long index, Py_ssize_t size) { return index >= 0 && index < size; }
 
 /* Every index of a row refers to something that exists. */
 static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int output)
@@ -1520,6 +1694,7 @@ static PyMethodDef methods[] = {
     {"biases", (PyCFunction)(void (*)(void))bias_forces, METH_FASTCALL, NULL},
     {"accelerate", (PyCFunction)(void (*)(void))acceleration, METH_FASTCALL, NULL},
     {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
+    {"allocate", (PyCFunction)(void (*)(void))allocation, METH_FASTCALL, NULL},
     {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
     {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
@@ -1543,7 +1718,15 @@ static PyType_Spec spec = {
     .slots = slots,
 };
 
-static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, .m_name = "compiled", .m_size = -1};
+static PyMethodDef functions[] = {
+    {"spread", (PyCFunction)(void (*)(void))spread, METH_FASTCALL, NULL},
+    {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef module = {
+    PyModuleDef_HEAD_INIT, .m_name = "compiled", .m_size = -1, .m_methods = functions,
+};
 
 PyMODINIT_FUNC PyInit_compiled(void)
 {

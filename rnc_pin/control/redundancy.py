@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from rnc_pin import _kernel
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.secondary import Secondary
@@ -16,6 +19,19 @@ from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
 
 _LIMIT = 1e8
+
+
+class _Rates(NamedTuple):
+    """Wanted rates of a sample, (..., k) each."""
+
+    primary: np.ndarray
+    primary_dot: np.ndarray
+    vertical: np.ndarray
+    """At ``v2 = 0`` the vertical outputs have none of them."""
+    vertical_dot: np.ndarray
+    secondary: np.ndarray | None
+    """Of the redundant outputs; None without an objective."""
+    secondary_dot: np.ndarray | None
 
 
 def check_freedom(task: Task) -> None:
@@ -77,6 +93,7 @@ class RedundancyController(ReprMixin):
         if self._weights.shape != (len(task.redundant),) or not ((self._weights > 0) & (self._weights < np.inf)).all():
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
         self._cheap = 1.0 / self._weights
+        self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
@@ -100,43 +117,69 @@ class RedundancyController(ReprMixin):
         base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
         v21 = first.velocity + fed_back(self.k21, first.error)
         v21_dot = first.acceleration + self.k21 * first.error_rate
-        A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
-        A3, A4 = A[..., task.primary], A[..., task.redundant]
-        A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
-        wanted = base.velocity + self.k3 * base.error - apply(A3, v21)
-        wanted_dot = base.acceleration + self.k3 * base.error_rate - apply(A3_dot, v21) - apply(A3, v21_dot)
+        wanted = base.velocity + self.k3 * base.error
+        wanted_dot = base.acceleration + self.k3 * base.error_rate
         if m.v1_offset is not None:  # rates of the vertical outputs at v2 = 0
             wanted = wanted - m.v1_offset[..., task.vertical]
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
-        if len(task.redundant) == len(task.vertical):
-            v22 = self._solve(A4, wanted, m)
-            v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
-        else:
-            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, t, m)
-        batch = v22.shape[:-1]
+        z, z_dot = (None, None) if self.secondary is None else self.secondary(t, m)
+        rates = _Rates(v21, v21_dot, wanted, wanted_dot, z, z_dot)
+        found = self._by_kernel(rates, m)
+        v2, v2_dot = self._by_numpy(rates, m) if found is None else found
+        batch = v2.shape[:-1]
         return VelocityTarget(
-            v2=self._merge(v21, v22, batch),
-            v2_dot=self._merge(v21_dot, v22_dot, batch),
+            v2=v2,
+            v2_dot=v2_dot,
             x1=goals_at(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
             x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
         ), None
 
-    def _merge(self, first: np.ndarray, second: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
-        whole = np.empty((*batch, self.task.r))
+    def _by_kernel(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray] | None:
+        """Rates v2 and v2_dot from the compiled kernel; None for arrays that it does not take, or a singular A4."""
+        if _kernel.library is None or m.x2.ndim != 1:
+            return None
+        r, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task.r, rates
+        found = np.empty(2 * r)
+        each = m.A_star, m.A_star_dot, self._places, v21, v21_dot, wanted, wanted_dot, self._cheap, z, z_dot
+        return (found[:r], found[r:]) if _kernel.library.spread(*each, len(self.task.vertical), found) else None
+
+    def _by_numpy(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        """Rates v2 and v2_dot (..., r)."""
+        task, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task, rates
+        A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
+        A3, A4 = A[..., task.primary], A[..., task.redundant]
+        A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]
+        wanted = wanted - apply(A3, v21)
+        wanted_dot = wanted_dot - apply(A3_dot, v21) - apply(A3, v21_dot)
+        if len(task.redundant) == len(task.vertical):
+            v22 = self._solve(A4, wanted, m)
+            v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
+        else:
+            nothing = np.zeros(len(task.redundant))
+            secondary = (nothing, nothing) if z is None or z_dot is None else (z, z_dot)
+            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, *secondary, m)
+        return self._merge(v21, v22), self._merge(v21_dot, v22_dot)
+
+    def _merge(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        whole = np.empty((*second.shape[:-1], self.task.r))
         whole[..., self.task.primary], whole[..., self.task.redundant] = first, second
         return whole
 
     def _spread_out(
-        self, A4: np.ndarray, A4_dot: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray, t: float, m: Measurement
+        self,
+        A4: np.ndarray,
+        A4_dot: np.ndarray,
+        wanted: np.ndarray,
+        wanted_dot: np.ndarray,
+        z: np.ndarray,
+        z_dot: np.ndarray,
+        m: Measurement,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Solution v22 of ``A4 v22 = wanted`` with least cost of ``v22 - z``, and its exact rate; z is secondary.
 
         ``v22 = z + W^-1 A4^T y`` with ``S y = wanted - A4 z`` and ``S = A4 W^-1 A4^T``.
         """
-        z = z_dot = np.zeros(len(self.task.redundant))
-        if self.secondary is not None:
-            z, z_dot = self.secondary(t, m)
         back = self._cheap[:, None] * A4.mT  # W^-1 A4^T
         back_dot = self._cheap[:, None] * A4_dot.mT
         S = A4 @ back

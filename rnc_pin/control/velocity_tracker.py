@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.control.controller import (
     Command,
     Description,
     KinematicController,
     State,
+    VelocityTarget,
     command_towards,
     describe,
     elapsed_time,
@@ -73,6 +76,8 @@ class VelocityTracker(ReprMixin):
         self.gravity_compensation = (
             0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
         )
+        rows = self.gains.k, self.gains.beta, self.gains.dead_zone, self.gravity_compensation
+        self._table = np.stack(np.broadcast_arrays(*map(np.atleast_1d, rows))).astype(float)
 
     held = former_name("gravity_compensation")
 
@@ -105,6 +110,31 @@ class VelocityTracker(ReprMixin):
         """
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
+        found = self._by_kernel(elapsed, measurement, target, state)
+        F, *learnt = self._by_numpy(elapsed, measurement, target, state) if found is None else found
+        return command_towards(target, F), TrackerState(t, *learnt, target_state)
+
+    def _by_kernel(
+        self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
+    ) -> tuple[np.ndarray, ...] | None:
+        """Force, and learnt g, C and D, from the compiled kernel; None for arrays that it does not take."""
+        v2, sigma = measurement.v2, self.gains.sigma
+        if _kernel.library is None or v2.ndim != 1:
+            return None
+        r = len(v2)
+        decay = exp(-sigma * elapsed)
+        leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
+        out = np.empty(r * (2 + r + r * r))
+        arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
+        if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
+            return None
+        F, g, C, D = out[:r], out[r : 2 * r], out[2 * r : r * (2 + r)], out[r * (2 + r) :]
+        return F, g, C.reshape(r, r), D.reshape(r, r * r)
+
+    def _by_numpy(
+        self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
+    ) -> tuple[np.ndarray, ...]:
+        """Force, and learnt g, C and D."""
         v2 = measurement.v2
         error = target.v2 - v2
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]
@@ -124,5 +154,4 @@ class VelocityTracker(ReprMixin):
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
         F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.gravity_compensation
-        command = command_towards(target, F)
-        return command, TrackerState(t, g, C, D, target_state)
+        return F, g, C, D

@@ -226,6 +226,15 @@ class CompiledConfiguration:
         self._evaluator.actuation(self.q, self.kinematics, B)
         return B
 
+    def allocate(self, F: Array) -> Array | None:
+        """Actuator inputs (..., p) for reduced forces (..., r); None if the other path has to decide."""
+        data = self.reduction._data
+        if data.p != data.r or not self.reduction.has_inputs or F.shape[:-1] != self.batch:
+            return None
+        T = np.empty(F.shape)
+        force = np.ascontiguousarray(F)
+        return T if self._evaluator.allocate(self.q, self.kinematics, self.inverse, force, T) else None
+
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""

@@ -234,7 +234,7 @@ class ConfigurationEvaluation(UsesKernel):
         """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
         x1, x2 = self._values
         quasi = self._data.reducing.quasi
-        if integrals is not None and quasi.any():
+        if integrals is not None and self._data.reducing.has_quasi:
             x2 = x2.copy()
             x2[..., quasi] = vector(integrals, self._data.r, "integrals")[..., quasi]
         return x1, x2
@@ -264,6 +264,9 @@ class ConfigurationEvaluation(UsesKernel):
         """
         data = self._data
         F = vector(F, data.r, "F")
+        T = None if self.compiled is None else self.compiled.allocate(F)
+        if T is not None:
+            return T
         matrix = self.input_matrix
         if data.p == data.r:
             inverted = inverse(matrix)

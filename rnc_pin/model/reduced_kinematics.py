@@ -99,7 +99,12 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def v2(self) -> Float[Array, "*batch r"]:
         """Rates of the reducing outputs."""
-        return apply(self.J2, self.v) if self._v2 is None else self._v2
+        if self._v2 is not None:
+            return self._v2
+        rates = self._rates
+        if rates is None:
+            return apply(self.J2, self.v)
+        return np.ascontiguousarray(rates["velocities"][..., self._data.m :])
 
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
@@ -121,6 +126,11 @@ class ReducedKinematics(UsesKernel):
             return None
         return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None)
 
+    @property
+    def _rates(self) -> Array | None:
+        """Record of rates from the compiled kernel; None if the formulas below apply."""
+        return None if self.compiled is None else self.compiled.rates
+
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
@@ -135,13 +145,14 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
         """Constraint residual ``A v - mu`` of the velocity."""
-        residual = apply(self.A, self.v)
+        rates = self._rates
+        residual = apply(self.A, self.v) if rates is None else rates["velocities"][..., : self._data.m]
         return residual - self.mu if self._data.affine else residual
 
     @cached_property
     def v1(self) -> Float[Array, "*batch k"]:
         """Rates of the vertical outputs, ``J1 v``."""
-        return apply(self.J1, self.v)
+        return apply(self.J1, self.v) if self._rates is None else self._rates["v1"]
 
     @cached_property
     def rates(self) -> RateKinematics:
@@ -151,8 +162,8 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
-        if self.compiled is not None and self.compiled.rates is not None:
-            return self.compiled.rates["E_dot"]
+        if self._rates is not None:
+            return self._rates["E_dot"]
         data = self._data
         if self.configuration.factorization.kept is None:
             return data.stack.jacobian_dot(self.rates)
@@ -168,22 +179,22 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def R_dot(self) -> Float[Array, "*batch nv r"]:
         """Rate of R."""
-        if self.compiled is not None and self.compiled.rates is not None:
-            return self.compiled.rates["R_dot"]
+        if self._rates is not None:
+            return self._rates["R_dot"]
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
     @cached_property
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
-        if self.compiled is not None and self.compiled.rates is not None:
-            return self.compiled.rates["J1_dot"]
+        if self._rates is not None:
+            return self._rates["J1_dot"]
         return self._data.vertical.jacobian_dot(self.rates)
 
     @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
-        if self.compiled is not None and self.compiled.rates is not None:
-            return self.compiled.rates["A_star_dot"]
+        if self._rates is not None:
+            return self._rates["A_star_dot"]
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
 
     @cached_property
@@ -204,29 +215,11 @@ class ReducedKinematics(UsesKernel):
             integrals: integrals of v2 over time (..., r), used as values of quasi-velocity outputs. Without them, these
                 values are NaN, and a controller that needs one raises an error.
         """
-        quasi = self._data.reducing.quasi
         x1, x2 = self.outputs(integrals)
-        if integrals is None and quasi.any():
+        if integrals is None and self._data.reducing.has_quasi:
             x2 = x2.copy()
-            x2[..., quasi] = np.nan
+            x2[..., self._data.reducing.quasi] = np.nan
         offset = offset_dot = None
-        if self.compiled is not None and self.compiled.rates is not None and not self._data.affine:
-            rates, m = self.compiled.rates, self._data.m
-            velocities = rates["velocities"]
-            v2 = velocities[..., m:] if self._v2 is None else self._v2
-            return Measurement(
-                self.q,
-                self.v,
-                v2,
-                x1,
-                x2,
-                rates["v1"],
-                rates["A_star"],
-                rates["A_star_dot"],
-                None,
-                None,
-                velocities[..., :m],
-            )
         if self._data.affine:
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
@@ -237,7 +230,7 @@ class ReducedKinematics(UsesKernel):
             x1=x1,
             x2=x2,
             v1=self.v1,
-            A_star=self.A_star,
+            A_star=self.A_star if self._rates is None else self._rates["A_star"],
             A_star_dot=self.A_star_dot,
             v1_offset=offset,
             v1_offset_dot=offset_dot,

@@ -164,7 +164,7 @@ class OutputStack(RowStack):
         blocks: the bound outputs.
 
     Attributes:
-        angular, quasi: masks of the angles and of the quasi-velocities, (size,).
+        angular, quasi: masks of the angles and of the quasi-velocities, (size,); ``has_quasi``: True if there are some.
         coordinates: coordinate types of the outputs.
     """
 
@@ -172,6 +172,7 @@ class OutputStack(RowStack):
         super().__init__(blocks)
         self.angular = np.array([angle for block in blocks for angle in block.angular], dtype=bool)
         self.quasi = np.array([block.quasi for block in blocks for _ in block.names], dtype=bool)
+        self.has_quasi = bool(self.quasi.any())
         self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
         rotations = [where.start for block, where in self._values if block.rotation]
         self.coordinates = Coordinates(self.angular, rotations)

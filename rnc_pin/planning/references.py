@@ -63,18 +63,17 @@ class _Polynomial:
 
     def __init__(self, coefficients: np.ndarray, breaks: np.ndarray, begin: float, end: float) -> None:
         """Make the curve from coefficients (degree + 1, pieces, k) of ``t - breaks[piece]``, highest power first."""
-        # One array for each piece holds the curve and three derivatives, lowest power first: one product gives all.
-        # Its first row is zero, so that a sum starts from zero.
-        together = np.zeros((coefficients.shape[1], 1 + len(coefficients), 4, coefficients.shape[2]))
+        # One matrix for each piece holds the curve and three derivatives, lowest power first: one product gives all.
+        self.size = coefficients.shape[2]
+        together = np.zeros((coefficients.shape[1], len(coefficients), 4, self.size))
         for order in range(4):
             lowest_first = coefficients[::-1]
             derivative = np.moveaxis(_derivative(lowest_first, order), 0, 1)
-            together[:, 1 : 1 + derivative.shape[1], order] = derivative
-        self._pieces = list(together)
+            together[:, : derivative.shape[1], order] = derivative
+        self._pieces = list(together.reshape(*together.shape[:2], -1))
         self._breaks = breaks.tolist()
         self._begin, self.duration = begin, end
         self._first, self._last = (Hold(self._at(t)[0]).at(t) for t in (begin, end))
-        self.size = self._first.position.size
 
     def at(self, t: float) -> ReferencePoint:
         if t < self._begin:
@@ -86,13 +85,11 @@ class _Polynomial:
     def _at(self, t: float) -> np.ndarray:
         """Value and three derivatives (4, k)."""
         piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
-        terms, since, power = self._pieces[piece], t - self._breaks[piece], 1.0
-        powers = [1.0, 1.0]
-        for _ in range(len(terms) - 2):
-            power *= since
-            powers.append(power)
-        values: np.ndarray = np.add.reduce(terms * np.array(powers)[:, None, None])
-        return values
+        terms, since = self._pieces[piece], t - self._breaks[piece]
+        powers = [1.0]
+        for _ in range(len(terms) - 1):
+            powers.append(powers[-1] * since)
+        return np.array(powers).dot(terms).reshape(4, self.size)
 
 
 def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:

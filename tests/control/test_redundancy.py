@@ -87,6 +87,7 @@ def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, se
         steady, _ = law.step(t, seen(one, 0.0)._replace(v1_offset_dot=None))
         np.testing.assert_array_equal(steady.v2, alone.v2)  # an offset counts where nobody gave its rate
         np.testing.assert_allclose(alone.v2, target.v2[at], rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(alone.v2_dot, target.v2_dot[at], rtol=1e-9, atol=1e-9)
         first, base = (Cubic(*orders).at(t).position for orders in ORDERS)
         np.testing.assert_array_equal(alone.x2[PRIMARY], first)
         np.testing.assert_array_equal(target.x1[at][VERTICAL], base)

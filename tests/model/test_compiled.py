@@ -143,6 +143,8 @@ def compare(reduced, q, v2, size=1e-3):
         near(getattr(found, method)(T), getattr(plain, method)(T), condition, method)
     force = plain.inverse_dynamics(v2)
     near(found.inverse_dynamics(v2), force, condition, "inverse_dynamics")
+    if reduced.p == reduced.r and (inputs := np.max(np.linalg.cond(plain.input_matrix))) < 1e8:
+        near(found.allocate(force), plain.allocate(force), condition * inputs, "allocate")
     damping = np.linspace(0.0, 1.0, reduced.n)
     for one, other in zip(found.flow(T, damping, 0.1 * damping), plain.flow(T, damping, 0.1 * damping), strict=True):
         near(one, other, condition, "flow")
