@@ -157,8 +157,8 @@ class RedundancyController(ReprMixin):
             v22_dot = self._solve(A4, wanted_dot - apply(A4_dot, v22), m)
         else:
             nothing = np.zeros(len(task.redundant))
-            secondary = (nothing, nothing) if z is None or z_dot is None else (z, z_dot)
-            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, *secondary, m)
+            z, z_dot = (nothing, nothing) if z is None or z_dot is None else (z, z_dot)
+            v22, v22_dot = self._spread_out(A4, A4_dot, wanted, wanted_dot, z, z_dot, m)
         return self._merge(v21, v22), self._merge(v21_dot, v22_dot)
 
     def _merge(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:

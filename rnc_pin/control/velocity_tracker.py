@@ -29,6 +29,8 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
 
+_Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
+
 
 class TrackerState(NamedTuple):
     """State of the tracker: adaptive gains, with leading batch axes."""
@@ -111,12 +113,12 @@ class VelocityTracker(ReprMixin):
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
         found = self._by_kernel(elapsed, measurement, target, state)
-        F, *learnt = self._by_numpy(elapsed, measurement, target, state) if found is None else found
-        return command_towards(target, F), TrackerState(t, *learnt, target_state)
+        F, g, C, D = self._by_numpy(elapsed, measurement, target, state) if found is None else found
+        return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _by_kernel(
         self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
-    ) -> tuple[np.ndarray, ...] | None:
+    ) -> _Learnt | None:
         """Force, and learnt g, C and D, from the compiled kernel; None for arrays that it does not take."""
         v2, sigma = measurement.v2, self.gains.sigma
         if _kernel.library is None or v2.ndim != 1:
@@ -133,7 +135,7 @@ class VelocityTracker(ReprMixin):
 
     def _by_numpy(
         self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
-    ) -> tuple[np.ndarray, ...]:
+    ) -> _Learnt:
         """Force, and learnt g, C and D."""
         v2 = measurement.v2
         error = target.v2 - v2

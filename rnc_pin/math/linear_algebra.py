@@ -73,6 +73,30 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return left @ right
 
 
+def null_space(matrix: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (n, n - rank) of the null space of (m, n)."""
+    if not len(matrix):
+        return np.eye(matrix.shape[1])
+    _, values, right = np.linalg.svd(matrix)
+    limit = np.finfo(float).eps * max(matrix.shape) * values.max(initial=0.0)
+    return right[int((values > limit).sum()) :].T
+
+
+def pivot_columns(matrix: np.ndarray, count: int) -> tuple[list[int], np.ndarray]:
+    """Columns of (m, n) that column-pivoted QR takes first, and the sizes of their pivots, (count,) each."""
+    rest, chosen, sizes = np.array(matrix, dtype=float), list[int](), np.zeros(count)
+    for k in range(count):
+        lengths = np.linalg.norm(rest, axis=0)
+        lengths[chosen] = -1.0
+        best = int(np.argmax(lengths))
+        chosen.append(best)
+        sizes[k] = lengths[best]
+        if sizes[k] > 0:
+            direction = rest[:, best] / sizes[k]
+            rest -= np.outer(direction, direction @ rest)
+    return chosen, sizes
+
+
 def unit_rows(matrix: np.ndarray) -> np.ndarray:
     """Matrix with every nonzero row scaled to unit length."""
     lengths = np.linalg.norm(matrix, axis=-1, keepdims=True)

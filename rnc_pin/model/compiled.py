@@ -43,7 +43,7 @@ class CompiledReduction:
 
     def __init__(self, data: ReductionData) -> None:
         self._data = data
-        table = RowTable(data)
+        table = self._table = RowTable(data)
         self.external, self.external_vertical = table.external, table.external_vertical
         self.python_rows = bool(table.external or table.external_vertical)
         """True if Python evaluates rows of E or of J1."""
@@ -73,8 +73,9 @@ class CompiledReduction:
         """Blocks of reducing and of vertical outputs whose values Python evaluates."""
 
     def refresh(self) -> None:
-        """Read the numbers of the rows again, after a parameter of a row changed."""
-        self._evaluator.set_numbers(RowTable(self._data).numbers)
+        """Read the numbers of the constraint rows again, after a parameter of one changed."""
+        self._table.read_constraints()
+        self._evaluator.set_numbers(self._table.numbers)
 
     def configuration(
         self, q: Array, position: PositionKinematics | None, kinematics: Array | None = None

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
-from rnc_pin.math.linear_algebra import inverse
+from rnc_pin.math.linear_algebra import inverse, pivot_columns
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData, best_entries
 
@@ -107,10 +106,10 @@ def _best_rows(data: ReductionData, rows: Array) -> Int[Array, " m"] | None:
         return None
     natural = np.fmax(np.linalg.norm(rows, axis=-1), data.constraint_scales)
     natural = np.where(data.constraint_scales > 0, natural, np.inf)[:, None]  # rows of typical length 0 are rounding
-    _, triangle, order = scipy.linalg.qr((rows / natural).T, mode="economic", pivoting=True)
-    if data.m and not abs(triangle[data.m - 1, data.m - 1]) > _DEPENDENT:
+    order, sizes = pivot_columns((rows / natural).T, data.m)
+    if data.m and not sizes[-1] > _DEPENDENT:
         return None  # the constraints themselves lose rank
     kept = np.array(data.kept, dtype=int)
     if np.linalg.svd((rows / natural)[kept], compute_uv=False).min(initial=1.0) < _WELL:
-        kept = np.sort(order[: data.m])
+        kept = np.sort(order)
     return kept

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.math.linear_algebra import pivot_columns, unit_rows
 from rnc_pin.model.rows import Rows
 
 TOLERANCE = 1e-8  # on unit rows: sine of the angle below which a row counts as dependent
@@ -138,7 +137,7 @@ def _candidates(matrices: np.ndarray, rank: int, tolerance: float) -> Iterator[l
     for matrix in matrices:
         yield _greedy(matrix, rank, tolerance)
     for matrix in matrices if rank else ():
-        yield sorted(scipy.linalg.qr(matrix.T, pivoting=True)[2][:rank].tolist())
+        yield sorted(pivot_columns(matrix.T, rank)[0])
 
 
 def _smallest(matrix: np.ndarray) -> float:

@@ -48,6 +48,7 @@ class RowTable:
         forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
         rows = [*stacked, *vertical, *forces]
         self.rates = [row.rate for row in stacked[: data.m]]
+        self._constraints = data.constraints
         self.frames: list[AttachedFrame] = []
         known: dict[tuple[int, bytes], int] = {}
         self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
@@ -62,6 +63,12 @@ class RowTable:
                     known[key] = len(self.frames)
                     self.frames.append(frame)
                 integers[1 + place] = known[key]
+
+    def read_constraints(self) -> None:
+        """Read the numbers of the constraint rows again."""
+        _, rows = self._of(self._constraints)
+        for row, numbers in zip(rows, self.numbers, strict=False):  # they come first
+            numbers[: len(row.numbers)] = row.numbers
 
     def _of(self, stack: RowStack) -> tuple[list[Place], list[KernelRow]]:
         external: list[Place] = []

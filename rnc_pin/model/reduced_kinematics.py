@@ -46,7 +46,6 @@ class ReducedKinematics(UsesKernel):
     J1 = forwarded(ConfigurationEvaluation.J1, _AT)
     J2 = forwarded(ConfigurationEvaluation.J2, _AT)
     R = forwarded(ConfigurationEvaluation.R, _AT)
-    A_star = forwarded(ConfigurationEvaluation.A_star, _AT)
     mu = forwarded(ConfigurationEvaluation.mu, _AT)
     b = forwarded(ConfigurationEvaluation.b, _AT)
     kept = forwarded(ConfigurationEvaluation.kept, _AT)
@@ -191,6 +190,11 @@ class ReducedKinematics(UsesKernel):
         return self._data.vertical.jacobian_dot(self.rates)
 
     @cached_property
+    def A_star(self) -> Float[Array, "*batch k r"]:
+        """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+        return self.configuration.A_star if self._rates is None else self._rates["A_star"]
+
+    @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
         if self._rates is not None:
@@ -230,7 +234,7 @@ class ReducedKinematics(UsesKernel):
             x1=x1,
             x2=x2,
             v1=self.v1,
-            A_star=self.A_star if self._rates is None else self._rates["A_star"],
+            A_star=self.A_star,
             A_star_dot=self.A_star_dot,
             v1_offset=offset,
             v1_offset_dot=offset_dot,

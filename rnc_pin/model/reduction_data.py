@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
-import scipy.linalg
 
 from rnc_pin.errors import SingularityError
+from rnc_pin.math.linear_algebra import null_space, pivot_columns
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import CompiledReduction, UsesKernel
@@ -80,7 +80,7 @@ class ReductionData(UsesKernel):
         return compile_reduction(self)
 
     def rows_changed(self) -> None:
-        """Read the parameters of the rows again; call it after a change of e.g. the radius of a wheel."""
+        """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
         if self.compiled is not None:
             self.compiled.refresh()
 
@@ -151,10 +151,9 @@ def best_entries(rows: np.ndarray, r: int) -> list[int]:
     Column-pivoted QR selects these rows of an orthonormal basis of the null space, so the other entries are moderate
     combinations of them. If entries are equally good, e.g. of coupled joints, the first is selected.
     """
-    null_space = scipy.linalg.null_space(rows) if len(rows) else np.eye(rows.shape[1])
-    preference = 1.0 - _TIE * np.arange(len(null_space))  # otherwise rounding decides ties, differently at each state
-    order = scipy.linalg.qr(preference * null_space.T, mode="r", pivoting=True)[1]
-    return sorted(order[:r].tolist())
+    basis = null_space(rows)
+    preference = 1.0 - _TIE * np.arange(len(basis))  # otherwise rounding decides ties, differently at each state
+    return sorted(pivot_columns(preference * basis.T, r)[0])
 
 
 def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configurations: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
-import scipy.linalg
 
 from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.conservation import check_actuators, check_reactions
@@ -174,7 +174,7 @@ class NonholonomicSystem(SummaryMixin):
         for q in self._samples:
             with suppress(SingularityError):
                 A = self.constraints.jacobian(kinematics.position(q))
-                bases.append((A, scipy.linalg.null_space(A) if self.m else np.eye(self.n)))
+                bases.append((A, null_space(A)))
 
         def worst(entries: list[int]) -> float:
             return min(float(np.linalg.svd(basis[entries], compute_uv=False)[-1]) for _, basis in bases)

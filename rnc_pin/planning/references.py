@@ -1,6 +1,6 @@
 """References: desired positions of outputs, with three time derivatives.
 
-Every reference has ``size`` and ``at(t)``. SciPy computes the splines and the ramps of harmonics.
+Every reference has ``size`` and ``at(t)``. SciPy computes the splines.
 """
 
 from __future__ import annotations
@@ -108,6 +108,12 @@ def _quintic(start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.nd
     return coefficients
 
 
+def _step_of_degree_seven(duration: float) -> np.ndarray:
+    """Coefficients (8, 1, 1) of the step from 0 to 1 with three derivatives that vanish at both ends."""
+    lowest_first = [0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0]
+    return np.array([c / duration**power for power, c in enumerate(lowest_first)][::-1])[:, None, None]
+
+
 class MinimumJerk(_Polynomial):
     """Quintic from rest to rest, with the least integral of squared jerk (Flash and Hogan 1985).
 
@@ -184,10 +190,7 @@ class Harmonic:
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
         # The step of degree seven has three derivatives that vanish at both ends.
-        self._growth = scipy.interpolate.BPoly.from_derivatives(
-            [0.0, max(ramp, 1e-9)], [[0.0, 0, 0, 0], [1.0, 0, 0, 0]]
-        )
-        self._growths = [self._growth, *(self._growth.derivative(order) for order in (1, 2, 3))]
+        self._growth = _Polynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
         self._ramp = ramp
 
     def at(self, t: float) -> ReferencePoint:
@@ -198,7 +201,7 @@ class Harmonic:
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         w = self._rate
         wave = [sine, w * cosine, -(w**2) * sine, -(w**3) * cosine]
-        g = [1.0, 0.0, 0.0, 0.0] if t >= self._ramp else [float(each(t)) for each in self._growths]
+        g = [1.0, 0.0, 0.0, 0.0] if t >= self._ramp else [float(each[0]) for each in self._growth.at(t)]
         return ReferencePoint(
             self._center + g[0] * wave[0],
             g[0] * wave[1] + g[1] * wave[0],

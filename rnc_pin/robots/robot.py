@@ -22,9 +22,9 @@ from rnc_pin.robots.lazy_geometry import LazyGeometry
 from rnc_pin.robots.link_masses import LinkMass, with_link_masses
 from rnc_pin.robots.model_checks import check_model
 from rnc_pin.robots.named_model import NamedModel
-from rnc_pin.robots.sources import Description, Mimic, read_mjcf, read_urdf
-from rnc_pin.robots.sources.description import Closure
+from rnc_pin.robots.sources.description import Closure, Description, Mimic
 from rnc_pin.robots.sources.numeric_checks import check_acceleration
+from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_meshes import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
@@ -197,6 +197,8 @@ class Robot(NamedModel, SummaryMixin):
                 MuJoCo is not installed.
         """
         path = robot_files.find_mjcf(path)
+        from rnc_pin.robots.sources.mjcf import read_mjcf  # not for those who read a URDF
+
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
         return cls._from_description(path, read, lock, gravity)
 

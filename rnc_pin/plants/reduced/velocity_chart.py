@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -26,10 +26,10 @@ class VelocityChart:
     """
 
     def __init__(self, data: ReductionData, q: np.ndarray, integrated: OutputStack) -> None:
-        m, n = data.m, data.n
+        m = data.m
         A = StateEvaluation.at(data.in_entries(range(data.r), free=True), q).A
         self._scale = data.lengths[:m]
-        self.W = scipy.linalg.null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T if m else np.eye(n)
+        self.W = null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T
         self.reduction_data = data.in_velocities(self.W, vertical=integrated)
 
     def at(self, q: np.ndarray, w: np.ndarray) -> StateEvaluation:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.robots.sources.xacro.expander import Expander
-from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess
+
+if TYPE_CHECKING:
+    from rnc_pin.robots.sources.xacro.substitution import FileAccess
 
 _NAMESPACE = re.compile(r"\{https?://(www\.)?(ros\.org/wiki/xacro|wiki\.ros\.org/xacro)[^}]*\}")
 _EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
@@ -45,6 +47,10 @@ def expand(path: Path, arguments: Mapping[str, object] | None, access: FileAcces
     Raises:
         ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
     """
+    # Most files have no macros: whoever reads one does not wait for the expander.
+    from rnc_pin.robots.sources.xacro.expander import Expander
+    from rnc_pin.robots.sources.xacro.substitution import Arguments
+
     given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
     expander = Expander(path, given, access)
     try:
