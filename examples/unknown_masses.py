@@ -28,7 +28,7 @@ for alpha in (0.0, 20.0):
     estimator = Estimator(reduced, unknown, [1.6, 0.4, 1.5], alpha=alpha)
     tracker = rnc.tuned_tracker(estimator.model, exact, q0, duration=10.0, dt=0.005)  # gains for the estimated masses
     run = rnc.simulate(reduced, UncertainController(estimator, tracker), q0, duration=16.0, dt=0.005)
-    late = run.time > 8.0
+    late = run.time > run.time[-1] / 2
     error = np.sqrt(np.mean(run.prediction_error[late] ** 2))
     print(f"alpha {alpha:4.1f}: estimates {run.estimates[-1].round(3)}, prediction error {error:.4f} rad/s")
 print("to see it, open", Recording(reduced, run).save("unknown_masses.html"))

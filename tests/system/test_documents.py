@@ -8,6 +8,7 @@ import sys
 import pytest
 import yaml
 
+import rnc_pin as rnc
 from places import ROOT
 from rnc_pin.scenario.loading import validate
 
@@ -21,6 +22,17 @@ BLOCKS = [
 ]
 
 
+@pytest.fixture
+def brief(monkeypatch):
+    """Simulations that end after half a second; the built-in scenarios reach the same goals in test_built_in_runs."""
+    simulate = rnc.simulate
+
+    def cut_short(reduced, controller, q0, duration, *arguments, **options):
+        return simulate(reduced, controller, q0, min(duration, 0.5), *arguments, **options)
+
+    monkeypatch.setattr(rnc, "simulate", cut_short)
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
 def test_example_fits_on_a_screen(example):
     assert len(example.read_text().splitlines()) <= 60
@@ -31,7 +43,7 @@ def test_example_fits_on_a_screen(example):
     [path for path in EXAMPLES if path.name != "two_phases.py"],  # tests/control/test_split.py runs it
     ids=lambda path: path.name,
 )
-def test_example_runs(example, tmp_path, monkeypatch, capsys):
+def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(example)])
     runpy.run_path(str(example), run_name="__main__")
