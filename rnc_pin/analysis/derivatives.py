@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.model.differences import gradient_with_error
-from rnc_pin.model.kinematics import Kinematics, RateKinematics
+from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
@@ -68,7 +68,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
     n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).with_velocity(np.eye(n)).rates()
+    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
     E_q = rows.jacobian_dot(along)  # (nv, nv, nv); the first index is the direction
     B_q, B_error = _actuation_gradient(reduced, along, q)
     mu_q = np.zeros((n, n))
@@ -104,7 +104,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
     )
 
 
-def _actuation_gradient(reduced: ReducedModel, along: RateKinematics, q: Array) -> tuple[Array, float]:
+def _actuation_gradient(reduced: ReducedModel, along: VelocityKinematics, q: Array) -> tuple[Array, float]:
     """Derivatives of B, (nv, nv, p), and their error; the first index is the direction."""
     rate = reduced.actuation.matrix_rate(along)
     if rate is not None:
@@ -123,7 +123,7 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
     out, error = np.zeros((rows.size, kinematics.nv)), 0.0
     if not v.any():
         return out, error
-    gradients = kinematics.gradients(q, v)
+    gradients = kinematics.position(q).with_velocity(v)
     for place in rows.places:
         block = place.block
         whole = None if block.affine else block.bias_acceleration_gradient(gradients)
@@ -136,7 +136,7 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
 
 def _differences(block: Rows, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     def bias_acceleration(p: Array) -> Array:
-        rates = kinematics.position(p).with_velocity(v).rates()
+        rates = kinematics.position(p).with_velocity(v)
         return block.jacobian_dot(rates) @ v - block.rate_dot(rates)
 
     return gradient_with_error(kinematics.model, bias_acceleration, q)

@@ -247,7 +247,7 @@ class _Coordinates:
     def rows(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Jacobian and its rate, (k, nv) each."""
         n = self._robot.nv
-        rates = Kinematics(self._robot).position(q).with_velocity(v).rates()
+        rates = Kinematics(self._robot).position(q).with_velocity(v)
         J, J_dot = [np.zeros((0, n))], [np.zeros((0, n))]
         for part in self._parts:
             if isinstance(part, int):

@@ -13,7 +13,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component, components, packed, packed_vector
 from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kernel_rows import Form, KernelRow
-from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
@@ -119,7 +119,7 @@ class _AckermannRow(Rows):
         shape = self._shape(at)
         return self._row(at, shape.f_l, shape.f_r)
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         f, _, _, f_lr = self._shape(at)
         left, right = self._rates(at)
         return self._row(at, f_lr * right - f * left, f_lr * left - f * right)
@@ -129,7 +129,7 @@ class _AckermannRow(Rows):
         left, right = self._rates(at)
         return packed_vector([2 * f_lr * left * right - f * (left * left + right * right)], f)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         _, f_l, f_r, _ = self._shape(at)
         left, right = self._rates(at)
         squares, both = left * left + right * right, 2 * left * right

@@ -12,7 +12,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow
-from rnc_pin.model.kinematics import Placement, PositionKinematics, RateKinematics, VelocityKinematics, over_states
+from rnc_pin.model.kinematics import Placement, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import FrameAnchor, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame, triple
 from rnc_pin.model.parameter_types import Vector
@@ -96,7 +96,6 @@ class _ClosureRows(Rows):
         self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in _PARTS[:size])
         self.units = ("m/s",) * 3 + ("rad/s",) * (size - 3)
         self.holonomic = (True,) * size
-        self.joints = a.joint, b.joint
 
     def _relative(self, at: PositionKinematics) -> Placement:
         """Placement of frame b in frame a."""
@@ -114,7 +113,7 @@ class _ClosureRows(Rows):
     def _selected(self, p: np.ndarray, W: np.ndarray) -> np.ndarray:
         return W[..., :3, :] - _skew(p) @ W[..., 3:, :] if self._point else W
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         relative = self._relative(at)
         W = self._twists(at, relative)
         twist = apply(W, at.v)

@@ -10,7 +10,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow, placement_numbers
-from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics, over_states
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.rows import Rows
@@ -116,7 +116,7 @@ class _MomentumRows(Rows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return at.M[..., self._rows, :]
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return at.C[..., self._rows, :] + at.C.mT[..., self._rows, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
@@ -142,7 +142,6 @@ class _WorldMomentumRows(_MomentumRows):
     def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray, robot: Robot) -> None:
         super().__init__(joint, rows, units, value)
         self._joint = robot.joint_id(joint)
-        self.joints = (self._joint,)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
         along = _VELOCITY_AXES[robot.model.joints[self._joint].shortname()]
         self._along, self._block = along, np.ix_(along, along)
@@ -163,7 +162,7 @@ class _WorldMomentumRows(_MomentumRows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._to_world(at) @ super().jacobian(at)
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         coadjoint = over_states(self._coadjoint, (len(self._along),) * 2, at.v)
         return self._to_world(at) @ (coadjoint @ super().jacobian(at) + super().jacobian_dot(at))
 

@@ -11,9 +11,7 @@ from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
 from rnc_pin.model.kinematics import (
     OWN_AXES,
-    KinematicDerivatives,
     PositionKinematics,
-    RateKinematics,
     VelocityKinematics,
 )
 from rnc_pin.model.mechanisms import GroundContact, Phrases
@@ -80,13 +78,13 @@ class _OffsetRow(_NoSideSlipRow):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._point.jacobian(at)[..., self._rows, :]
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._point.jacobian_dot(at)[..., self._rows, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return self._point.acceleration(at)[..., self._rows]
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         return self._point.acceleration_gradient(at)[self._rows]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached
-from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.rows import Rows
@@ -59,7 +59,6 @@ class _RollingBallRows(Rows):
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
         self.units = ("m/s",) * 3
         self._ball, self._frame = kind, robot.frame_id(kind.frame)
-        self.joints = (robot.model.frames[self._frame].parentJoint,)
         self._below = np.array([0.0, 0.0, kind.radius])
         # Velocity of the contact point, from the velocity of the centre and the angular velocity.
         self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
@@ -67,13 +66,13 @@ class _RollingBallRows(Rows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._contact @ at.jacobian(self._frame)
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._contact @ at.jacobian_dot(self._frame)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return apply(self._contact, at.acceleration(self._frame))
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         motion = at.frame_gradients(self._frame)
         return self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
 

@@ -16,10 +16,8 @@ from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached
 from rnc_pin.model.kinematics import (
     OWN_AXES,
-    KinematicDerivatives,
     Kinematics,
     PositionKinematics,
-    RateKinematics,
     VelocityKinematics,
 )
 from rnc_pin.model.mechanisms import Friction, GroundContact, Phrases
@@ -122,7 +120,6 @@ class RollingRows(Rows):
         self.units = ("m/s",) * len(parts)
         self.holonomic = tuple(part == "vertical" for part in parts)
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
-        self.joints = (robot.model.frames[self.frame].parentJoint,)
         self.radius = kind.radius
         self._seen: tuple[np.ndarray | None, Axle] = None, (0.0, 0.0, 0.0, 0.0)
         self.axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
@@ -159,7 +156,7 @@ class RollingRows(Rows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return product(self.contact_matrix(at), at.jacobian(self.frame))
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         x, y, z, s = self._axis(at)
         w = components(at.velocity(self.frame)[..., 3:])
         dx, dy, dz = cross(w, (x, y, z))
@@ -199,7 +196,7 @@ class RollingRows(Rows):
         prevents = "slip at" if self._friction == "all" else "roll without turning"
         return Phrases("rolling wheel", prevents=prevents, where=self.wheel)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         axle = at.placement(self.frame).rotation @ self.axle
         motion, velocity, acceleration = (
             at.frame_gradients(self.frame),
@@ -209,7 +206,7 @@ class RollingRows(Rows):
         gradient = complex_step(
             lambda *parts: np.array(_bias_acceleration(self.radius, *parts)),
             (axle, -pin.skew(axle) @ at.jacobian(self.frame)[3:]),
-            (velocity, np.vstack([motion.velocity, motion.spin])),
+            (velocity, np.vstack([motion.velocity, motion.angular_velocity])),
             (acceleration, np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
         return self._combined(gradient)

@@ -127,7 +127,6 @@ class _ModelMemory:
         """Return the model with parameters p (s,)."""
         own, lease = self._model.reduction_data, _Lease()
         self._set_parameters(p)
-        own.kinematics.invalidate()
         own.rows_changed()
         # Evaluations and other reductions of the same model hold these robot and rows.
         robot, rows, data, model = _shallow(own.robot), _shallow(own.rows), _shallow(own), _shallow(self._model)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError, ModelError
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, RateKinematics, over_states
+from rnc_pin.model.kinematics import OWN_AXES, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import admit_rows
 from rnc_pin.robots.robot import Robot
@@ -90,7 +90,6 @@ class Actuation:
         else:
             self._read_list(list(actuators), robot)
         self.size = len(self.names)
-        self.joints = tuple({robot.model.frames[frame].parentJoint for _, frame, _ in self.frames})
 
     def _read_matrix(self, matrix: np.ndarray | MatrixFunction, robot: Robot) -> None:
         constant = matrix(robot.configuration()) if callable(matrix) else matrix
@@ -165,7 +164,7 @@ class Actuation:
         assert self._function is not None
         return admit_rows(self._function(q), self._constant.shape, "actuation matrix B(q)")
 
-    def matrix_rate(self, at: RateKinematics) -> np.ndarray | None:
+    def matrix_rate(self, at: VelocityKinematics) -> np.ndarray | None:
         """Rate of B along v, (..., nv, p); None for a user's function, because its rate is unknown."""
         if self._function is not None:
             return None

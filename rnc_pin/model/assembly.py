@@ -44,7 +44,7 @@ class Assembly:
 
     def __init__(self, robot: Robot, blocks: Sequence[Rows], merged: Collection[str] = ()) -> None:
         self.robot = robot
-        self._kinematics = Kinematics(robot, {joint for block in blocks for joint in block.joints})
+        self._kinematics = Kinematics(robot)
         self._places: list[tuple[Rows, list[int]]] = []
         for block in blocks:
             rows = [row for row, flag in enumerate(block.holonomic) if flag]

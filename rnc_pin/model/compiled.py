@@ -286,7 +286,7 @@ class CompiledState:
         at, reduction = self._at, self._at.reduction
         rows = _concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position), -2)
         stacks = reduction.external, reduction.external_vertical
-        at_rates = None if self._motion is None else self._motion.rates()
+        at_rates = None if self._motion is None else self._motion
         external = [_concatenated(each, lambda block: block.jacobian_dot(at_rates), -2) for each in stacks]
         rates = _empty(at.batch, reduction.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates

@@ -12,9 +12,7 @@ from rnc_pin.model.kernel_rows import Form, KernelRow, attached, component_rows
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     WORLD_AXES,
-    KinematicDerivatives,
     PositionKinematics,
-    RateKinematics,
     VelocityKinematics,
 )
 from rnc_pin.model.rows import Rows
@@ -42,7 +40,6 @@ class FrameVelocityRows(Rows):
 
     def __init__(self, robot: Robot, frame: str, rows: Sequence[int], axes: pin.ReferenceFrame = WORLD_AXES) -> None:
         self._frame, self._axes = robot.frame_id(frame), axes
-        self.joints = (robot.model.frames[self._frame].parentJoint,)
         self.units = tuple("m/s" if row < 3 else "rad/s" for row in rows)
         chosen = list(rows)
         following = chosen == list(range(chosen[0], chosen[0] + len(chosen)))
@@ -52,13 +49,13 @@ class FrameVelocityRows(Rows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return at.jacobian(self._frame, self._axes, self._rows)
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return at.jacobian_dot(self._frame, self._axes)[..., self._rows, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return at.acceleration(self._frame, self._axes, self._rows)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         if self._axes == OWN_AXES:
             return at.own_acceleration_gradient(self._frame)[self._rows]
         motion = at.frame_gradients(self._frame)

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.compiled import CompiledReduction, CompiledState
-from rnc_pin.model.kinematics import Kinematics, RateKinematics
+from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 
 if TYPE_CHECKING:
     from rnc_pin.model.reduction_data import ReductionData
@@ -45,7 +45,7 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
     generator, kinematics = np.random.default_rng(0), Kinematics(data.robot)
     for _ in range(_ATTEMPTS):
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
-        rates = kinematics.position(q).with_velocity(v).rates()
+        rates = kinematics.position(q).with_velocity(v)
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
             expected, computed = _by_numpy(data, rates), _by_kernel(found, rates)
             if computed is not None:
@@ -53,7 +53,7 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
     return None
 
 
-def _by_numpy(data: ReductionData, at: RateKinematics) -> dict[str, Array]:
+def _by_numpy(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
     return {
         "M": at.M,
         "E": data.stack.jacobian(at),
@@ -65,7 +65,7 @@ def _by_numpy(data: ReductionData, at: RateKinematics) -> dict[str, Array]:
     }
 
 
-def _by_kernel(found: CompiledReduction, at: RateKinematics) -> dict[str, Array] | None:
+def _by_kernel(found: CompiledReduction, at: VelocityKinematics) -> dict[str, Array] | None:
     configuration = found.configuration(at.q, at)
     if configuration is None:
         return None

@@ -10,10 +10,8 @@ from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import AttachedFrame, attached
 from rnc_pin.model.kinematics import (
     OWN_AXES,
-    KinematicDerivatives,
     Placement,
     PositionKinematics,
-    RateKinematics,
     VelocityKinematics,
 )
 from rnc_pin.model.parameter_types import Vector
@@ -66,7 +64,7 @@ class OffsetFrame:
         """Frame Jacobian (..., 6, nv)."""
         return self._of(at.jacobian(self.index, OWN_AXES))
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Time derivative of the Jacobian, (..., 6, nv)."""
         return self._of(at.jacobian_dot(self.index, OWN_AXES))
 
@@ -75,7 +73,7 @@ class OffsetFrame:
         found = at.acceleration(self.index, OWN_AXES)
         return apply(self._action, found) if self._moved else found
 
-    def acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         """Derivative of ``acceleration`` with respect to q, (6, nv)."""
         return self._of(at.own_acceleration_gradient(self.index))
 

@@ -20,7 +20,7 @@ from rnc_pin.model.cached_property import cached_property, forwarded
 from rnc_pin.model.compiled import CompiledState, UsesKernel
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput
-from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.measurement import Measurement
 
 _AT = "configuration"
@@ -154,9 +154,9 @@ class ReducedKinematics(UsesKernel):
         return apply(self.J1, self.v) if self._rates is None else self._rates["v1"]
 
     @cached_property
-    def rates(self) -> RateKinematics:
+    def rates(self) -> VelocityKinematics:
         """Kinematics at (q, v) with rates along v."""
-        return self.motion.rates()
+        return self.motion
 
     @cached_property
     def E_dot(self) -> Float[Array, "*batch nv nv"]:

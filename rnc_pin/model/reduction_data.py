@@ -62,8 +62,7 @@ class ReductionData(UsesKernel):
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
         self.affine = rows.affine
-        asked = (*rows.joints, *reducing.joints, *vertical.joints, *actuation.joints)
-        self.kinematics = Kinematics(robot, asked) if kinematics is None else kinematics
+        self.kinematics = Kinematics(robot) if kinematics is None else kinematics
         self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
         self.constraint_scales, self.output_scales = lengths[: rows.size], lengths[rows.size :]
@@ -162,7 +161,7 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
     It is zero for a row that is zero to rounding, e.g. the out-of-plane row of a planar loop.
     """
     stack = RowStack.joined(rows, reducing)
-    kinematics = Kinematics(robot, stack.joints)
+    kinematics = Kinematics(robot)
     found = []
     for q in configurations:
         with suppress(SingularityError):  # some row is undefined at q

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.model.kinematics import PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows, Rows
 
 Selection = slice | list[int]
@@ -54,7 +54,6 @@ class RowStack:
         names, units, holonomic: name, unit and holonomic flag of each row, (size,).
         size: number of rows.
         places: blocks with the positions of their rows.
-        joints: joints whose placements the rows need.
     """
 
     def __init__(self, blocks: Sequence[Rows], kept: Sequence[int] | None = None) -> None:
@@ -75,7 +74,6 @@ class RowStack:
             flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
         )
         self.affine = any(place.block.affine for place in self.places)
-        self.joints = tuple({joint for place in self.places for joint in place.block.joints})
         self._varying = _varying(self.places)
         self._constant: np.ndarray | None = None
 
@@ -90,7 +88,6 @@ class RowStack:
             whole.holonomic += stack.holonomic
             whole.size += stack.size
             whole.affine |= stack.affine
-            whole.joints = tuple({*whole.joints, *stack.joints})
         whole._varying = _varying(whole.places)
         return whole
 
@@ -124,7 +121,7 @@ class RowStack:
             out[entries] = values if rows is None else values[..., rows]
         return out
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Jacobian rate Jdot(q, v), (..., size, nv)."""
         out = np.zeros((*at.q.shape[:-1], self.size, at.M.shape[-1]))
         for block, rows, _, lines in self._varying:
@@ -136,7 +133,7 @@ class RowStack:
         """Right-hand side mu(q) of ``J v = mu``, (..., size)."""
         return self._gather(at, lambda block: block.rate(at))
 
-    def rate_dot(self, at: RateKinematics) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Rate of mu, (..., size)."""
         return self._gather(at, lambda block: block.rate_dot(at))
 

@@ -16,7 +16,7 @@ from rnc_pin.deprecation import adopt_former_names
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
-from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Mechanism, Phrases
 from rnc_pin.robots.robot import Robot
 
@@ -30,7 +30,6 @@ class Rows(ABC):
     Attributes:
         names: name of each row, (k,).
         units: unit of each row's rate, (k,).
-        joints: joints whose placements the rows need, directly or for frames on them.
         conserved: entries of ``v`` on which no actuator and no reaction may act (for momentum rows), else None. Such
             rows have no reaction force.
         affine: True if mu is not zero.
@@ -44,7 +43,6 @@ class Rows(ABC):
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    joints: tuple[int, ...] = ()
     conserved: slice | None = None
     affine: bool = False
     holonomic: tuple[bool, ...] = ()
@@ -61,7 +59,7 @@ class Rows(ABC):
         """Jacobian J(q), (..., k, nv)."""
 
     @abstractmethod
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Rate of the Jacobian along v, (..., k, nv)."""
 
     @abstractmethod
@@ -72,7 +70,7 @@ class Rows(ABC):
         """Right-hand side mu(q) of ``J v = mu``, (..., k)."""
         return self._zeros(at)
 
-    def rate_dot(self, at: RateKinematics) -> np.ndarray:
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         """Rate of mu along v, (..., k)."""
         return self._zeros(at)
 
@@ -83,7 +81,7 @@ class Rows(ABC):
         """
         return self._zeros(at)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray | None:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
         """Derivative of ``Jdot(q, v) v`` with respect to q at fixed v, (k, nv); None if there is no closed form.
 
         Only a linearization about a motion calls it, at one state. For None, and for ``affine`` rows, it uses finite
@@ -127,13 +125,13 @@ class ConstantRows(Rows):
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self.matrix, (*at.q.shape[:-1], *self.matrix.shape))
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return np.zeros((*at.q.shape[:-1], *self.matrix.shape))
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return self._zeros(at)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         return np.zeros(self.matrix.shape)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:

@@ -169,7 +169,7 @@ class NonholonomicSystem(SummaryMixin):
 
     def _entries(self) -> OutputStack:
         """Entries of v that parametrise the motion well at every sampled configuration."""
-        kinematics = Kinematics(self.robot, self.constraints.joints)
+        kinematics = Kinematics(self.robot)
         bases = []
         for q in self._samples:
             with suppress(SingularityError):

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.math.components import Component, components, cross, packed
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
 
@@ -30,7 +30,6 @@ class DirectionAngleRow(OutputRows):
 
     def __init__(self, robot: Robot, frame: str, axis: str) -> None:
         self._frame, self._axis = robot.frame_id(frame), axis_index(axis)
-        self.joints = (robot.model.frames[self._frame].parentJoint,)
 
     @abstractmethod
     def _form(self, direction: Vector) -> Vector:
@@ -61,7 +60,7 @@ class DirectionAngleRow(OutputRows):
         form = packed([self._form(direction)], direction[0])
         return form @ at.jacobian(self._frame)[..., 3:, :]
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         direction = self._defined(at)
         rate = cross(components(at.velocity(self._frame)[..., 3:]), direction)
         form, form_rate = (
@@ -82,13 +81,13 @@ class DirectionAngleRow(OutputRows):
         second = [a + b for a, b in zip(cross(acceleration, direction), cross(velocity, first), strict=True)]
         return self._second(direction, first, second)
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         direction, motion = self._direction(at).copy(), at.frame_gradients(self._frame)
         direction_q = -_skew(direction) @ at.jacobian(self._frame)[3:]
         return complex_step(
             lambda *parts: np.array([self._bias_acceleration(*parts)]),
             (direction, direction_q),
-            (at.velocity(self._frame)[3:], motion.spin),
+            (at.velocity(self._frame)[3:], motion.angular_velocity),
             (at.acceleration(self._frame)[3:], motion.angular_acceleration),
         )
 

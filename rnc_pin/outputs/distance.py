@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.math.components import Component, components, dot
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
-from rnc_pin.model.kinematics import KinematicDerivatives, PositionKinematics, RateKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.robots.robot import Robot
 
@@ -48,7 +48,6 @@ class _DistanceRow(OutputRows):
         self.units = ("m/s",)
         self.angular = (False,)
         self._a, self._b = robot.frame_id(kind.frame_a), robot.frame_id(kind.frame_b)
-        self.joints = tuple(robot.model.frames[frame].parentJoint for frame in (self._a, self._b))
 
     def _vector(self, at: PositionKinematics) -> np.ndarray:
         return at.placement(self._b).translation - at.placement(self._a).translation
@@ -71,7 +70,7 @@ class _DistanceRow(OutputRows):
         direction, _ = self._direction(at)
         return direction[..., None, :] @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
 
-    def jacobian_dot(self, at: RateKinematics) -> np.ndarray:
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         direction, length = self._direction(at)
         velocity = self._relative(at.velocity)
         direction_rate = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
@@ -83,7 +82,7 @@ class _DistanceRow(OutputRows):
         self._direction(at)  # raises an error if the distance is zero
         return np.asarray(_distance_drift(*(components(part) for part in parts)))[..., None]
 
-    def bias_acceleration_gradient(self, at: KinematicDerivatives) -> np.ndarray:
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
         return complex_step(
             lambda *parts: np.array([_distance_drift(*parts)]),

@@ -79,12 +79,12 @@ def test_rates_of_rows_are_exact(name):
         def bias_acceleration(position, v=v):
             return rows.bias_acceleration(position.with_velocity(v))
 
-        rates = kinematics.position(q).with_velocity(v).rates()
+        rates = kinematics.position(q).with_velocity(v)
         J, J_dot = rows.jacobian(rates), rows.jacobian_dot(rates)
         assert J.shape == J_dot.shape == (len(rows.names), robot.nv)
         np.testing.assert_allclose(J_dot, difference(rows.jacobian, v), atol=1e-7 * (1 + np.abs(J_dot).max()))
         np.testing.assert_allclose(rows.bias_acceleration(rates), J_dot @ v, atol=1e-11 * (1 + np.abs(J_dot).max()))
-        gradient = rows.bias_acceleration_gradient(kinematics.gradients(q, v))
+        gradient = rows.bias_acceleration_gradient(kinematics.position(q).with_velocity(v))
         if gradient is not None:
             expected = np.stack([difference(bias_acceleration, e) for e in np.eye(robot.nv)], axis=-1)
             np.testing.assert_allclose(gradient, expected, atol=1e-6 * (1 + np.abs(expected).max()))
@@ -102,11 +102,11 @@ def test_many_states_are_as_each(name):
     generator = np.random.default_rng(4)
     q = np.stack([robot.random_configuration(generator, 1.0) for _ in range(3)])
     v = generator.normal(size=(3, robot.nv))
-    many = kinematics.position(q).with_velocity(v).rates()
+    many = kinematics.position(q).with_velocity(v)
     for method in (rows.jacobian, rows.jacobian_dot, rows.bias_acceleration, rows.residual, rows.lines_of_action):
         together = method(many)
         for i in range(3):
-            alone = method(kinematics.position(q[i]).with_velocity(v[i]).rates())
+            alone = method(kinematics.position(q[i]).with_velocity(v[i]))
             pairs = zip(together, alone, strict=True) if isinstance(alone, tuple) else [(together, alone)]
             for one, other in () if alone is None else pairs:
                 np.testing.assert_allclose(one[i], other, atol=ROUNDING)
@@ -309,7 +309,7 @@ def test_a_point_beside_a_frame_is_as_a_frame_there():
     generator, kinematics = np.random.default_rng(2), Kinematics(robot)
     for _ in range(3):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
-        rates = kinematics.position(q).with_velocity(v).rates()
+        rates = kinematics.position(q).with_velocity(v)
         for pair in pairs:
             ours, theirs = (each.bind(robot) for each in pair)
             for method in ("jacobian", "jacobian_dot", "bias_acceleration", "residual"):
@@ -460,7 +460,7 @@ def test_the_row_of_a_car_is_that_of_its_oracle():
     kinematics, generator = Kinematics(robot), np.random.default_rng(6)
     for _ in range(4):
         q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
-        rates = kinematics.position(q).with_velocity(v).rates()
+        rates = kinematics.position(q).with_velocity(v)
         for method in ("jacobian", "jacobian_dot", "bias_acceleration", "residual"):
             expected = getattr(theirs, method)(rates) / -wheelbase
             np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)

@@ -157,7 +157,7 @@ def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
     for _ in range(4):
         q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
         ahead, behind = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
-        rates = kinematics.position(q).with_velocity(v).rates()
+        rates = kinematics.position(q).with_velocity(v)
         J, J_dot, bias_acceleration = rows.jacobian(rates), rows.jacobian_dot(rates), rows.bias_acceleration(rates)
         difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
         np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))

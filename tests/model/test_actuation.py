@@ -31,15 +31,15 @@ def test_a_frame_beside_another_moves_as_one_that_is_there(moved):
     assert (frame.index, frame.joint) == (robot.frame_id("on_slide"), base.parentJoint)
     q, v = states(robot)
     for i in ((0, 1), ...):
-        at = Kinematics(robot).position(q[i]).with_velocity(v[i]).rates()
-        expected = Kinematics(rnc.Robot(model)).position(q[i]).with_velocity(v[i]).rates()
+        at = Kinematics(robot).position(q[i]).with_velocity(v[i])
+        expected = Kinematics(rnc.Robot(model)).position(q[i]).with_velocity(v[i])
         for found, place in zip(frame.placement(at), expected.placement(there), strict=True):
             near(found, place)
         near(frame.jacobian(at), expected.jacobian(there, OWN_AXES))
         near(frame.jacobian_dot(at), expected.jacobian_dot(there, OWN_AXES))
         near(frame.acceleration(at), expected.acceleration(there, OWN_AXES))
-    at = Kinematics(robot).gradients(q[1, 1], v[1, 1])
-    expected = Kinematics(rnc.Robot(model)).gradients(q[1, 1], v[1, 1]).own_acceleration_gradient(there)
+    at = Kinematics(robot).position(q[1, 1]).with_velocity(v[1, 1])
+    expected = Kinematics(rnc.Robot(model)).position(q[1, 1]).with_velocity(v[1, 1]).own_acceleration_gradient(there)
     near(frame.acceleration_gradient(at), expected)
     straight = OffsetFrame(robot, "on_slide", point)
     near(straight.placement(at).rotation, at.placement(frame.index).rotation)
@@ -86,7 +86,6 @@ def test_actuators_pull_where_they_are():
     np.testing.assert_array_equal(
         actuation.limits, [efforts["slide"], 4.0, np.inf, efforts["endless"], efforts["turn"], 0.5]
     )
-    assert sorted(actuation.joints) == sorted({0, joints.getJointId("ball"), joints.getJointId("endless")})
     q, v = states(robot)
     for i in ((0, 2), (1, 0)):
 
@@ -101,7 +100,7 @@ def test_actuators_pull_where_they_are():
         rate = Plain(robot, q[i], v[i]).along(matrix)
         for at, where in ((q[i], ()), (q, i)):
             speed = v[i] if at.ndim == 1 else v
-            here = Kinematics(robot, actuation.joints).position(at).with_velocity(speed).rates()
+            here = Kinematics(robot).position(at).with_velocity(speed)
             near(actuation.matrix(here)[where], matrix(q[i]))
             near(actuation.matrix_rate(here)[where], rate)
             only = Actuation(["turn", "slide"], robot)
@@ -111,7 +110,7 @@ def test_actuators_pull_where_they_are():
             mine = Actuation(lambda p: np.outer(np.arange(robot.nv), [p[0], p[-1], 1.0]), robot)
             near(mine.matrix(here)[where], np.outer(np.arange(robot.nv), [q[i][0], q[i][-1], 1.0]))
             assert mine.matrix_rate(here) is None
-    assert (mine.names, mine.constant, mine.joints) == (("T[0]", "T[1]", "T[2]"), None, ())
+    assert (mine.names, mine.constant) == (("T[0]", "T[1]", "T[2]"), None)
     given = Actuation(np.ones((robot.nv, 2)), robot)
     assert given.constant.shape == (robot.nv, 2)
     assert given.limits.tolist() == mine.limits[:2].tolist() == [np.inf, np.inf]
@@ -153,7 +152,7 @@ def test_the_rate_of_actuation_on_frames():
         ahead, behind = (
             actuation.matrix(kinematics.position(pin.integrate(robot.model, q, sign * h * v))) for sign in (1, -1)
         )
-        rate = actuation.matrix_rate(kinematics.position(q).with_velocity(v).rates())
+        rate = actuation.matrix_rate(kinematics.position(q).with_velocity(v))
         np.testing.assert_allclose(rate, (ahead - behind) / (2 * h), atol=FINITE_DIFFERENCE)
         assert (np.abs(rate).max(axis=0)[[0, 2]] > 0.01).all()
 

@@ -35,7 +35,7 @@ def test_a_stack_of_some_rows_is_what_its_blocks_say_one_by_one():
         assert joined.holonomic == (False, True, *stack.holonomic, False)
         for state, speed in ((q, v), (q[0], v[0]), (q[1, 2], v[1, 2])):
             motion = kinematics.position(state).with_velocity(speed)
-            rates = motion.rates()
+            rates = motion
             for values, of, axis in (
                 (stack.jacobian(motion), lambda block, at=motion: block.jacobian(at), -2),
                 (stack.bias_acceleration(motion), lambda block, at=motion: block.bias_acceleration(at), -1),

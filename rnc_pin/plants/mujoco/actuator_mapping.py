@@ -63,7 +63,7 @@ class ActuatorMapping:
     def __init__(self, reduced: ReducedModel, contacts: Sequence[ContactBody], q: np.ndarray) -> None:
         self._robot, self._actuation, self._rows = reduced.robot, reduced.actuation, reduced.constraints
         self._data = self._robot.model.createData()
-        self._kinematics = Kinematics(self._robot, {*self._rows.joints, *self._actuation.joints})
+        self._kinematics = Kinematics(self._robot)
         self._drives = _drives(reduced, contacts)
         self._drawn = [k for k, drive in enumerate(self._drives) if drive.velocity_index is None]
         self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)

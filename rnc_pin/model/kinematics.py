@@ -1,0 +1,337 @@
+"""Kinematics of states over leading batch axes; rows and dynamics call Pinocchio only here.
+
+Pinocchio updates its data to one state, and quantities such as Jacobians are read from the data. One loop over the
+states does both and stores the quantities, so the same code serves one state and many. ``frame`` is an index. "World
+axes" are parallel to the world's axes, at the frame's own origin.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.robots.robot import Robot
+
+WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+OWN_AXES = pin.ReferenceFrame.LOCAL
+
+Components = slice | list[int]
+ALL = slice(0, 6)
+"""All components of a spatial motion: linear x, y, z, then angular x, y, z."""
+
+
+class Placement(NamedTuple):
+    """Placement of a frame in the world."""
+
+    rotation: np.ndarray
+    """(..., 3, 3)"""
+    translation: np.ndarray
+    """(..., 3) [m]"""
+
+
+class FrameDerivatives(NamedTuple):
+    """Derivatives of a frame's motion, in world axes, along the tangent space at q, (..., 3, nv) each."""
+
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    acceleration: np.ndarray
+    angular_acceleration: np.ndarray
+
+
+class Kinematics:
+    """Pinocchio's model and data of a robot; serves one thread at a time.
+
+        position = kinematics.position(q)         # q (..., nq)
+        velocity = position.with_velocity(v)      # v (..., nv)
+
+    Args:
+        robot: the robot.
+
+    Attributes:
+        current: quantities for whose state the data are current; None if there is no such state.
+        requested: for each update, quantities that the last states were asked for, with their shapes.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.model, self.data = robot.model, robot.model.createData()
+        self.nv, self.zero = robot.nv, np.zeros(robot.nv)
+        self.current: _Quantities | None = None
+        self.requested: dict[_Update, dict[_Quantity, tuple[int, ...]]] = defaultdict(dict)
+
+    def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot]]:
+        """Create new Pinocchio data for a copy or a pickle."""
+        return type(self), (self._robot,)
+
+    def position(self, q: np.ndarray) -> PositionKinematics:
+        """Kinematics at configurations (..., nq)."""
+        return PositionKinematics(self, q)
+
+    def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
+        """Potential energy (...) at configurations (..., nq) [J]."""
+        energy = self.over_states(pin.computePotentialEnergy, (), q)
+        return energy if q.ndim > 1 else float(energy)
+
+    def over_states(self, function: Callable[..., object], shape: tuple[int, ...], *states: np.ndarray) -> np.ndarray:
+        """Results (..., *shape) of a function of Pinocchio's model and data and of single states."""
+        self.current = None
+        return over_states(partial(function, self.model, self.data), shape, *states)
+
+
+_Update = Callable[..., None]  # of the data of a Kinematics to one state
+_Quantity = tuple[Callable[..., np.ndarray], tuple[object, ...]]  # function that reads the data, its other arguments
+
+
+class _Quantities:
+    """Quantities of states, read from the data after an update to each state, when they are first requested.
+
+    For many states, the first request also stores what the previous states were asked for, in the same loop.
+
+    Args:
+        at: Pinocchio's model and data.
+        update: updates the data to one state.
+        states: arrays (..., size) with the arguments of ``update``.
+    """
+
+    def __init__(self, at: Kinematics, update: _Update, *states: np.ndarray) -> None:
+        self._at, self._update, self._states = at, update, states
+        self._values: dict[_Quantity, np.ndarray] = {}
+        self._requested: dict[_Quantity, tuple[int, ...]] = {}
+
+    def get(self, read: Callable[..., np.ndarray], shape: tuple[int, ...], *arguments: object) -> np.ndarray:
+        """Values (..., *shape) of a quantity, read-only."""
+        quantity = read, arguments
+        self._requested[quantity] = shape
+        if quantity not in self._values:
+            at = self._at
+            if self._states[0].ndim > 1:
+                previous, at.requested[self._update] = at.requested[self._update], self._requested
+                self._store({**previous, quantity: shape} if not self._values else {quantity: shape})
+            else:
+                if at.current is not self:
+                    self._update(at, *self._states)
+                    at.current = self
+                value = self._values[quantity] = read(at, *arguments)
+                value.setflags(write=False)
+        return self._values[quantity]
+
+    def _store(self, shapes: dict[_Quantity, tuple[int, ...]]) -> None:
+        """Store quantities of many states."""
+        at, batch, pairs = self._at, self._states[0].shape[:-1], []
+        at.current = None
+        for (read, arguments), shape in shapes.items():
+            values = self._values[read, arguments] = np.empty((*batch, *shape))
+            pairs.append((values.reshape(-1, *shape), partial(read, at, *arguments)))
+            values.setflags(write=False)
+        for i, state in enumerate(zip(*(each.reshape(-1, each.shape[-1]) for each in self._states), strict=True)):
+            self._update(at, *state)
+            for out, read_one in pairs:
+                out[i] = read_one()
+
+
+class PositionKinematics:
+    """Kinematics at configurations.
+
+    Args:
+        at: Pinocchio's model and data.
+        q: configurations (..., nq).
+    """
+
+    def __init__(self, at: Kinematics, q: np.ndarray) -> None:
+        self._at, self.q = at, q
+        self._placed = _Quantities(at, _update_placements, q)
+
+    @property
+    def M(self) -> np.ndarray:
+        """Inertia matrices H* (..., nv, nv)."""
+        return self._placed.get(_inertia, (self._at.nv, self._at.nv))
+
+    def placement(self, frame: int) -> Placement:
+        """Placement of a frame in the world."""
+        return _placement(self._placed.get(_frame_placement, (4, 3), frame))
+
+    def rotation(self, frame: int) -> np.ndarray:
+        """Rotation of a frame, (..., 3, 3)."""
+        return self.placement(frame).rotation
+
+    def joint_placement(self, joint: int) -> Placement:
+        """Placement of the frame that moves with a joint."""
+        return _placement(self._placed.get(_joint_placement, (4, 3), joint))
+
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        """Frame Jacobian (..., 6, nv) at the frame's origin, or some of its rows; linear rows come first."""
+        return self._placed.get(_jacobian, (6, self._at.nv), frame, axes)[..., rows, :]
+
+    def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
+        """The same configurations with velocities (..., nv)."""
+        return VelocityKinematics(self, v)
+
+
+class VelocityKinematics(PositionKinematics):
+    """Kinematics at configurations and velocities, with rates along the velocities and derivatives at zero ``vdot``.
+
+    Args:
+        position: the configurations.
+        v: velocities (..., nv).
+    """
+
+    def __init__(self, position: PositionKinematics, v: np.ndarray) -> None:
+        self._at, self.q, self._placed, self.v = position._at, position.q, position._placed, v
+        self._moving = _Quantities(self._at, _update_velocities, self.q, v)
+
+    @cached_property
+    def bias(self) -> np.ndarray:
+        """Nonlinear effects ``C* v + g*``, (..., nv)."""
+        return self._at.over_states(pin.nonLinearEffects, (self._at.nv,), self.q, self.v)
+
+    @cached_property
+    def C(self) -> np.ndarray:
+        """Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``."""
+        return self._at.over_states(pin.computeCoriolisMatrix, (self._at.nv, self._at.nv), self.q, self.v)
+
+    @cached_property
+    def _rates(self) -> _Quantities:
+        return _Quantities(self._at, _update_rates, self.q, self.v)
+
+    @cached_property
+    def _derivatives(self) -> _Quantities:
+        return _Quantities(self._at, _update_derivatives, self.q, self.v)
+
+    def velocity(self, frame: int) -> np.ndarray:
+        """Velocity of a frame's origin and angular velocity, (..., 6), in world axes."""
+        return self._moving.get(_velocity, (6,), frame)
+
+    def joint_velocity(self, joint: int) -> np.ndarray:
+        """Spatial velocity (..., 6) of the body that moves with a joint, in its own axes."""
+        return self._moving.get(_joint_velocity, (6,), joint)
+
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        """Rate (..., 6), or some of its rows, of the frame's velocity components along ``axes``, at zero ``vdot``."""
+        return self._moving.get(_acceleration, (6,), frame, axes)[..., rows]
+
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        """Time derivative of ``jacobian``, (..., 6, nv)."""
+        return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
+
+    def own_acceleration_gradient(self, frame: int) -> np.ndarray:
+        """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv)."""
+        return self._derivatives.get(_acceleration_gradient, (6, self._at.nv), frame)
+
+    def frame_gradients(self, frame: int) -> FrameDerivatives:
+        """Derivatives of ``velocity`` and ``acceleration`` in world axes with respect to q at fixed v."""
+        found = self._derivatives.get(_frame_gradients, (4, 3, self._at.nv), frame)
+        return FrameDerivatives(*np.moveaxis(found, -3, 0))
+
+
+# ---------------------------------------------------------------------- updates of Pinocchio's data
+
+
+def _update_placements(at: Kinematics, q: np.ndarray) -> None:
+    # In the world convention, CRBA also computes placements and joint Jacobians.
+    pin.crba(at.model, at.data, q, pin.Convention.WORLD)
+
+
+def _update_velocities(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
+    pin.forwardKinematics(at.model, at.data, q, v, at.zero)
+
+
+def _update_rates(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
+    _update_velocities(at, q, v)
+    pin.computeJointJacobiansTimeVariation(at.model, at.data, q, v)
+
+
+def _update_derivatives(at: Kinematics, q: np.ndarray, v: np.ndarray) -> None:
+    pin.computeJointJacobians(at.model, at.data, q)
+    _update_velocities(at, q, v)
+    pin.computeForwardKinematicsDerivatives(at.model, at.data, q, v, at.zero)
+
+
+# ---------------------------------------------------------------------- quantities in Pinocchio's data
+
+
+def _inertia(at: Kinematics) -> np.ndarray:
+    return at.data.M.copy()
+
+
+def _frame_placement(at: Kinematics, frame: int) -> np.ndarray:
+    return pin.updateFramePlacement(at.model, at.data, frame).homogeneous[:3].T
+
+
+def _joint_placement(at: Kinematics, joint: int) -> np.ndarray:
+    return at.data.oMi[joint].homogeneous[:3].T
+
+
+def _placement(columns: np.ndarray) -> Placement:
+    """Placement from the columns (..., 4, 3) of its rotation, and its translation."""
+    return Placement(columns[..., :3, :].mT, columns[..., 3, :])
+
+
+def _jacobian(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
+    return _by_columns(at, pin.getFrameJacobian(at.model, at.data, frame, axes))
+
+
+def _velocity(at: Kinematics, frame: int) -> np.ndarray:
+    return pin.getFrameVelocity(at.model, at.data, frame, WORLD_AXES).vector
+
+
+def _joint_velocity(at: Kinematics, joint: int) -> np.ndarray:
+    return at.data.v[joint].vector.copy()
+
+
+def _acceleration(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
+    getter = pin.getFrameClassicalAcceleration if axes == WORLD_AXES else pin.getFrameAcceleration
+    return getter(at.model, at.data, frame, axes).vector
+
+
+def _jacobian_dot(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
+    return _by_columns(at, pin.getFrameJacobianTimeVariation(at.model, at.data, frame, axes))
+
+
+def _own_gradients(at: Kinematics, frame: int) -> list[np.ndarray]:
+    """Derivatives of the frame's velocity and acceleration in its own axes, (6, nv) each."""
+    found = pin.getFrameAccelerationDerivatives(at.model, at.data, frame, OWN_AXES)[:2]
+    return [_by_columns(at, each) for each in found]
+
+
+def _acceleration_gradient(at: Kinematics, frame: int) -> np.ndarray:
+    return _own_gradients(at, frame)[1]
+
+
+def _frame_gradients(at: Kinematics, frame: int) -> np.ndarray:
+    """Derivatives of velocity, angular velocity, classical and angular acceleration, in world axes, (4, 3, nv).
+
+    Pinocchio differentiates components along the frame's own axes. The rotation to world axes adds a term, because the
+    frame's rotation depends on q.
+    """
+    turn = pin.updateFramePlacement(at.model, at.data, frame).rotation
+    twist = _jacobian(at, frame, OWN_AXES)[3:]  # own rotation for unit motions of the coordinates
+    v = pin.getFrameVelocity(at.model, at.data, frame, OWN_AXES)
+    a = pin.getFrameAcceleration(at.model, at.data, frame, OWN_AXES)
+    v_q, a_q = _own_gradients(at, frame)
+    # Classical acceleration of the origin: spatial acceleration plus angular velocity x linear velocity.
+    point = a.linear + np.cross(v.angular, v.linear)
+    point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
+    own = (v.linear, v_q[:3]), (v.angular, v_q[3:]), (point, point_q), (a.angular, a_q[3:])
+    return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own])
+
+
+def _by_columns(at: Kinematics, matrix: np.ndarray) -> np.ndarray:
+    """Matrix (6, nv) from Pinocchio, which returns (6,) for a robot with one degree of freedom."""
+    return matrix.reshape(6, at.nv)
+
+
+def over_states(function: Callable[..., object], shape: tuple[int, ...], *arrays: np.ndarray) -> np.ndarray:
+    """Apply a function of single states over the leading axes of arrays (..., size); return (..., *shape)."""
+    batch = arrays[0].shape[:-1]
+    if not batch:
+        return np.asarray(function(*arrays), dtype=float)
+    out = np.empty((*batch, *shape))
+    for i in np.ndindex(batch):
+        out[i] = function(*(each[i] for each in arrays))
+    return out
