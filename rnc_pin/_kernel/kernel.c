@@ -1298,6 +1298,24 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     return result(&all, ok);
 }
 
+/* q, x = (u, y) of a state at q (+) u, T, damping (n), record of the rates of x. False if the general way has to decide. */
+static PyObject *chart_rate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *q, *x, *T, *damping, *out;
+    Py_ssize_t n = ev->n, s = ev->r + ev->k + 1;
+    int ok = -1;
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], n + s, READ, &x)
+        && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &damping)
+        && take(&all, args[4], n + s, WRITE, &out)) {
+        ok = ev->fused && !ev->external_vertical && ev->curved && dot(x, x, n) < FARTHEST;
+        if (ok && !displace(ev, q, x, ev->stages)) ok = -1;
+        if (ok > 0) ok = derivative(ev, ev->stages, x + n, T, NULL, damping, out);
+        if (ok > 0) coordinate_rates(ev, x, out);
+    }
+    return result(&all, ok);
+}
+
 /* q, v2, record of the full velocity (n) and of the sum of squares of R. False if the general way has to decide. */
 static PyObject *admissible_velocity(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
@@ -1701,6 +1719,7 @@ static PyMethodDef methods[] = {
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
+    {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},

@@ -19,6 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
 
+_UNITS = np.eye(6)
 _SMALL = 1e-9
 _SAMPLES = 3  # configurations, beside the neutral one, that decide which rows carry
 _ROUNDING = 1e-6  # share of the weight below which a force counts as zero
@@ -225,7 +226,7 @@ class NormalForces:
         for joint in self._roots:
             total += data.oMi[joint].act(data.f[joint])
         for column, frame, row in self._reduced.actuation.frames:
-            total -= data.oMf[frame].act(pin.Force(T[column] * np.eye(6)[row]))
+            total -= data.oMf[frame].act(pin.Force(T[column] * _UNITS[row]))
         return np.asarray(total.vector)
 
 

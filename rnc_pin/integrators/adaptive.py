@@ -17,7 +17,9 @@ _SHORT = 1e-9  # step size that counts as too short, relative to the whole durat
 _PATIENCE = 50  # largest number of consecutive steps that are too short
 
 TimedRate = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+LocalRate = Callable[[float, np.ndarray, np.ndarray], np.ndarray | None]
 Settle = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class AdaptiveIntegrator:
@@ -33,17 +35,29 @@ class AdaptiveIntegrator:
         rtol, atol: relative and absolute tolerance of a step. Only the absolute one applies to positions, because u
             starts at zero.
         settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
+        local_rate: faster way to rates of ``x = (u, y)``: ``local_rate(t, q_k, x) -> xdot``, or None where ``rate`` has
+            to decide.
     """
 
-    def __init__(self, robot: Robot, rate: TimedRate, rtol: float, atol: float, settle: Settle | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        rate: TimedRate,
+        rtol: float,
+        atol: float,
+        settle: Settle | None = None,
+        local_rate: LocalRate | None = None,
+    ) -> None:
         self._model, self._nv = robot.model, robot.nv
         self._coordinates = ExponentialCoordinates(robot)
         self._rate, self._rtol, self._atol, self._settle = rate, rtol, atol, settle
+        self._local_rate = local_rate
 
-    def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-        """Yield the state (t, q, y) at each of the increasing ``times``; the first is (q0, y0).
+    def run(self, times: np.ndarray, q0: np.ndarray, y0: np.ndarray) -> Iterator[Samples]:
+        """Yield the states (t, q, y) at the increasing ``times`` in blocks (count, ...); the first is (q0, y0).
 
-        Between the ends of steps, the method's seventh-order interpolation applies.
+        Between the ends of steps, the method's seventh-order interpolation applies. A block has the samples of one
+        step before its end, in the chart of this step, or the sample at its end.
 
         Raises:
             DivergenceError: steps become too short, for example near a singularity.
@@ -51,10 +65,13 @@ class AdaptiveIntegrator:
         q, nv = np.array(q0, dtype=float), self._nv
 
         def chart_rate(t: float, x: np.ndarray) -> np.ndarray:
-            return np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
+            found = None if self._local_rate is None else self._local_rate(t, q, x)
+            if found is None:
+                found = np.concatenate(self._coordinates.derivative(partial(self._rate, t), q, x[:nv], x[nv:]))
+            return found
 
         x0 = np.concatenate([np.zeros(nv), y0])
-        yield float(times[0]), q, np.array(y0, dtype=float)
+        yield _block(times[:1], q, x0[nv:])
         solver = scipy.integrate.DOP853(
             chart_rate, float(times[0]), x0, float(times[-1]), rtol=self._rtol, atol=self._atol
         )
@@ -68,11 +85,12 @@ class AdaptiveIntegrator:
                     f"tolerances (rtol {self._rtol:g}, atol {self._atol:g}) are finer than rounding allows",
                     time=float(solver.t),
                 )
-            between = solver.dense_output()
-            while due < len(times) and times[due] < solver.t:
-                x = between(times[due])
-                yield float(times[due]), pin.integrate(self._model, q, x[:nv]), x[nv:]
-                due += 1
+            end = due + int(np.searchsorted(times[due:], solver.t))
+            if end > due:
+                x = solver.dense_output()(times[due:end])
+                inside = np.array([pin.integrate(self._model, q, u) for u in np.ascontiguousarray(x[:nv].T)])
+                yield times[due:end], inside, np.ascontiguousarray(x[nv:].T)
+                due = end
             # The next chart; chart_rate sees the new q.
             q = pin.integrate(self._model, q, solver.y[:nv])
             y = solver.y[nv:]
@@ -80,6 +98,12 @@ class AdaptiveIntegrator:
                 q, y = self._settle(q, y)
             solver.y = np.concatenate([np.zeros(nv), y])
             if due < len(times) and times[due] == solver.t:
-                yield solver.t, q, solver.y[nv:]
+                yield _block(times[due : due + 1], q, y)
                 due += 1
-            solver.f = chart_rate(solver.t, solver.y)
+            if due < len(times):
+                solver.f = chart_rate(solver.t, solver.y)
+
+
+def _block(times: np.ndarray, q: np.ndarray, y: np.ndarray) -> Samples:
+    """Block of one sample."""
+    return times, q[None].copy(), np.array(y[None], dtype=float)

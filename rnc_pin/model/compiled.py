@@ -9,6 +9,7 @@ decide. They are also the reference: ``kernel_comparison`` compares both before 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -127,6 +128,18 @@ class CompiledReduction:
         if not self._evaluator.integrate(q, y, T, h, steps, found):
             return None
         return found[: len(q)], found[len(q) :]
+
+    def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
+        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if the other path has to decide.
+
+        Args:
+            q: configuration (nq,) at the centre; all arrays are contiguous floats.
+            x: coordinates u (nv,), then y as for ``integrate``.
+            T: actuator inputs (p,).
+            damping: viscous coefficients (nv,); None for zero.
+        """
+        found = np.empty(len(x))
+        return found if self._evaluator.chart_rate(q, x, T, damping, found) else None
 
     def admissible_velocity(self, q: Array, v2: Array) -> tuple[Array, float] | None:
         """Full velocity (nv,) at one state, and the sum of the squares of R; None if the other path has to decide."""
@@ -309,4 +322,9 @@ def _empty(shape: tuple[int, ...], record: np.dtype[Any]) -> Array:
 
 def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
     """Type of a record of arrays, one after the other."""
-    return np.dtype([(name, float, shape) for name, shape in fields.items()])
+    return _record_type(tuple(fields.items()))
+
+
+@lru_cache(maxsize=256)  # NumPy takes long to make one, and each chart of a run has the same
+def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[Any]:
+    return np.dtype([(name, float, shape) for name, shape in fields])

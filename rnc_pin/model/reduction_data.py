@@ -35,6 +35,7 @@ class ReductionData(UsesKernel):
         lengths: typical lengths of all constraint rows, then of the reducing outputs.
         free: True if other reducing velocities may be selected where they are dependent, because none was named.
         kinematics: a workspace to share with another reduction of the same system.
+        compared: reduction of the same system with the same rows that vary, for which the kernel was compared.
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
@@ -55,9 +56,10 @@ class ReductionData(UsesKernel):
         lengths: np.ndarray,
         free: bool = False,
         kinematics: Kinematics | None = None,
+        compared: ReductionData | None = None,
     ) -> None:
         self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
-        self.reducing, self.vertical, self.free = reducing, vertical, free
+        self.reducing, self.vertical, self.free, self._compared = reducing, vertical, free, compared
         self.constraints = RowStack([block for block, *_ in rows.places], self.kept)
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
@@ -76,7 +78,7 @@ class ReductionData(UsesKernel):
     @cached_property
     def compiled(self) -> CompiledReduction | None:
         """Compiled kernel; None if NumPy evaluates the reduction."""
-        return compile_reduction(self)
+        return compile_reduction(self, self._compared is None or self._compared.compiled is None)
 
     def rows_changed(self) -> None:
         """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
@@ -96,7 +98,9 @@ class ReductionData(UsesKernel):
         """
         names = names or [f"w[{k}]" for k in range(self.r)]
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
-        return self._with(self.kept, reducing, np.ones(self.r), free, vertical)
+        known = {id(place.block) for stack in (self.reducing, self.vertical) for place in stack.places}
+        rows_are_known = vertical is None or all(id(place.block) in known for place in vertical.places)
+        return self._with(self.kept, reducing, np.ones(self.r), free, vertical, self if rows_are_known else None)
 
     def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
         """Reduction of the same system to r entries of v."""
@@ -114,6 +118,7 @@ class ReductionData(UsesKernel):
         lengths: np.ndarray,
         free: bool,
         vertical: OutputStack | None = None,
+        compared: ReductionData | None = None,
     ) -> ReductionData:
         return ReductionData(
             self.robot,
@@ -126,6 +131,7 @@ class ReductionData(UsesKernel):
             np.concatenate([self.constraint_scales, lengths]),
             free,
             self.kinematics,
+            compared,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +24,19 @@ from rnc_pin.simulation.simulate import assembled_start
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
+_AT_ONCE = 256  # samples that are recorded together
+
 Feedback = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+
+
+class _Samples(NamedTuple):
+    """Samples of a motion, (count, ...) each."""
+
+    times: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    integrals: np.ndarray
+    work: np.ndarray
 
 
 def free_motion(
@@ -96,6 +109,9 @@ def free_motion(
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
             return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
 
+    def local_rate(t: float, q: np.ndarray, x: np.ndarray) -> np.ndarray | None:
+        return dynamics.local_rate(q, x, constant) if feedback is None else None
+
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if reduced.assembly.size:
             q = reduced.assembly.project(q)
@@ -107,17 +123,45 @@ def free_motion(
     y = dynamics.initial(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
     record = Record(reduced, len(times), dynamics.integrated)
-    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle)
+    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle, local_rate)
+
+    def add(progress: Progress, samples: _Samples) -> None:
+        """Record samples one by one, until one meets a stop condition."""
+        for t, q_t, v_t, integrals, work in zip(*samples, strict=True):
+            progress.time = float(t)
+            state = reduced.at(q_t, v=v_t)
+            stop_monitor.check(float(t), state)
+            T = inputs_at(float(t), state)
+            record.moves(reduced, dynamics.damping_force(state))
+            record.add(float(t), state, integrals, Command(T=T), T, work)
+
+    def add_all(progress: Progress, pending: list[_Samples]) -> None:
+        """Record samples at once if no feedback is called and none meets a stop condition."""
+        if not pending:
+            return
+        samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
+        pending.clear()
+        states = StateEvaluation.at(reduced.reduction_data, samples.q, v=samples.v)
+        if feedback is not None or stop_monitor.may_stop(states):
+            add(progress, samples)
+            return
+        progress.time = float(samples.times[-1])
+        record.moves(reduced, dynamics.damping_force(states))
+        record.extend(samples.times, states, samples.integrals, constant, samples.work)
 
     def advance(progress: Progress) -> None:
         progress.active_component = "the feedback" if feedback else "the model"
-        for t, q_t, y_t in integrator.run(times, start.q, y):
-            progress.time = t
-            state = dynamics.in_reduction(q_t, y_t)
-            stop_monitor.check(t, state)
-            T = inputs_at(t, state)
-            record.moves(reduced, dynamics.damping_force(state))
-            record.add(t, state, dynamics.integrals(y_t), Command(T=T), T, y_t[-1])
+        pending: list[_Samples] = []
+        at_once = 1 if feedback else _AT_ONCE
+        try:
+            for t, q_t, y_t in integrator.run(times, start.q, y):
+                v_t = dynamics.at(q_t, y_t).v
+                pending.append(_Samples(t, q_t, v_t, dynamics.integrals(y_t), y_t[:, -1]))
+                progress.time = float(t[-1])
+                if sum(len(each.times) for each in pending) >= at_once:
+                    add_all(progress, pending)
+        finally:
+            add_all(progress, pending)  # an earlier stop replaces an error of the integration
 
     return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
 

@@ -57,18 +57,18 @@ class Record:
         self._normal: NormalForces | None = None
 
     def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
-        """Set the plant model and external forces of the next sample.
+        """Set the plant model of the next samples, and external forces of the next sample or samples.
 
         Args:
             model: reduced model of the plant; None if it is unknown. The controller's model then replaces it.
-            external: generalized forces (nv,) in addition to the inputs, if any.
+            external: generalized forces (nv,) or (count, nv) in addition to the inputs, if any.
         """
         if not self._models or self._models[-1][1] is not model:
             self._models.append((self.count, model))
         if external is not None:
             if self._external is None:
                 self._external = np.zeros((self.capacity, self.reduced.n))
-            self._external[self.count] = external
+            self._external[self.count : self.count + len(np.atleast_2d(external))] = external
 
     def add(
         self,
@@ -105,6 +105,21 @@ class Record:
                 _expect(name, value, a[name].shape[1:])
                 a[name][i] = value
         self.count += 1
+
+    def extend(
+        self, times: np.ndarray, states: StateEvaluation, integrals: np.ndarray, T: np.ndarray, work: np.ndarray
+    ) -> None:
+        """Add samples (count,) without goals, all under the inputs T (p,)."""
+        block = slice(self.count, self.count + len(times))
+        x1, x2 = states.outputs(integrals)
+        values = {
+            "time": times, "q": states.q, "v": states.v, "v2": states.v2, "T": T, "work": work, "x1": x1, "x2": x2,
+            "v1": states.v1,
+        }  # fmt: skip
+        for name, value in values.items():
+            self.arrays[name][block] = value
+        self._integrals[block] = integrals
+        self.count += len(times)
 
     def finish(
         self, dt: float, provenance: Provenance, outcome: Outcome = Outcome.COMPLETED, message: str | None = None
@@ -163,7 +178,8 @@ class Record:
         }  # fmt: skip
         derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
         for start, end, plant in self._stretches(N):
-            normal = NormalForces(plant) if names else None
+            own = self._normal if plant is self.reduced else None
+            normal = (own or NormalForces(plant)) if names else None
             known = () if normal is None else normal.names
             for inner in _blocks(end - start, _MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)

@@ -61,6 +61,12 @@ class StopMonitor:
                 if low < high:
                     self._ranges.append((name, joint.idx_q, low, high))
 
+    def may_stop(self, states: StateEvaluation) -> bool:
+        """True if one of several states (count,) meets a stop condition."""
+        if not np.abs(states.v2).max(initial=0.0) < self._speed:
+            return True
+        return any(not ((low <= states.q[:, k]) & (states.q[:, k] <= high)).all() for _, k, low, high in self._ranges)
+
     def check(self, t: float, state: StateEvaluation) -> None:
         """Raise an error if a state meets a stop condition.
 

@@ -9,7 +9,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import Command
 from rnc_pin.integrators import ExponentialCoordinates
-from systems import leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
+from rnc_pin.plants.reduced import ConstrainedDynamics
+from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
 
 JOINTS = {
     "planar": (pin.JointModelPlanar, slice(2, 3)),
@@ -142,3 +143,21 @@ def test_shapes_are_refused_by_name():
         rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(3), 1.0, inputs=np.zeros(2))
     with pytest.raises(rnc.InputError, match="v2 has shape"):
         rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(2), 1.0)
+
+
+@pytest.mark.skipif(rnc.kernel == "numpy", reason="NumPy has no rates of its own in local coordinates")
+@pytest.mark.parametrize("make", [mobile_manipulator, free_flying_panda])
+def test_rates_in_local_coordinates_are_those_of_the_exponential(make):
+    """One call of the kernel gives what the chart gives of the rates at the displaced configuration."""
+    reduced = make()
+    robot, generator = reduced.robot, np.random.default_rng(4)
+    q = robot.random_configuration(generator)
+    dynamics = ConstrainedDynamics(reduced, joint_damping=bool(robot.model.damping.any()))
+    T = generator.normal(size=reduced.p)
+    y = dynamics.initial(q, reduced.at(q, np.zeros(reduced.r)).v)
+    y[: reduced.r] = generator.normal(size=reduced.r)
+    x = np.concatenate([0.05 * generator.normal(size=robot.nv), y])
+    expected = ExponentialCoordinates(robot).derivative(dynamics.derivative(T), q, x[: robot.nv], x[robot.nv :])
+    found = dynamics.local_rate(q, x, T)
+    np.testing.assert_allclose(found, np.concatenate(expected), rtol=1e-11, atol=1e-11)
+    assert dynamics.local_rate(q, np.concatenate([np.full(robot.nv, 1e3), y]), T) is None  # outside the chart

@@ -286,6 +286,10 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
             reduced, np.zeros(1), np.zeros(1), 9.0, 0.1, push, plant=plant, stop=rnc.Stop(position_limits=True)
         )
     assert end.value.trajectory.q.max() <= 1.0
+    ended = end.value.trajectory  # it has all samples before the stop, and none of those computed with them
+    assert len(ended.time) in (20, 21)  # at 2 s it is at the limit, to rounding
+    np.testing.assert_allclose(ended.q[:, 0], ended.time**2 / mass, atol=1e-9)
+    np.testing.assert_array_equal(ended.T, 2.0)
     with pytest.raises(rnc.InputError, match="has to be positive, found 0"):
         rnc.Stop(speed=0)
 

@@ -88,14 +88,14 @@ class ConstrainedDynamics:
         return np.concatenate([self._chart.W @ v, np.zeros(len(self._where) + 1)])
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
-        """Integrals of the reducing velocities, (r,); zero for those without one."""
-        integrals = np.zeros(self._r)
-        integrals[self._where] = y[self._r : -1]
+        """Integrals of the reducing velocities, (..., r); zero for those without one."""
+        integrals = np.zeros((*y.shape[:-1], self._r))
+        integrals[..., self._where] = y[..., self._r : -1]
         return integrals
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
-        """State in the current chart."""
-        return self._chart.at(q, y[: self._r])
+        """States (...,) in the current chart."""
+        return self._chart.at(q, np.ascontiguousarray(y[..., : self._r]))
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the integrals."""
@@ -138,6 +138,10 @@ class ConstrainedDynamics:
         for _ in range(steps):
             q, y = self._integrator.step(rate, q, y, h)
         return q, y
+
+    def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
+        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None without the compiled kernel."""
+        return self._chart.local_rate(q, x, T, self.damping)
 
     def derivative(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.model.factorization import factorize
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -27,7 +28,8 @@ class VelocityChart:
 
     def __init__(self, data: ReductionData, q: np.ndarray, integrated: OutputStack) -> None:
         m = data.m
-        A = StateEvaluation.at(data.in_entries(range(data.r), free=True), q).A
+        at_entries = data.in_entries(range(data.r), free=True)
+        A = factorize(at_entries, data.kinematics.position(q)).E[:m]  # not worth a kernel of its own
         self._scale = data.lengths[:m]
         self.W = null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T
         self.reduction_data = data.in_velocities(self.W, vertical=integrated)
@@ -52,6 +54,11 @@ class VelocityChart:
         """State (q, y) after equal steps of ``LieRungeKutta4`` under inputs T; None without the compiled kernel."""
         compiled = self.reduction_data.compiled
         return None if compiled is None else compiled.integrate(q, y, T, h, steps)
+
+    def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray, damping: np.ndarray | None) -> np.ndarray | None:
+        """Rates of ``x = (u, y)`` at ``q (+) u`` under inputs T; None without the compiled kernel."""
+        compiled = self.reduction_data.compiled
+        return None if compiled is None else compiled.chart_rate(q, x, T, damping)
 
     def velocity(self, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, bool]:
         """Full velocity at (q, w), and True if this state needs a new chart."""
