@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -51,7 +52,7 @@ class LimitStack:
                 raise ConfigurationError(f"a limit has to be a ControlLimit, found {type(each).__name__}")
         self._bound = [each.bind(reduced) for each in limits]
         sizes = [len(each.names) for each in self._bound]
-        self.names = tuple(name for each in self._bound for name in each.names)
+        self.names = _distinct([name for each in self._bound for name in each.names])
         stops = np.cumsum([0, *sizes])
         self._places = [slice(int(stop - size), int(stop)) for stop, size in zip(stops[1:], sizes, strict=True)]
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
@@ -103,3 +104,13 @@ class LimitStack:
         lower[above], upper[below] = -np.inf, np.inf
         found = solver.solve(np.zeros(r + k), free, lower, upper)
         return np.zeros(r) if found is None else found.point[:r] / _VELOCITY_COST
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """Names with a number behind every repeated one: "hand x upper", "hand x upper (2)"."""
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(found)

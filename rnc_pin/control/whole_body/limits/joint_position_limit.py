@@ -1,0 +1,94 @@
+"""Limit: positions of joints, with the distance that a joint needs to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Lt
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
+from rnc_pin.control.whole_body.limits.limited_joints import NO_LIMIT, limited_positions, selection_rows
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.reduced_model import ReducedModel
+
+_STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
+_CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit
+
+
+@dataclass(frozen=True)
+class JointPositionLimit(ControlLimit):
+    """Position limits of joints, from the robot's file. A hard limit.
+
+    A joint moves at most as fast as it can still stop before its limit, in whole samples at a constant deceleration.
+    So an acceleration limit of the same size can always be respected, if joints move independently. A joint that is
+    beyond its limit may rest or return.
+
+    Args:
+        joints: names; by default every joint with position limits.
+        deceleration: deceleration of these joints [rad/s^2 or m/s^2]. By default each joint stops from its velocity
+            limit in 0.25 s; without a velocity limit, it is the range of the joint per s^2.
+        margin: share of the range that stays unused at each end.
+    """
+
+    hard: ClassVar[bool] = True
+
+    joints: Sequence[str] | None = None
+    deceleration: Positive | None = None
+    margin: Annotated[float, Ge(0), Lt(0.5)] = 1e-3
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.margin < 0.5 or not (self.deceleration is None or 0 < self.deceleration < np.inf):
+            raise ConfigurationError(
+                "a joint position limit needs a positive deceleration and a margin of 0 to 0.5, found "
+                f"{self.deceleration} and {self.margin}"
+            )
+
+    def bind(self, reduced: ReducedModel) -> BoundLimit:
+        return _BoundPositions(self, reduced)
+
+
+class _BoundPositions(BoundLimit):
+    def __init__(self, limit: JointPositionLimit, reduced: ReducedModel) -> None:
+        found = limited_positions(reduced.robot, limit.joints)
+        self._q, self._v = found.q, found.v
+        room = limit.margin * (found.upper - found.lower)
+        self._lower, self._upper = found.lower + room, found.upper - room
+        names = reduced.robot.velocity_names
+        self.names = tuple(f"{names[index]} position" for index in found.v)
+        self._jacobian = selection_rows(found.v, reduced.n)
+        fastest = np.abs(reduced.robot.model.upperVelocityLimit[found.v])
+        limited = (fastest > 0) & (fastest < NO_LIMIT)
+        by_range = (found.upper - found.lower) / _CROSSING_TIME**2
+        own = np.where(limited, np.where(limited, fastest, 0.0) / _STOPPING_TIME, by_range)
+        self._deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
+
+    def rows(self, sample: ControlSample) -> LimitRows:
+        q, ahead = sample.start.q[self._q], 0.5 * sample.dt * sample.start.v[self._v]
+        upper = velocity_to_stop(self._upper - q - ahead, self._deceleration, sample.dt)
+        lower = -velocity_to_stop(q + ahead - self._lower, self._deceleration, sample.dt)
+        return LimitRows(self._jacobian, lower, upper)
+
+
+def velocity_to_stop(room: Float[Array, " k"], deceleration: Float[Array, " k"], dt: float) -> Float[Array, " k"]:
+    """Return the largest velocity at the end of a sample from which a joint stops in time.
+
+    Over this sample a joint of velocity u moves by ``dt (u + v) / 2``. From v it then stops in whole samples, at most
+    ``a dt`` slower after each. This distance D(v) is the chord of ``v^2 / (2 a)`` between multiples of ``a dt``. The
+    result solves ``dt v / 2 + D(v) = room``; it is zero if there is no room.
+
+    Args:
+        room: distance to the limit, without the part ``dt u / 2`` of this sample.
+        deceleration: a.
+        dt: sampling interval [s].
+    """
+    room = np.maximum(room, 0.0)
+    unit = 0.5 * deceleration * dt**2
+    whole = np.floor(0.5 * (np.sqrt(1.0 + 4.0 * room / unit) - 1.0))
+    return whole * deceleration * dt + (room - unit * whole * (whole + 1.0)) / (dt * (whole + 1.0))

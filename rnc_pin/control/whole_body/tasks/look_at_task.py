@@ -1,0 +1,72 @@
+"""Task: a frame looks at a point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
+from rnc_pin.errors import ConfigurationError, SingularityError
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.parameter_types import Axis
+from rnc_pin.model.reduced_model import ReducedModel
+
+_NEAR = 1e-6  # [m]
+
+
+@dataclass(frozen=True)
+class LookAtTask(ControlTask):
+    """Frame whose own axis points at a point of the world, or at another frame.
+
+    With the axis a, the unit vector d to the point and the error ``e = a - d``, the task is ``e_dot = -gain e``. The
+    three rows have rank two: the rotation about the axis is free.
+
+    Args:
+        frame: name of the frame, e.g. of a camera.
+        target: point in the world (x, y, z) [m], or the name of a frame.
+        axis: the frame's own axis.
+
+    Raises:
+        SingularityError: at a sample, the point is at the origin of the frame.
+    """
+
+    frame: str
+    target: Sequence[float] | str
+    axis: Axis = "x"
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundLook(self, reduced)
+
+
+class _BoundLook(BoundTask):
+    def __init__(self, task: LookAtTask, reduced: ReducedModel) -> None:
+        robot = reduced.robot
+        self._frame, self._axis = robot.frame_id(task.frame), axis_index(task.axis)
+        self._other = robot.frame_id(task.target) if isinstance(task.target, str) else None
+        self._point = np.zeros(3) if isinstance(task.target, str) else np.asarray(task.target, dtype=float)
+        if self._point.shape != (3,) or not np.isfinite(self._point).all():
+            raise ConfigurationError(f"frame '{task.frame}' looks at a frame or at (x, y, z), found {task.target}")
+        self.names = tuple(f"{task.frame} looks {axis}" for axis in "xyz")
+        self._gain = task.numbers("gain", task.gain, 3)
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        at = sample.end.position
+        here, J = at.placement(self._frame), at.jacobian(self._frame)
+        axis, point, approach = here.rotation[:, self._axis].copy(), self._point, -J[:3]
+        from_frame = here.translation.copy()
+        if self._other is not None:
+            point = at.placement(self._other).translation
+            approach = approach + at.jacobian(self._other)[:3]
+        ray = point - from_frame
+        length = float(np.linalg.norm(ray))
+        if length < _NEAR:
+            raise SingularityError(
+                "a frame cannot look at its own origin", q=sample.end.q.copy(), condition=np.inf, rows=self.names
+            )
+        direction = ray / length
+        turn = (approach - np.outer(direction, direction @ approach)) / length
+        return TaskRows(-pin.skew(axis) @ J[3:] - turn, -self._gain * (axis - direction))

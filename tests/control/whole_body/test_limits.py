@@ -1,0 +1,267 @@
+"""Limits by replay in Pinocchio: an ideal robot moves as commanded, and the limits of its file are looked up again."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from driven import drive
+from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.control.whole_body.limits.joint_position_limit import velocity_to_stop
+from rnc_pin.planning import Hold
+from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
+
+RANGE = 1e-6  # of a limit's range
+DT = 0.01
+
+
+@cache
+def manipulator_in_joints():
+    """The mobile manipulator in velocities that are never dependent, wherever its arm is."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
+    x2 = [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
+    return system.reduce(x2)
+
+
+def arm_of(reduced):
+    return [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_goals_respect_the_limits_of_the_file(seed):
+    """The file has limits for torso, arm, head and wheels. Goals change every half second, most are out of reach."""
+    reduced = tiago()
+    robot, generator = reduced.robot, np.random.default_rng(seed)
+    model = robot.model
+    names = arm_of(reduced)
+    places = [model.joints[robot.joint_id(name)].idx_q for name in names]
+    columns = [robot.velocity_indices(name).start for name in names]
+    low, high = model.lowerPositionLimit[places], model.upperPositionLimit[places]
+    q0 = robot.configuration({n: float(generator.uniform(a, b)) for n, a, b in zip(names, low, high, strict=True)})
+    goals = generator.uniform([-2, -2, -0.5], [2, 2, 2.5], (6, 3))
+
+    class Jumping:
+        size, duration = 3, np.inf
+
+        def at(self, t):
+            return Hold(goals[min(int(t / 0.5), 5)]).at(t)
+
+    deceleration = 6.0
+    program = VelocityQP(
+        reduced,
+        [
+            tasks.OutputTask(rnc.FramePosition("arm_7_link"), Jumping(), gain=4.0),
+            tasks.DampingTask(weight=1e-3),
+        ],
+        [
+            limits.JointPositionLimit(deceleration=deceleration, margin=0.0),
+            limits.JointVelocityLimit(),
+            limits.AccelerationLimit(deceleration),
+        ],
+        dt=DT,
+    )
+    run = drive(reduced, program, q0, 3.0, DT)
+    q, v = run.q[:, places], run.v
+    assert (q >= low - RANGE * (high - low)).all()
+    assert (q <= high + RANGE * (high - low)).all()
+    fastest = model.upperVelocityLimit
+    limited = fastest < 1e10
+    assert (np.abs(v[:, limited]) <= fastest[limited] * (1 + RANGE)).all()
+    assert np.abs(v[:, limited]).max(axis=0).max() > 0.9 * fastest[limited].min()  # limits were reached
+    change = np.abs(np.diff(run.v2, axis=0)) / DT
+    assert (change <= deceleration * (1 + RANGE)).all()
+    assert not program.report(run.states[-1]).worst
+    assert np.abs(run.v[:, columns]).max() > 0.5
+
+
+def test_a_joint_that_runs_at_its_limit_stops_there_at_its_deceleration():
+    """Closed form: braking takes v^2 / (2 a), so the joint arrives after the time that a ramp down takes."""
+    reduced = space_robot_in_joints()
+    robot = reduced.robot
+    model = robot.model.copy()
+    places = [robot.model.joints[robot.joint_id(f"joint_{k}")].idx_q for k in (1, 2, 3)]
+    model.lowerPositionLimit[places], model.upperPositionLimit[places] = -1.0, 1.0
+    joints = ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")], joints)
+    reduced = system.reduce([rnc.JointPosition(name) for name in joints])
+    program = VelocityQP(
+        reduced,
+        [tasks.PostureTask({"joint_1": 3.0}, gain=50.0)],
+        [
+            limits.JointPositionLimit(joints=["joint_1"], deceleration=2.0, margin=0.0),
+            limits.JointVelocityLimit(joints=["joint_1"], limit=1.0, margin=0.0),
+            limits.AccelerationLimit(2.0),
+        ],
+        dt=DT,
+    )
+    run = drive(reduced, program, robot.configuration(), 2.5, DT)
+    q, v = run.q[:, places[0]], run.v2[:, 0]
+    expected = np.clip(np.minimum(2.0 * run.time, 2.0 * (1.5 - run.time)), 0.0, 1.0)  # 0.5 s up, 0.5 s on, 0.5 s down
+    np.testing.assert_allclose(v, expected, atol=2.0 * DT)
+    assert q.max() <= 1.0 + 1e-12
+    np.testing.assert_allclose(q[-1], 1.0, atol=1e-9)
+    assert not program.report(run.states[-1]).worst
+
+
+def test_the_velocity_to_stop_solves_its_equation():
+    """Simulated stop: whole samples at full deceleration, the last one at what is left."""
+    generator = np.random.default_rng(0)
+    for room, a, dt in generator.uniform([0.0, 0.1, 0.001], [2.0, 20.0, 0.05], (200, 3)):
+        v = float(velocity_to_stop(np.array([room]), np.array([a]), dt)[0])
+        first = v
+        passed = dt * v / 2
+        while v > 0:
+            slower = max(v - a * dt, 0.0)
+            passed += dt * (v + slower) / 2
+            v = slower
+        # The order of full and partial samples changes the distance by less than the chord differs from the parabola.
+        assert passed <= room + 1e-12 + a * dt**2 / 8
+        assert passed >= room - a * dt**2
+        assert first >= 0
+
+
+def test_a_joint_beyond_its_limit_may_rest_or_return():
+    room = np.array([-0.1, 0.0, 1e-9])
+    found = velocity_to_stop(room, np.ones(3), 0.01)
+    np.testing.assert_array_equal(found[:2], 0.0)
+    np.testing.assert_allclose(found[2], 1e-9 / 0.01, rtol=1e-12)  # the chord of the first sample
+
+
+def test_limits_that_exclude_each_other_give_way_in_order():
+    """A region wants the base to leave at once, an acceleration limit forbids it, a velocity limit never gives way."""
+    reduced = manipulator_in_joints()
+    q0 = reduced.robot.configuration({"root_joint": [1.0, 0.0, 0.0], "joint_1": 0.4, "joint_2": 1.2})
+    region = limits.RegionLimit("base", box={"x": (-np.inf, 0.5)}, gain=2.0)
+    slow = limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=0.3, margin=0.0)
+    gentle = limits.AccelerationLimit(0.5)
+    program = VelocityQP(reduced, [tasks.DampingTask()], [region, slow, gentle], dt=DT)
+    run = drive(reduced, program, q0, 4.0, DT)
+    first = program.report(run.states[0])
+    # The acceleration gives way, the region does not: the base leaves at 2 (0.5 - 1) m/s at the end of the sample.
+    assert set(first.exceeded) == {"base_speed_x acceleration"}
+    np.testing.assert_allclose(first.exceeded["base_speed_x acceleration"], 1.0 - 0.5 * DT, rtol=1e-6)
+    assert np.abs(run.v[:, 3:]).max() <= 0.3 + 1e-9
+    assert run.q[-1, 0] < 0.501
+    assert not program.report(run.states[-1]).exceeded
+    assert program.report(run.states[-1]).worst == first.exceeded
+
+
+def test_opposite_soft_limits_share_the_excess_evenly():
+    reduced = manipulator_in_joints()
+    q0 = reduced.robot.configuration({"root_joint": [1.0, 0.0, 0.0], "joint_1": 0.4, "joint_2": 1.2})
+    left = limits.RegionLimit("base", half_spaces=[(1.0, 0.0, 0.0, 0.8)], gain=1.0, priority=0)
+    right = limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=0)
+    program = VelocityQP(reduced, [tasks.DampingTask()], [left, right], dt=DT)
+    found = program.report(drive(reduced, program, q0, 2 * DT, DT).states[0]).exceeded
+    # 0.2 inside one wants -0.2 m/s, 0.4 inside the other 0.4 m/s: 0.1 m/s exceeds both by 0.3.
+    np.testing.assert_allclose(list(found.values()), [0.3, 0.3], rtol=1e-5)
+    strong = VelocityQP(
+        reduced,
+        [tasks.DampingTask()],
+        [left, limits.RegionLimit("base", half_spaces=[(-1.0, 0.0, 0.0, -1.4)], gain=1.0, priority=1)],
+        dt=DT,
+    )
+    found = strong.report(drive(reduced, strong, q0, 2 * DT, DT).states[0]).exceeded
+    np.testing.assert_allclose(list(found.values()), [0.6], rtol=1e-5)
+
+
+def test_hard_limits_that_a_drift_violates_are_reported_and_raise_nothing():
+    """With angular momentum some joint has to move: a platform and joints that may not move exclude each other."""
+    from systems import spinning_space_robot
+
+    reduced = spinning_space_robot()
+    names = ["platform", "joint_1", "joint_2", "joint_3"]
+    still = limits.JointVelocityLimit(joints=names, limit=0.01)
+    program = VelocityQP(reduced, [tasks.DampingTask()], [still], dt=DT)
+    q0 = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.5})
+    run = drive(reduced, program, q0, 3 * DT, DT)
+    assert program.report(run.states[-1]).exceeded
+
+
+@pytest.mark.parametrize(
+    ("region", "corner"),
+    [
+        ({"box": {"x": (-0.5, 0.6), "y": (-0.4, 0.5)}}, [0.6, 0.5]),
+        ({"polygon": [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)]}, None),
+        ({"polygon": [(0.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]}, None),
+        ({"half_spaces": [(3.0, 4.0, 0.0, 2.5)]}, None),
+    ],
+)
+def test_a_frame_stays_in_its_region(region, corner):
+    """The tip is drawn to a point outside; it ends at the nearest point of the region."""
+    reduced = manipulator_in_joints()
+    goal = np.array([2.0, 1.5])
+    program = VelocityQP(
+        reduced,
+        [tasks.OutputTask(rnc.FramePosition("tip", "xy"), Hold(goal), gain=5.0), tasks.DampingTask(weight=1e-4)],
+        [limits.RegionLimit("tip", **region, gain=8.0)],
+        dt=DT,
+    )
+    q0 = reduced.robot.configuration({"root_joint": [-1.4, -0.4, -0.2], "joint_1": 0.8, "joint_2": -1.0})
+    run = drive(reduced, program, q0, 5.0, DT)
+    frame = reduced.robot.frame_id("tip")
+    path = np.array([reduced.at(q).position.placement(frame).translation[:2] for q in run.q])
+    if "half_spaces" in region:
+        sides, offsets = np.array([[0.6, 0.8]]), np.array([0.5])
+        nearest = goal - (goal @ sides[0] - 0.5) * sides[0]
+    elif corner is not None:
+        sides, offsets = np.array([[1, 0], [-1, 0], [0, 1], [0, -1.0]]), np.array([0.6, 0.5, 0.5, 0.4])
+        nearest = np.array(corner)
+    else:
+        root = np.sqrt(5.0)
+        sides = np.array([[0, -1], [2 / root, 1 / root], [-2 / root, 1 / root]])
+        offsets = np.array([1.0, 1 / root, 1 / root])
+        nearest = goal - (goal @ sides[1] - offsets[1]) * sides[1]
+        nearest = np.array([0.0, 1.0]) if nearest[1] > 1 else nearest
+    assert (path @ sides.T <= offsets + 1e-6).all()
+    np.testing.assert_allclose(path[-1], nearest, atol=2e-3)
+
+
+def test_wheels_turn_no_faster_than_their_speed():
+    """TIAGo: two wheels drive a base that wants to turn and to advance; a Mecanum base has four."""
+    for system, goal in ((tiago, [3.0, 3.0, 2.0]), (mecanum, [3.0, 1.0, 1.0])):
+        reduced = system()
+        rolling = [place.block for place in reduced.all_constraints.places if hasattr(place.block, "wheel")]
+        frame = next(f.name for f in reduced.robot.model.frames if f.parentJoint == 1)
+        program = VelocityQP(
+            reduced,
+            [tasks.BasePoseTask(frame, Hold(goal), gain=2.0), tasks.DampingTask(weight=1e-4)],
+            [limits.WheelSpeedLimit(0.4)],
+            dt=DT,
+        )
+        run = drive(reduced, program, reduced.robot.configuration(), 1.0, DT)
+        spins = []
+        for wheel in rolling:
+            joint = reduced.robot.model.frames[wheel.frame].parentJoint
+            spins.append(wheel.radius * run.v[:, reduced.robot.model.joints[joint].idx_v])
+        fastest = np.abs(spins).max(axis=1)
+        assert (fastest <= 0.4 * (1 + 1e-3)).all()
+        assert fastest.max() > 0.399
+
+
+def test_bad_limits_are_refused():
+    reduced = tiago()
+
+    def bound(limit):
+        VelocityQP(reduced, [], [limit])
+
+    for limit, words in [
+        (lambda: limits.JointPositionLimit(deceleration=-1.0), "positive deceleration"),
+        (lambda: limits.JointPositionLimit(margin=0.5), "margin of 0 to 0.5"),
+        (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
+        (lambda: limits.JointVelocityLimit(margin=1.0), "margin of 0 to 1"),
+        (lambda: limits.AccelerationLimit(0.0), "positive number or 12"),
+        (lambda: limits.AccelerationLimit([1.0, 2.0]), "positive number or 12"),
+        (lambda: limits.WheelSpeedLimit(1.0, wheels=["wheel_left"]), "did you mean 'wheel_left_link'"),
+        (lambda: limits.WheelSpeedLimit(-1.0), "has to be positive"),
+        (lambda: limits.RegionLimit("base_link"), "give a box, a polygon or half-spaces"),
+        (lambda: limits.RegionLimit("base_link", box={"x": (1.0, 0.0)}), "x from 1.0 to 0.0 is empty"),
+        (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
+        (lambda: limits.RegionLimit("base_link", half_spaces=[(0, 0, 0, 1)]), "with a normal"),
+    ]:
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            bound(limit())
+    with pytest.raises(rnc.ConfigurationError, match="the system has none"):
+        VelocityQP(mobile_manipulator(), [], [limits.WheelSpeedLimit(1.0)])

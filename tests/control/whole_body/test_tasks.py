@@ -1,0 +1,226 @@
+"""Tasks on ideal robots: errors decay at their gains, gradients are those of differences, levels keep to themselves."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from driven import drive
+from rnc_pin.control import ControlSample, VelocityQP, tasks
+from rnc_pin.planning import Hold, MinimumJerk
+from systems import free_flying_panda, mecanum, mobile_manipulator, random_states, spinning_space_robot, tiago
+
+DT, GAIN, DURATION = 0.005, 2.0, 1.0
+
+
+def decay(reduced, task, q0, error):
+    """Error after a second over the error at the start."""
+    run = drive(reduced, VelocityQP(reduced, [task], dt=DT), q0, DURATION, DT, substeps=2)
+    return error(run.q[-1]) / error(run.q[0])
+
+
+def frame_place(reduced, name):
+    model, frame = reduced.robot.model, reduced.robot.frame_id(name)
+    data = model.createData()
+
+    def place(q):
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[frame].copy()
+
+    return place
+
+
+def posture_case():
+    reduced = tiago()
+    goal = {"arm_1_joint": 0.9, "arm_4_joint": 1.4, "head_1_joint": -0.3}
+    places = [reduced.robot.model.joints[reduced.robot.joint_id(name)].idx_q for name in goal]
+    q0 = reduced.robot.configuration({"arm_1_joint": 0.2, "arm_2_joint": -0.5, "arm_4_joint": 1.0})
+    return reduced, tasks.PostureTask(goal, gain=GAIN), q0, lambda q: np.linalg.norm(q[places] - list(goal.values()))
+
+
+def center_case():
+    reduced = mobile_manipulator()
+    q0 = reduced.robot.configuration({"root_joint": [0.0, 0.0, 0.2], "joint_1": 0.5, "joint_2": 1.0})
+    model = reduced.robot.model
+    goal = pin.centerOfMass(model, model.createData(), q0)[:2] + np.array([0.1, -0.15])
+    task = tasks.CenterOfMassTask(Hold(goal), "xy", gain=GAIN)
+    return reduced, task, q0, lambda q: np.linalg.norm(pin.centerOfMass(model, model.createData(), q)[:2] - goal)
+
+
+def look_case():
+    reduced = tiago()
+    place, goal = frame_place(reduced, "head_2_link"), np.array([2.0, 0.4, 1.4])
+    q0 = reduced.robot.configuration({"arm_2_joint": -0.5})
+
+    def error(q):
+        here = place(q)
+        ray = goal - here.translation
+        return np.linalg.norm(here.rotation[:, 0] - ray / np.linalg.norm(ray))
+
+    return reduced, tasks.LookAtTask("head_2_link", goal.tolist(), gain=GAIN), q0, error
+
+
+def hand_look_case():
+    reduced = tiago()
+    head, hand = frame_place(reduced, "head_2_link"), frame_place(reduced, "arm_7_link")
+    q0 = reduced.robot.configuration({"arm_1_joint": 0.6, "arm_2_joint": -0.5, "arm_4_joint": 1.0})
+
+    def error(q):
+        ray = hand(q).translation - head(q).translation
+        return np.linalg.norm(head(q).rotation[:, 0] - ray / np.linalg.norm(ray))
+
+    return reduced, tasks.LookAtTask("head_2_link", "arm_7_link", gain=GAIN), q0, error
+
+
+def base_case():
+    reduced = mecanum()
+    frame = next(f.name for f in reduced.robot.model.frames if f.parentJoint == 1)
+    place, goal = frame_place(reduced, frame), np.array([0.3, -0.4, 0.6])
+
+    def error(q):
+        here = place(q)
+        yaw = np.arctan2(here.rotation[1, 0], here.rotation[0, 0])
+        return np.linalg.norm([*(here.translation[:2] - goal[:2]), yaw - goal[2]])
+
+    return reduced, tasks.BasePoseTask(frame, Hold(goal), gain=GAIN), reduced.robot.configuration(), error
+
+
+def orientation_case():
+    """A free-flying arm: the hand turns on SO(3) while momentum is conserved."""
+    reduced = free_flying_panda()
+    place = frame_place(reduced, "panda_hand")
+    (q0, _), *_ = random_states(reduced, 1, seed=8)
+    goal = pin.exp3(np.array([0.3, 0.2, -0.4])) @ place(q0).rotation
+    task = tasks.OutputTask(rnc.FrameOrientation("panda_hand"), Hold(pin.log3(goal)), gain=GAIN)
+    return reduced, task, q0, lambda q: np.linalg.norm(pin.log3(goal @ place(q).rotation.T))
+
+
+@pytest.mark.parametrize("case", [posture_case, center_case, look_case, hand_look_case, base_case, orientation_case])
+def test_errors_decay_at_their_gain(case):
+    np.testing.assert_allclose(decay(*case()), np.exp(-GAIN * DURATION), rtol=0.03)
+
+
+def test_a_moving_reference_is_followed_without_lag():
+    reduced = spinning_space_robot()  # an affine constraint: b is not zero
+    robot = reduced.robot
+    q0 = robot.configuration({"joint_1": 0.3, "joint_2": 1.3, "joint_3": -0.5})
+    place = frame_place(reduced, "tip")
+    start = place(q0).translation[:2].copy()
+    reference = MinimumJerk(start, start + np.array([-0.1, 0.15]), 0.4)
+    task = tasks.OutputTask(rnc.FramePosition("tip", "xy"), reference, gain=5.0)
+    calm = tasks.DampingTask(joints=["joint_1", "joint_2", "joint_3"], priority=1)
+    run = drive(reduced, VelocityQP(reduced, [task, calm], dt=DT), q0, 0.4, DT, v2=np.zeros(3))
+    error = [place(q).translation[:2] - reference.at(t).position for t, q in zip(run.time, run.q, strict=True)]
+    assert np.abs(error).max() < 2e-4  # a lag of one sample would be 0.0035, its speed times DT
+
+
+def test_a_base_that_cannot_move_sideways_comes_back_to_its_line():
+    reduced = tiago()
+    line = MinimumJerk([0.0, 0.0, 0.0], [6.0, 0.0, 0.0], 6.0)
+    q0 = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
+    ends = []
+    for lateral_gain in (0.0, 4.0):
+        task = tasks.BasePoseTask("base_link", line, gain=[1.0, 1.0, 3.0], lateral_gain=lateral_gain)
+        run = drive(reduced, VelocityQP(reduced, [task], dt=0.02), q0, 6.0, 0.02, substeps=1)
+        ends.append(abs(run.q[-1][1]))
+    assert ends[0] > 0.29
+    assert ends[1] < 0.02
+
+
+@pytest.mark.parametrize("system", [mobile_manipulator, tiago])
+def test_gradients_are_those_of_differences(system):
+    reduced = system()
+    kind = {"mobile_manipulator": rnc.FramePosition("tip", "xy"), "tiago": rnc.FramePosition("arm_7_link")}
+    output = kind[system.__name__]
+    block = output.bind(reduced.robot)
+    manipulability, regularity = tasks.ManipulabilityTask(output, gain=0.7), tasks.SingularityTask(gain=0.4)
+    (q, v2), *_ = random_states(reduced, 1, seed=6)
+    sample = ControlSample(reduced, 0.0, q, v2, 0.0)
+
+    def values(at_q):
+        at = reduced.at(at_q)
+        A = block.jacobian(at.position) @ at.R
+        return np.array([0.5 * np.linalg.slogdet(A @ A.T)[1], np.linalg.slogdet(at.E)[1]])
+
+    h = 1e-5
+    R = reduced.at(q).R
+    model = reduced.robot.model
+    slopes = [
+        (values(pin.integrate(model, q, h * R[:, k])) - values(pin.integrate(model, q, -h * R[:, k]))) / (2 * h)
+        for k in range(reduced.r)
+    ]
+    expected = np.array(slopes).T * [[0.7], [0.4]]
+    for task, want in zip((manipulability, regularity), expected, strict=True):
+        rows = task.bind(reduced).rows(sample)
+        np.testing.assert_allclose(rows.jacobian @ R, np.eye(reduced.r), atol=1e-9)
+        np.testing.assert_allclose(rows.rate, want, atol=1e-7 * (1 + np.abs(want).max()))
+
+
+def test_a_lower_level_changes_nothing_above():
+    reduced = tiago()
+    reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.5, 1.0]), gain=3.0)
+    posture = tasks.PostureTask(dict.fromkeys(reduced.robot.joint_names[2:8], 0.4), weight=1e4, priority=3)
+    rest = tasks.DampingTask(priority=7)
+    for q, v2 in random_states(reduced, 4, seed=2):
+        sample = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.01)
+        J = reach.bind(reduced).rows(sample)
+        found = VelocityQP(reduced, [rest, posture, reach]).solve(sample).v2
+        np.testing.assert_allclose(J.jacobian @ sample.end.R @ found, J.rate, atol=1e-9)
+        alone = VelocityQP(reduced, [reach]).solve(sample).v2
+        assert np.abs(found - alone).max() > 0.1
+        # Without other tasks the velocity is the smallest one.
+        A = J.jacobian @ sample.end.R
+        np.testing.assert_allclose(alone, np.linalg.pinv(A) @ J.rate, atol=1e-9)
+
+
+def test_weights_share_a_conflict_by_the_normal_equations():
+    reduced = tiago()
+    one = tasks.PostureTask({"arm_1_joint": 1.0, "arm_2_joint": 0.5}, weight=[2.0, 0.5], gain=[1.0, 3.0])
+    other = tasks.PostureTask({"arm_1_joint": 0.0, "arm_2_joint": 0.0}, weight=6.0)
+    q = reduced.robot.configuration({"arm_1_joint": 0.2, "arm_2_joint": 0.1})
+    found = VelocityQP(reduced, [one, other]).solve(ControlSample(reduced, 0.0, q, np.zeros(reduced.r), 0.01)).v2
+    names = reduced.reducing.names
+    np.testing.assert_allclose(found[names.index("arm_1_joint")], (2 * 0.8 - 6 * 0.2) / 8, atol=1e-12)
+    np.testing.assert_allclose(found[names.index("arm_2_joint")], (0.5 * 3 * 0.4 - 6 * 0.1) / 6.5, atol=1e-12)
+
+
+def test_damping_bounds_the_velocity_near_a_singular_configuration():
+    """A goal along a stretched arm: least squares with cost d^2 |v2|^2, solved beside it."""
+    reduced = tiago()
+    reach = tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([5.0, 5.0, 5.0]), gain=3.0)
+    (q, _), *_ = random_states(reduced, 1, seed=2)
+    sample = ControlSample(reduced, 0.0, q, np.zeros(reduced.r), 0.01)
+    rows = reach.bind(reduced).rows(sample)
+    A = rows.jacobian @ sample.end.R
+    for d in (0.05, 1.0):
+        found = VelocityQP(reduced, [reach], damping=d).solve(sample).v2
+        expected = np.linalg.solve(A.T @ A + d**2 * np.eye(reduced.r), A.T @ rows.rate)
+        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_frame_cannot_look_at_itself():
+    reduced = tiago()
+    program = VelocityQP(reduced, [tasks.LookAtTask("head_2_link", "head_2_link")])
+    q = reduced.robot.configuration()
+    with pytest.raises(rnc.SingularityError, match="cannot look at its own origin"):
+        program.solve(ControlSample(reduced, 0.0, q, np.zeros(reduced.r), 0.01))
+
+
+def test_bad_tasks_are_refused():
+    reduced = tiago()
+    yaw = rnc.FrameYaw("base_link")
+    for task, words in [
+        (tasks.PostureTask({}), "at least one joint"),
+        (tasks.CenterOfMassTask(Hold([0.0, 0.0]), "xx"), "each of x, y, z at most once"),
+        (tasks.CenterOfMassTask(Hold([0.0]), "xy"), "centre-of-mass reference has 1 values for 2"),
+        (tasks.LookAtTask("head_2_link", [1.0, 2.0]), "looks at a frame or at"),
+        (tasks.BasePoseTask("base_link", Hold([0.0, 0.0])), "base pose reference has 2 values for 3"),
+        (tasks.OutputTask(yaw, Hold([0.0]), weight=[1.0, 2.0]), "weight of OutputTask has to be a number or 1"),
+        (tasks.OutputTask(yaw, Hold([0.0]), weight=np.inf), "weight of OutputTask has to be a number or 1"),
+    ]:
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            VelocityQP(reduced, [task])
+    with pytest.raises(rnc.ModelError, match="no frame 'head'"):
+        VelocityQP(reduced, [tasks.LookAtTask("head", [1.0, 2.0, 3.0])])
+    with pytest.raises(rnc.ModelError, match="no joint 'arm'"):
+        VelocityQP(reduced, [tasks.DampingTask(joints=["arm"])])
