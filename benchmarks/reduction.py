@@ -6,13 +6,16 @@ For the system of every built-in scenario, or of those named after ``--systems``
   at a state, on the same model with a workspace of its own;
 * one state: ``forward_dynamics`` of single states, beside the bare calls;
 * terms: all matrices of single states, rates of R and A_star included, beside the bare calls;
+* derivatives: ``state_derivatives`` of single states, beside the bare calls; and of a state in a block of 64;
 * of 256: a state in one ``forward_dynamics`` of a batch of 256, beside the bare calls;
 * tick: measure, control, allocate and integrate over one sampling period, with the scenario's controller and
   settings, beside that period;
 * threads: processor time of all threads over that of the one that simulates. More than 1 says that others, such as
   those of a linear algebra library, are kept awake.
 
-Then the processor time of what is started again and again: the import, and ``rnc-pin --help``.
+Then ``state_derivatives`` of the space robot and of a free-flying Panda, beside the same blocks written by hand with
+Pinocchio's derivatives (``benchmarks/peers/hand_derivatives.py``). Then the processor time of what is started again and
+again: the import, and ``rnc-pin --help``.
 
 Times are processor times, so that the machine may do other things besides; how fast it was in the meantime shows in the
 bare calls and in ``python_loop_ms``, a million additions in Python. Everything of a system is measured in turn,
@@ -24,8 +27,11 @@ it beside the table:
      "systems": [{"system": "space-robot", "nv": 4, "r": 3, "bare_us": 4.0,
                   "one_state": {"us": 44.0, "ratio": 11.0, "limit": ..., "within": true},
                   "of_batch": {...the same...}, "terms": {...the same...},
+                  "derivatives": {...the same...}, "of_block": {...the same...},
                   "tick": {...; ratio to the sampling period...},
                   "threads": 1.0, "within": true}],
+     "derivatives_by_hand": [{"system": "space-robot", "us": 25.0, "block_us": 20.0, "hand_us": 55.0, "ratio": 0.5,
+                              "difference": 1e-14, "limit": 1.5, "within": true}],
      "commands": [{"command": "import rnc_pin", "seconds": 0.25, "limit": 0.3, "within": true}],
      "machine": {"cpus": 2, "python": "3.11.14", "numpy": "2.4.6", "pin": "4.1.0",
                  "python_loop_ms": 40.0, "load": 1.0}}
@@ -53,14 +59,16 @@ from rich.progress import track
 from rich.table import Table
 
 import rnc_pin as rnc
+from benchmarks.peers.hand_derivatives import SYSTEMS as BY_HAND
+from benchmarks.peers.hand_derivatives import DerivativeCost, derivative_cost
 from benchmarks.states import States, regular_states
 from benchmarks.timing import Measurement, in_turn, used_by, used_by_command
 from rnc_pin.scenario.builder import Experiment
 from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names
 
-ROUNDS, BATCH, TICKS, LAUNCHES = 15, 256, 100, 5
-WIDTH = 145  # of the table, wherever it goes [characters]
+ROUNDS, BATCH, BLOCK, TICKS, LAUNCHES = 15, 256, 64, 100, 5
+WIDTH = 192  # of the table, wherever it goes [characters]
 ONE_STATE, OF_BATCH, TERMS, TICK, COMMAND = (
     2.5,
     1.6,
@@ -68,8 +76,9 @@ ONE_STATE, OF_BATCH, TERMS, TICK, COMMAND = (
     0.1,
     0.3,
 )  # limits: ratios to bare calls and to the period; [s]
+DERIVATIVES, OF_BLOCK, TO_HAND = 100.0, 50.0, 1.5  # limits: [us] for one state and in a block; ratio to those by hand
 TIGHTER = {"space-robot": 0.05}  # TICK of single systems
-_COSTS = ("one_state", "of_batch", "terms", "tick")  # of SystemCosts
+_COSTS = ("one_state", "of_batch", "terms", "derivatives", "of_block", "tick")  # of SystemCosts
 COMMANDS = {
     "import rnc_pin": (sys.executable, "-c", "import rnc_pin"),
     "rnc-pin --help": (sys.executable, "-m", "rnc_pin", "--help"),
@@ -115,6 +124,7 @@ class SystemCosts:
         bare_us: the bare calls at a state [us].
         one_state, of_batch: ``forward_dynamics`` of a state, by itself and in a batch.
         terms: all matrices of a state.
+        derivatives, of_block: ``state_derivatives`` of a state, by itself and in a block.
         tick: a sampling period of a run.
         threads: processor time of all threads over that of the one that simulates.
     """
@@ -126,6 +136,8 @@ class SystemCosts:
     one_state: Cost
     of_batch: Cost
     terms: Cost
+    derivatives: Cost
+    of_block: Cost
     tick: Cost
     threads: float
 
@@ -172,17 +184,22 @@ def system_costs(name: str, rounds: int = ROUNDS) -> SystemCosts:
         one_state(reduced, states),
         of_batch(reduced, states),
         terms(reduced, states),
+        derivatives(reduced, states),
+        of_block(reduced, states),
         tick(experiment),
     )
-    (bare,), (single,), (batched,), (whole,), (ticking, threads) = in_turn(measurements, rounds)
+    (bare,), (single,), (batched,), (whole,), (derived,), (blocked,), (ticking, threads) = in_turn(measurements, rounds)
+    bare_us = float(bare * 1e6)
     return SystemCosts(
         system=name,
         nv=reduced.n,
         r=reduced.r,
-        bare_us=float(bare * 1e6),
+        bare_us=bare_us,
         one_state=Cost.of(single, bare, ONE_STATE),
         of_batch=Cost.of(batched, bare, OF_BATCH),
         terms=Cost.of(whole, bare, TERMS),
+        derivatives=Cost.of(derived, bare, DERIVATIVES / bare_us),
+        of_block=Cost.of(blocked, bare, OF_BLOCK / bare_us),
         tick=Cost.of(ticking, dt, TIGHTER.get(name, TICK)),
         threads=float(threads),
     )
@@ -229,6 +246,28 @@ def terms(reduced: rnc.ReducedModel, states: States) -> Measurement:
             reduced.terms(q, v2)
 
     return used_by(calls, len(each))
+
+
+def derivatives(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """``state_derivatives`` of one state after the other."""
+    each = list(zip(*(values[:BLOCK] for values in (states.q, states.v2, states.T)), strict=True))
+
+    def calls() -> None:
+        for q, v2, T in each:
+            rnc.state_derivatives(reduced, q, v2, T)
+
+    return used_by(calls, len(each))
+
+
+def of_block(reduced: rnc.ReducedModel, states: States) -> Measurement:
+    """A state's part in one ``state_derivatives`` of a block of states."""
+    q, v2, T = (values[:BLOCK] for values in (states.q, states.v2, states.T))
+    return used_by(lambda: rnc.state_derivatives(reduced, q, v2, T), len(q))
+
+
+def by_hand(rounds: int) -> list[DerivativeCost]:
+    """Costs of ``state_derivatives`` beside those written by hand."""
+    return [derivative_cost(name, rounds) for name in BY_HAND]
 
 
 def tick(experiment: Experiment, ticks: int = TICKS) -> Measurement:
@@ -289,8 +328,9 @@ def table(systems: Iterable[SystemCosts]) -> Table:
     """One row a system; what is beyond its limit is red."""
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))
     shown.add_column("system", no_wrap=True)
-    costs = ("one state [us]", "/ bare", f"of {BATCH} [us]", "/ bare", "terms [us]", "/ bare", "tick [us]", "/ dt")
-    for heading in ("nv", "r", "bare [us]", *costs, "threads"):
+    timed = "one state", f"of {BATCH}", "terms", "derivatives", f"of {BLOCK}"
+    costs = [heading for each in timed for heading in (f"{each} [us]", "/ bare")]
+    for heading in ("nv", "r", "bare [us]", *costs, "tick [us]", "/ dt", "threads"):
         shown.add_column(escape(heading), justify="right", no_wrap=True)
     for each in systems:
         shown.add_row(
@@ -301,6 +341,8 @@ def table(systems: Iterable[SystemCosts]) -> Table:
             *cells(each.one_state),
             *cells(each.of_batch),
             *cells(each.terms),
+            *cells(each.derivatives),
+            *cells(each.of_block),
             *cells(each.tick, digits=3),
             f"{each.threads:.2f}",
         )
@@ -317,19 +359,29 @@ def marked(text: str, within: bool) -> str:
     return text if within else f"[bold red]{text}[/]"
 
 
-def show(systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where: dict[str, Any]) -> None:
-    """The table, its limits, the commands and the machine."""
+def show(
+    systems: Sequence[SystemCosts],
+    by_hand: Sequence[DerivativeCost],
+    commands: Sequence[CommandCost],
+    where: dict[str, Any],
+) -> None:
+    """The table, its limits, derivatives beside those by hand, the commands and the machine."""
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, WIDTH)
     tighter = "".join(f", of {name} {limit:g} dt" for name, limit in TIGHTER.items())
     console.print(table(systems))
     ratios = f"one state {ONE_STATE:g} bare, of {BATCH} {OF_BATCH:g} bare, terms {TERMS:g} bare"
-    console.print(f"limits: {ratios}, tick {TICK:g} dt{tighter}")
+    times = f"derivatives {DERIVATIVES:g} us, of {BLOCK} {OF_BLOCK:g} us"
+    console.print(f"limits: {ratios}, {times}, tick {TICK:g} dt{tighter}")
     for each in systems:
         for kind in _COSTS:
             cost = getattr(each, kind)
             if not cost.within:
                 console.print(f"beyond its limit: {kind} of {each.system}, {cost.ratio:.2f}, limit {cost.limit:g}")
+    for found in by_hand:
+        ratio = marked(f"{found.ratio:.2f}", found.ratio <= TO_HAND)
+        figures = f"{found.ours_us:.1f} us, of {BLOCK} {found.block_us:.1f} us, by hand {found.hand_us:.1f} us"
+        console.print(f"state_derivatives of {found.system}: {figures}, ratio {ratio}, limit {TO_HAND:g}")
     for command in commands:
         figure = marked(f"{command.seconds:.2f} s", command.within)
         console.print(f"{command.command}: {figure} of processor time, limit {command.limit:g} s")
@@ -337,15 +389,27 @@ def show(systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where:
 
 
 def report(
-    systems: Sequence[SystemCosts], commands: Sequence[CommandCost], where: dict[str, Any], rounds: int
+    systems: Sequence[SystemCosts],
+    by_hand: Sequence[DerivativeCost],
+    commands: Sequence[CommandCost],
+    where: dict[str, Any],
+    rounds: int,
 ) -> dict[str, Any]:
     """Results for JSON."""
     return {
         "rounds": rounds,
         "systems": [each.record() for each in systems],
+        "derivatives_by_hand": [derivative_record(each) for each in by_hand],
         "commands": [each.record() for each in commands],
         "machine": where,
     }
+
+
+def derivative_record(cost: DerivativeCost) -> dict[str, Any]:
+    """For JSON."""
+    times = {"us": cost.ours_us, "block_us": cost.block_us, "hand_us": cost.hand_us}
+    judged = {"ratio": cost.ratio, "difference": cost.difference, "limit": TO_HAND, "within": cost.ratio <= TO_HAND}
+    return {"system": cost.system, **times, **judged}
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
@@ -368,14 +432,15 @@ def main(given: Sequence[str] | None = None) -> None:
     # No thread of the display's own while time is taken: it draws when a system is done.
     names = track(options.systems, "", auto_refresh=False, console=progress, disable=not progress.is_terminal)
     systems = [system_costs(name, options.rounds) for name in names]
+    compared = by_hand(options.rounds)
     commands, where = command_costs(min(LAUNCHES, options.rounds)), machine()
     if options.json is not None:
-        text = json.dumps(report(systems, commands, where, options.rounds), indent=1) + "\n"
+        text = json.dumps(report(systems, compared, commands, where, options.rounds), indent=1) + "\n"
         if options.json == "-":
             sys.stdout.write(text)
             return
         Path(options.json).write_text(text)
-    show(systems, commands, where)
+    show(systems, compared, commands, where)
 
 
 if __name__ == "__main__":

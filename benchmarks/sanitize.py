@@ -1,7 +1,7 @@
 """Tests of the compiled kernel under the address sanitizer: ``python -m benchmarks.sanitize``.
 
 Compiles the kernel with gcc's address and undefined-behaviour sanitizers into a temporary folder, and runs
-``tests/model/test_compiled.py`` with it; names of other tests may follow the command. Any access outside an array ends
+the tests that compare it with NumPy; names of other tests may follow the command. Any access outside an array ends
 the run with a report. Needs a source tree, gcc with libasan, and the packages of the extras ``test`` and ``dev``.
 """
 
@@ -17,7 +17,7 @@ from hatch_build import compile_kernel
 
 ROOT = Path(__file__).parent.parent
 FLAGS = ("-O1", "-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-TESTS = ("tests/model/test_compiled.py",)
+TESTS = ("tests/model/test_compiled.py", "tests/analysis/test_derivatives.py")
 RUN = """
 import importlib.util, sys
 spec = importlib.util.spec_from_file_location("rnc_pin._kernel.compiled", sys.argv[1])

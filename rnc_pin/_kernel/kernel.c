@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 5 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 6 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -52,6 +52,8 @@ typedef struct {
     double pd[3], fd[3], md[3]; /* their rates */
 } Wrench;
 
+typedef struct Derivatives Derivatives; /* see derivatives.h */
+
 typedef struct {
     PyObject_HEAD
     Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
@@ -72,12 +74,16 @@ typedef struct {
     Motion *motion;
     double *scratch;
     PyObject *refs;          /* tuple of Python objects, see below */
-    Py_buffer views[8];      /* M, J, dJ, nle, C, placements, q, v */
+    Py_buffer views[11];     /* M, J, dJ, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
     int open;                /* number of views */
+    Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
-enum { V_M, V_J, V_DJ, V_NLE, V_C, V_PLACES, V_Q, V_V, VIEWS };
-enum { P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, REFS };
+enum { V_M, V_J, V_DJ, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
+enum {
+    P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
+    REFS
+};
 
 /* ------------------------------------------------------------------ small vectors */
 
@@ -1513,6 +1519,7 @@ static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t give
     close_arrays(&table);
     return result(&all, ok);
 }
+#include "derivatives.h"
 
 /* ------------------------------------------------------------------ creation */
 
@@ -1607,7 +1614,7 @@ static int bent(Evaluator *ev, PyObject *table)
 static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memory, and of q and v */
 {
     Py_ssize_t n = ev->n, square[2] = {n, n}, motions[2] = {6, n};
-    Py_ssize_t *shapes[VIEWS] = {square, motions, motions, &n, square, NULL, &ev->nq, &n};
+    Py_ssize_t *shapes[VIEWS] = {square, motions, motions, &n, square, NULL, &ev->nq, &n, &n, square, square};
     for (int i = 0; i < VIEWS; i++) {
         Py_buffer *view = ev->views + i;
         PyObject *array = PyTuple_GetItem(arrays, i);
@@ -1700,6 +1707,7 @@ static void destroy(PyObject *self)
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
     free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
+    release_derivatives(ev);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);
     Py_DECREF(type);
@@ -1722,6 +1730,7 @@ static PyMethodDef methods[] = {
     {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
+    {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -2,55 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.errors import InputError
 from rnc_pin.model.differences import gradient_with_error
+from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 @dataclass(frozen=True)
 class StateDerivatives:
-    """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at a state, along the tangent space at q.
+    """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at states, along the tangent space at q.
 
     ``state_derivatives`` returns it.
     """
 
-    v: Float[Array, nv]
-    v2_dot: Float[Array, r]
-    v_q: Float[Array, "nv nv"]
-    v_v2: Float[Array, "nv r"]
+    v: Float[Array, "*batch nv"]
+    v2_dot: Float[Array, "*batch r"]
+    v_q: Float[Array, "*batch nv nv"]
+    v_v2: Float[Array, "*batch nv r"]
     """R."""
-    v2_dot_q: Float[Array, "r nv"]
-    v2_dot_v2: Float[Array, "r r"]
-    v2_dot_T: Float[Array, "r p"]
-    difference_error: float
+    v2_dot_q: Float[Array, "*batch r nv"]
+    v2_dot_v2: Float[Array, "*batch r r"]
+    v2_dot_T: Float[Array, "*batch r p"]
+    difference_error: Float[Array, "*batch"] | float
     """Estimated error of the finite differences in these derivatives [as the rows]; 0.0 if all are in closed form."""
 
 
-def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> StateDerivatives:
+def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> StateDerivatives:
     """Derivatives of velocity and acceleration of a reduced system by its state and inputs, under the constraints.
 
     Differentiates ``E v = [mu; v2]``, ``E w + Edot v = [mudot; v2dot]`` with w the full acceleration, and the balance
     ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``. The multipliers count because R varies. The inertial part is
-    Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). First derivatives of
-    the rows are their exact rates along unit velocities. Each kind of rows provides its second derivatives, which are
-    needed only if the system moves.
-    Eighth-order differences replace two derivatives only: second derivatives of rows without a closed form (momenta,
-    rows and outputs that a user writes), and the derivative of a user's ``B(q)``. ``difference_error`` is their error.
+    Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). All built-in
+    constraints, outputs and actuators are in closed form; the compiled kernel evaluates them if it is available.
+    Eighth-order differences replace two derivatives only: second derivatives of rows and outputs that a user writes,
+    and the derivative of a user's ``B(q)``. They replace all derivatives for a robot with joints whose axes depend on
+    their own position (universal and composite joints). ``difference_error`` is their error.
 
     Args:
         reduced: the model.
-        q: configuration (nq,).
-        v2: reduced velocity (r,).
-        T: actuator inputs (p,).
+        q: configurations (..., nq).
+        v2: reduced velocities (..., r).
+        T: actuator inputs (..., p).
 
     Raises:
         InputError, SingularityError: as in every method of ``ReducedModel``.
@@ -62,9 +66,67 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
         >>> found = rnc.state_derivatives(reduced, robot.configuration(), np.array([0.5, 0.2]), np.zeros(reduced.p))
         >>> round(float(found.v2_dot_v2[0, 1] / found.v2_dot[0]), 3)  # 2 over the yaw rate
         10.0
+        >>> rnc.state_derivatives(reduced, robot.configuration(), np.zeros((4, 2)), np.zeros(reduced.p)).v_q.shape
+        (4, 3, 3)
     """
-    state = reduced.at(q, v2)
-    v2_dot, T = state.v2_dot(T), np.asarray(T, float)
+    found = _compiled(reduced, q, v2, T)
+    if found is not None:
+        return found
+    state, T = reduced.at(q, v2), vector(T, reduced.p, "T")
+    states = state.q.shape[:-1]
+    if not states and T.ndim == 1:
+        return _at_one_state(reduced, state, T)
+    try:
+        batch = np.broadcast_shapes(states, T.shape[:-1])
+    except ValueError:
+        raise InputError(f"T of shape {T.shape} does not broadcast to states of shape {states}") from None
+    flat = [_flat(each, batch) for each in (state.q, state.v2, T)]
+    found = _compiled(reduced, *flat)
+    if found is None:
+        found = _stacked([state_derivatives(reduced, *each) for each in zip(*flat, strict=True)], reduced)
+    return StateDerivatives(**{name: value.reshape(*batch, *value.shape[1:]) for name, value in _values(found).items()})
+
+
+def _compiled(reduced: ReducedModel, q: object, v2: object, T: object) -> StateDerivatives | None:
+    """Derivatives from the compiled kernel, of one state or a stack of states; None if it cannot."""
+    data = reduced.reduction_data
+    if data.compiled is None or not data.kinematics.axes_are_constant:
+        return None
+    found = data.compiled.state_derivatives(q, v2, T)
+    if found is None:
+        return None
+    count = found["v"].shape[:-1]
+    return StateDerivatives(**found, difference_error=np.zeros(count) if count else 0.0)
+
+
+def _values(found: StateDerivatives) -> dict[str, Any]:
+    return {each.name: getattr(found, each.name) for each in fields(found)}
+
+
+def _flat(values: Array, batch: tuple[int, ...]) -> Array:
+    wide = np.broadcast_to(values, (*batch, values.shape[-1]))
+    return np.ascontiguousarray(wide.reshape(int(np.prod(batch)), values.shape[-1]))
+
+
+def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDerivatives:
+    n, r, p = reduced.n, reduced.r, reduced.p
+    shapes = ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p), ())
+    names = [each.name for each in fields(StateDerivatives)]
+    stacks = {
+        name: np.array([getattr(each, name) for each in found]).reshape(len(found), *shape)
+        for name, shape in zip(names, shapes, strict=True)
+    }
+    return StateDerivatives(**stacks)
+
+
+def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
+    """Reference of the compiled kernel."""
+    if state.configuration.factorization.kept is not None:  # E has other rows at q than by default
+        reduced = reduced.with_basis_at(state.q)
+        state = reduced.at(state.q, state.v2)
+    if not reduced.reduction_data.kinematics.axes_are_constant:
+        return _by_differences(reduced, state, T)
+    v2_dot = state.v2_dot(T)
     q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
     n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
@@ -82,7 +144,7 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
 
     model = reduced.robot.model
     data = model.createData()
-    tau_q, tau_v, _ = (np.array(each) for each in pin.computeRNEADerivatives(model, data, q, v, w))
+    tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
     right = B @ T - pin.rnea(model, data, q, v, w)
     multipliers = E_inverse[:, :m].T @ right
     force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
@@ -101,6 +163,31 @@ def state_derivatives(reduced: ReducedModel, q: Array, v2: Array, T: Array) -> S
         v2_dot_v2=H_inverse_Rt @ (a_v @ R),
         v2_dot_T=H_inverse_Rt @ B,
         difference_error=B_error * float(np.abs(T).sum()) + drift_error,
+    )
+
+
+def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
+    model, q, v2 = reduced.robot.model, state.q, state.v2
+    at = state.configuration
+
+    def velocity(p: Array) -> Array:
+        return np.array(reduced.at(p, v2).v)
+
+    def acceleration(p: Array) -> Array:
+        return np.array(reduced.at(p, v2).v2_dot(T))
+
+    (v_q, v_error), (v2_dot_q, error) = (gradient_with_error(model, each, q) for each in (velocity, acceleration))
+    # Accelerations are quadratic in v2, so that central differences with unit steps are exact.
+    ahead, behind = (reduced.at(q, v2 + sign * np.eye(reduced.r)).v2_dot(T) for sign in (1.0, -1.0))
+    return StateDerivatives(
+        v=state.v,
+        v2_dot=state.v2_dot(T),
+        v_q=v_q,
+        v_v2=at.R,
+        v2_dot_q=v2_dot_q,
+        v2_dot_v2=(ahead - behind).T / 2,
+        v2_dot_T=np.linalg.solve(at.H, at.input_matrix),
+        difference_error=max(v_error, error),
     )
 
 
@@ -126,7 +213,7 @@ def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) 
     gradients = kinematics.position(q).with_velocity(v)
     for place in rows.places:
         block = place.block
-        whole = None if block.affine else block.bias_acceleration_gradient(gradients)
+        whole = block.bias_acceleration_gradient(gradients)
         if whole is None:
             whole, found = _differences(block, kinematics, q, v)
             error = max(error, found)

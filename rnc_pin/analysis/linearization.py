@@ -144,7 +144,7 @@ def linearize(
         q=q,
         v2=v2,
         T=T,
-        difference_error=derivatives.difference_error,
+        difference_error=float(derivatives.difference_error),
         reducing=outputs,
         _read=read,
         _kept=kept,

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import components, packed
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.math.linear_algebra import apply, complex_step
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import Placement, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.mechanisms import FrameAnchor, Phrases
@@ -140,6 +140,23 @@ class _ClosureRows(Rows):
         moved = apply(_skew(twist[..., 3:]), self._point_rate(twist, p))
         return W_dot[..., :3] + apply(_skew(W_dot[..., 3:]), p) + moved
 
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        a, b = self._a.motion_gradients(at), self._b.motion_gradients(at)
+        motions = a.velocity, a.acceleration, b.velocity, b.acceleration
+        apart = b.translation - a.translation, (b.jacobian - a.jacobian)[:3]
+
+        def in_world(*parts: np.ndarray) -> np.ndarray:
+            return _relative_acceleration(self._point, *parts)
+
+        value = in_world(apart[0], *(value for value, _ in motions))
+        gradient = complex_step(in_world, apart, *motions)
+        # The components are along the axes of a, which turn too.
+        turn, spin = a.rotation.T, a.jacobian[3:]
+        blocks = [
+            turn @ (gradient[k : k + 3] + pin.skew(value[k : k + 3]) @ spin) for k in range(0, len(self.names), 3)
+        ]
+        return np.vstack(blocks)
+
     def residual(self, at: PositionKinematics) -> np.ndarray:
         relative = self._relative(at)
         if self._point:
@@ -156,6 +173,29 @@ class _ClosureRows(Rows):
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         form, frames = Form.POINT if self._point else Form.CLOSURE, (self._a.attached(model), self._b.attached(model))
         return [KernelRow(form, frames, (k,)) for k in range(len(self.names))]
+
+
+def _relative_acceleration(
+    point: bool,
+    apart: np.ndarray,
+    velocity_a: np.ndarray,
+    acceleration_a: np.ndarray,
+    velocity_b: np.ndarray,
+    acceleration_b: np.ndarray,
+) -> np.ndarray:
+    """Rate (6,) of the motion of b relative to a, seen in the axes of a, in world axes.
+
+    Args:
+        point: True for the relative motion at the origin of b, False for that at the origin of a.
+        apart: origin of b relative to that of a.
+        velocity_a, acceleration_a, velocity_b, acceleration_b: motions of both frames at their origins, (6,).
+    """
+    first, second = velocity_b - velocity_a, acceleration_b - acceleration_a
+    turning, angular = (velocity_a, acceleration_a) if point else (velocity_b, acceleration_b)
+    slip = first[:3] - np.cross(turning[3:], apart)
+    slip_rate = second[:3] - np.cross(angular[3:], apart) - np.cross(turning[3:], first[:3])
+    linear = slip_rate - np.cross(velocity_a[3:], slip)
+    return np.concatenate([linear, second[3:] - np.cross(velocity_a[3:], first[3:])])
 
 
 def _log6(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,24 +72,25 @@ class MomentumConservation:
         _check_symmetry(robot, self.joint, rows)
         joint = robot.joint_id(self.joint)
         units = _units(robot.model.joints[joint])
+        kind = robot.model.joints[joint].shortname()
+        along = _VELOCITY_AXES.get(kind, [])
         if not np.any(self.momentum):
-            return _MomentumRows(self.joint, rows, units)
+            return _MomentumRows(self.joint, rows, units, along)
         value = np.atleast_1d(np.array(self.momentum, dtype=float))
         size = rows.stop - rows.start
         if value.shape != (size,) or not np.isfinite(value).all():
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' takes {size} finite number{'s' * (size > 1)}, found {self.momentum}"
             )
-        kind = robot.model.joints[joint].shortname()
         if size == 1 or kind == "JointModelTranslation":
-            return _MomentumRows(self.joint, rows, units, value)
+            return _MomentumRows(self.joint, rows, units, [], value)
         parent = robot.model.parents[joint]
         if kind not in _VELOCITY_AXES or parent != 0:
             raise ConstraintError(
                 f"momentum of joint '{self.joint}' has to be zero, found {self.momentum}: a nonzero value needs a "
                 f"planar, free-flying or spherical joint on the world, found {kind} on '{robot.model.names[parent]}'"
             )
-        return _WorldMomentumRows(self.joint, rows, units, value, robot)
+        return _WorldMomentumRows(self.joint, rows, units, along, value, robot)
 
 
 def _units(joint: pin.JointModel) -> tuple[str, ...]:
@@ -104,11 +106,29 @@ def _units(joint: pin.JointModel) -> tuple[str, ...]:
 
 
 class _MomentumRows(Rows):
-    def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray | None = None) -> None:
+    """Momentum rows in the axes of the body.
+
+    Args:
+        joint: name of the joint.
+        rows: its entries of v.
+        units: unit of each row.
+        along: components of a spatial velocity that the joint allows, if its velocity is in the axes of the body;
+            empty for a joint that does not turn its own axes.
+        value: value of the momentum, zero by default.
+    """
+
+    def __init__(
+        self,
+        joint: str,
+        rows: slice,
+        units: tuple[str, ...],
+        along: Sequence[int],
+        value: np.ndarray | None = None,
+    ) -> None:
         size = rows.stop - rows.start
         self.names = tuple(f"momentum({joint})" + (f"[{k}]" if size > 1 else "") for k in range(size))
         self.units = units
-        self._name = joint
+        self._name, self._along = joint, list(along)
         self.conserved = self._rows = rows
         self.affine = value is not None
         self._value = np.zeros(size) if value is None else value
@@ -123,6 +143,16 @@ class _MomentumRows(Rows):
         # d/dt (M v) = bias + coadjoint action of v on M v. The latter is zero if M v is zero, or if the joint has one
         # degree of freedom. Gravity has no component along a cyclic joint.
         return at.bias[..., self._rows]
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        # The Jacobian is in the body's axes: Jdot v = bias - coadjoint action of v on M v. See ``bias_acceleration``.
+        gradient = at.bias_gradient()[self._rows]
+        return gradient - self._coadjoint(at.v) @ at.momentum_gradient()[self._rows] if self._along else gradient
+
+    def _coadjoint(self, v: np.ndarray) -> np.ndarray:
+        velocity = np.zeros(6)
+        velocity[self._along] = v[self._rows]
+        return pin.Motion(velocity).dualAction[np.ix_(self._along, self._along)]
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
         return np.broadcast_to(self._value, (*at.q.shape[:-1], len(self._value)))
@@ -139,12 +169,13 @@ class _MomentumRows(Rows):
 class _WorldMomentumRows(_MomentumRows):
     """Momentum rows, transformed from the body's axes to those of the joint's fixed frame."""
 
-    def __init__(self, joint: str, rows: slice, units: tuple[str, ...], value: np.ndarray, robot: Robot) -> None:
-        super().__init__(joint, rows, units, value)
+    def __init__(
+        self, joint: str, rows: slice, units: tuple[str, ...], along: Sequence[int], value: np.ndarray, robot: Robot
+    ) -> None:
+        super().__init__(joint, rows, units, along, value)
         self._joint = robot.joint_id(joint)
         self._fixed = robot.model.jointPlacements[self._joint].inverse()
-        along = _VELOCITY_AXES[robot.model.joints[self._joint].shortname()]
-        self._along, self._block = along, np.ix_(along, along)
+        self._block = np.ix_(along, along)
 
     def _to_world(self, at: PositionKinematics) -> np.ndarray:
         place = at.joint_placement(self._joint)
@@ -153,11 +184,6 @@ class _WorldMomentumRows(_MomentumRows):
 
     def _action(self, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
         return (self._fixed * pin.SE3(rotation.reshape(3, 3), translation)).toDualActionMatrix()[self._block]
-
-    def _coadjoint(self, v: np.ndarray) -> np.ndarray:
-        velocity = np.zeros(6)
-        velocity[self._along] = v[self._rows]
-        return pin.Motion(velocity).dualAction[self._block]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._to_world(at) @ super().jacobian(at)
@@ -169,6 +195,12 @@ class _WorldMomentumRows(_MomentumRows):
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         # In fixed axes, the rate of the momentum at zero vdot equals the force on the base for this motion.
         return apply(self._to_world(at), super().bias_acceleration(at))
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        force, units = super().bias_acceleration(at), np.eye(at.v.size)[self._rows]
+        gradient = at.bias_gradient()[self._rows]
+        gradient[:, self._rows] += np.stack([self._coadjoint(each) @ force for each in units], axis=-1)
+        return self._to_world(at) @ gradient
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         bits, numbers = sum(1 << each for each in self._along), placement_numbers(self._fixed)

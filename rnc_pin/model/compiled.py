@@ -67,6 +67,8 @@ class CompiledReduction:
         self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
         self.biases, self.rates = _record(biases), _record(rates)
         self._terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
+        by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
+        self._derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
 
         self.python_values = tuple(
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
@@ -145,6 +147,18 @@ class CompiledReduction:
         """Full velocity (nv,) at one state, and the sum of the squares of R; None if the other path has to decide."""
         found = np.empty(self._data.n + 1)
         return (found[:-1], found[-1]) if self._evaluator.admissible_velocity(q, v2, found) else None
+
+    def state_derivatives(self, q: object, v2: object, T: object) -> Mapping[str, Array] | None:
+        """Derivatives of ``analysis.derivatives`` at one state or a stack of states, by name, as read-only views.
+
+        None if the arrays or the states need the other path.
+        """
+        numbers = self._evaluator.state_derivatives(q, v2, T)
+        if numbers is None:
+            return None
+        numbers.setflags(write=False)
+        record = np.ndarray(numbers.shape[:-1], self._derivatives, numbers)
+        return {name: record[name] for name in self._derivatives.names or ()}
 
     def terms(self, q: object, v2: object) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""

@@ -106,7 +106,7 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
     pinocchio = model.createData()
     n, k, joints = data.n, data.vertical.size, model.njoints
     moved = [_entries(model, joint) for joint in range(joints)]
-    q, v = robot.configuration(), np.zeros(n)
+    q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
     views = (
         _view(pinocchio.M, (n, n)),
         _view(pinocchio.J, (6, n)),
@@ -116,6 +116,8 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         _placements(pinocchio, joints),
         q,
         v,
+        acceleration,
+        *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
     )
     functions = (pin.crba, pin.nonLinearEffects, pin.computeJointJacobiansTimeVariation, pin.computeCoriolisMatrix)
     references = (
@@ -129,6 +131,8 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         1e-6,
         np.empty,
         pin.integrate,
+        acceleration,
+        pin.computeRNEADerivatives,
     )
     parts = data.actuation.parts
     constant = np.zeros((n, data.p)) if parts is None else parts[0]

@@ -21,6 +21,8 @@ from rnc_pin.robots.robot import Robot
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
 
+_BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
+
 Components = slice | list[int]
 ALL = slice(0, 6)
 """All components of a spatial motion: linear x, y, z, then angular x, y, z."""
@@ -68,6 +70,14 @@ class Kinematics:
     def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot]]:
         """Create new Pinocchio data for a copy or a pickle."""
         return type(self), (self._robot,)
+
+    @cached_property
+    def axes_are_constant(self) -> bool:
+        """True if the axes of each joint are constant in the body that it moves.
+
+        Pinocchio's derivatives and the kernel assume it. Universal, ZYX and composite joints are different.
+        """
+        return all(joint.nv <= 1 or joint.shortname().endswith(_BODY_FIXED) for joint in self.model.joints)
 
     def position(self, q: np.ndarray) -> PositionKinematics:
         """Kinematics at configurations (..., nq)."""
@@ -195,6 +205,20 @@ class VelocityKinematics(PositionKinematics):
         """Coriolis matrices C* (..., nv, nv), with ``Hdot* = C* + C*^T``."""
         return self._at.over_states(pin.computeCoriolisMatrix, (self._at.nv, self._at.nv), self.q, self.v)
 
+    def bias_gradient(self) -> np.ndarray:
+        """Derivative of ``bias`` with respect to q at fixed v, (..., nv, nv)."""
+        return self._gradient(self.v, np.zeros_like(self.v))
+
+    def momentum_gradient(self) -> np.ndarray:
+        """Derivative of ``M v`` with respect to q at fixed v, (..., nv, nv)."""
+        zero = np.zeros_like(self.v)
+        return self._gradient(zero, self.v) - self._gradient(zero, zero)
+
+    def _gradient(self, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Derivative (..., nv, nv) of the inverse dynamics at velocities and accelerations (..., nv)."""
+        nv = self._at.nv
+        return self._at.over_states(_inverse_dynamics_gradient, (nv, nv), self.q, v, w)
+
     @cached_property
     def _rates(self) -> _Quantities:
         return _Quantities(self._at, _update_rates, self.q, self.v)
@@ -319,6 +343,12 @@ def _frame_gradients(at: Kinematics, frame: int) -> np.ndarray:
     point_q = a_q[:3] - pin.skew(v.linear) @ v_q[3:] + pin.skew(v.angular) @ v_q[:3]
     own = (v.linear, v_q[:3]), (v.angular, v_q[3:]), (point, point_q), (a.angular, a_q[3:])
     return np.stack([turn @ (gradient - pin.skew(vector) @ twist) for vector, gradient in own])
+
+
+def _inverse_dynamics_gradient(
+    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, w: np.ndarray
+) -> np.ndarray:
+    return pin.computeRNEADerivatives(model, data, q, v, w)[0].reshape(model.nv, model.nv).copy()  # it is a view
 
 
 def _by_columns(at: Kinematics, matrix: np.ndarray) -> np.ndarray:

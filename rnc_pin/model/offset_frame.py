@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
@@ -18,6 +20,21 @@ from rnc_pin.model.parameter_types import Vector
 from rnc_pin.robots.robot import Robot
 
 _UNIT = np.eye(3)
+
+
+class FrameMotion(NamedTuple):
+    """Motion of a frame in world axes, at its origin; velocity and acceleration with their derivatives by q."""
+
+    translation: np.ndarray
+    """(3,) [m]"""
+    rotation: np.ndarray
+    """(3, 3)"""
+    jacobian: np.ndarray
+    """(6, nv)"""
+    velocity: tuple[np.ndarray, np.ndarray]
+    """(6,), (6, nv)"""
+    acceleration: tuple[np.ndarray, np.ndarray]
+    """Rate of the velocity at zero ``vdot`` (6,), (6, nv)."""
 
 
 class OffsetFrame:
@@ -76,6 +93,32 @@ class OffsetFrame:
     def acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         """Derivative of ``acceleration`` with respect to q, (6, nv)."""
         return self._of(at.own_acceleration_gradient(self.index))
+
+    def motion_gradients(self, at: VelocityKinematics) -> FrameMotion:
+        """Motion of the frame's origin in world axes, with its derivatives with respect to q."""
+        parent, place, J = at.frame_gradients(self.index), self.placement(at), at.jacobian(self.index)
+        velocity, acceleration = at.velocity(self.index), at.acceleration(self.index)
+        arm = place.translation - at.placement(self.index).translation
+        moved = -pin.skew(arm) @ J[3:]  # derivative of the arm
+
+        def at_arm(linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
+            return linear - pin.skew(arm) @ angular
+
+        w, b = velocity[3:], acceleration[3:]
+        swing, swing_q = np.cross(w, arm), pin.skew(w) @ moved - pin.skew(arm) @ parent.angular_velocity
+        origin_v = at_arm(parent.velocity, parent.angular_velocity) + pin.skew(w) @ moved
+        origin_a = at_arm(parent.acceleration, parent.angular_acceleration) + pin.skew(b) @ moved
+        origin_a += pin.skew(w) @ swing_q - pin.skew(swing) @ parent.angular_velocity
+        return FrameMotion(
+            place.translation,
+            place.rotation,
+            np.vstack([at_arm(J[:3], J[3:]), J[3:]]),
+            (np.concatenate([velocity[:3] + swing, w]), np.vstack([origin_v, parent.angular_velocity])),
+            (
+                np.concatenate([acceleration[:3] + np.cross(b, arm) + np.cross(w, swing), b]),
+                np.vstack([origin_a, parent.angular_acceleration]),
+            ),
+        )
 
     def _of(self, motions: np.ndarray) -> np.ndarray:
         return self._action @ motions if self._moved else motions

@@ -82,10 +82,9 @@ class Rows(ABC):
         return self._zeros(at)
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
-        """Derivative of ``Jdot(q, v) v`` with respect to q at fixed v, (k, nv); None if there is no closed form.
+        """Derivative of ``Jdot v - mudot`` with respect to q at fixed v, (k, nv); None if there is no closed form.
 
-        Only a linearization about a motion calls it, at one state. For None, and for ``affine`` rows, it uses finite
-        differences.
+        Only derivatives of the dynamics at one state in motion call it. For None, they use finite differences.
         """
         return None
 

@@ -1,15 +1,27 @@
-"""Derivatives of the dynamics, beside those of bodies and inputs written out."""
+"""Derivatives of the dynamics, beside differences, those of bodies and inputs written out, and of both paths."""
+
+import warnings
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
+from random_systems import TOUCHING, recipes, reduced_of
+from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.model.differences import directional_derivative, gradient
 from systems import (
+    ackermann_car,
+    bicycle,
+    four_bar,
+    free_flying_panda,
+    mobile_manipulator,
     random_states,
     sleigh,
+    spinning_space_robot,
+    tiago,
 )
 from textbook_systems import rail_sliders
 
@@ -143,3 +155,220 @@ def test_nothing_changes_along_no_way():
     zero = directional_derivative(model, lambda q: np.outer(q, q), pin.neutral(model), np.zeros(3))
     assert zero.shape == (4, 4)
     assert not zero.any()
+
+
+# ---------------------------------------------------------------------- every built-in kind, both ways
+
+BESIDE = (0.1, -0.2, 0.3)
+CONSTRAINTS = {
+    "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
+    "roller": [rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)],
+    "skid": [rnc.RollingWheel("rear", 0.3, lateral=False), rnc.NoSideSlip("front", "x", at=BESIDE)],
+    "side slip": [rnc.NoSideSlip("frame", "z", at=BESIDE), rnc.NoSideSlip("rear", "y")],
+    "caster": [rnc.Caster("front", 0.05), rnc.RollingBall("rear", 0.3)],
+    "point of the world": [rnc.LoopClosure("universe", "front", "point", BESIDE, (0.0, 0.1, -0.4))],
+    "point of a wheel": [rnc.LoopClosure("front", "universe", "point", BESIDE)],
+    "frame of the world": [rnc.LoopClosure("universe", "rear", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
+    "frame of a wheel": [rnc.LoopClosure("front", "universe", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
+    "gear": [rnc.JointCoupling("front_wheel", "rear_wheel", 0.5), rnc.NoSideSlip("frame", "y")],
+}
+TURNS = [rnc.FrameAngularVelocity("frame", axis) for axis in "xyz"]
+SPEEDS = [rnc.FrameSpeed("rear", axis) for axis in "xyz"]
+JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
+OUTPUTS = {
+    "position": [rnc.FramePosition("front", "xyz"), *TURNS, *JOINTS],
+    "orientation": [*SPEEDS, rnc.FrameOrientation("front"), *JOINTS],
+    "yaw and tilt": [*SPEEDS, TURNS[1], rnc.FrameYaw("front", "z"), rnc.FrameTilt("rear", "x"), *JOINTS],
+    "distance": [*SPEEDS, *TURNS, rnc.JointPosition("rear_wheel"), rnc.Distance("box", "front"), JOINTS[2]],
+}
+
+
+def two_wheeler(constraints, outputs=(), gravity=True):
+    """The robot of the bicycle with a frame of the world, driven at a joint and at two frames; heavy by default."""
+    model = bicycle().robot.model.copy()
+    model.addFrame(pin.Frame("box", 0, 0, pin.SE3(np.eye(3), np.array([0.3, 1.1, -0.4])), pin.FrameType.OP_FRAME))
+    model.gravity.linear = np.array([0.0, 0.0, -9.81 * gravity])
+    actuators = ["steer", rnc.FrameTorque("frame", "x"), rnc.FrameForce("front", "z")]
+    return rnc.NonholonomicSystem(rnc.Robot(model), constraints, actuators).reduce(*([outputs] if outputs else []))
+
+
+def momenta(value):
+    """Arm on a base that is free or planar, whose momentum is given; no gravity."""
+    model = (free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model
+    robot = rnc.Robot(model)
+    first, *others = robot.joint_names
+    closed = [rnc.MomentumConservation(first, value)]
+    return rnc.NonholonomicSystem(robot, closed, list(others)).reduce([rnc.JointPosition(name) for name in others])
+
+
+def planar_arm():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3(np.eye(3), np.array([0.4, -0.3, 0.0])), "root_joint")
+    for name in ("shoulder", "elbow"):
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.2, 0.3, 0.0]), np.eye(3)), pin.SE3.Identity())
+        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.1, 0.2])), name)
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
+    model.gravity.linear = np.zeros(3)
+    return rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
+
+
+SYSTEMS = {
+    **{name: lambda rows=rows: two_wheeler(rows) for name, rows in CONSTRAINTS.items()},
+    **{name: lambda rows=rows: two_wheeler([], rows) for name, rows in OUTPUTS.items()},
+    "momentum of a free base": lambda: momenta((0.5, -0.2, 0.3, 0.1, 0.4, -0.6)),
+    "no momentum of a free base": lambda: momenta(np.zeros(6)),
+    "momentum of a planar base": lambda: momenta((0.5, -0.2, 0.3)),
+    "no momentum of a planar base": lambda: momenta(np.zeros(3)),
+    "momentum of a platform": spinning_space_robot,
+    "steering": ackermann_car,
+    "loop": four_bar,
+}
+ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths
+BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
+BOTH_WAYS = 1e-10  # the two paths, relative
+EXACT = 1e-9  # eighth-order differences of the dynamics, relative
+
+
+def both_ways(reduced, q, v2, T):
+    """Derivatives of one state as usual, and without the kernel."""
+    return state_derivatives(reduced, q, v2, T), at_one_state(reduced, reduced.at(q, v2), T)
+
+
+def near(found, expected, tolerance, what=""):
+    scale = max(1.0, np.abs(expected).max(initial=0.0))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale, err_msg=what)
+
+
+def check_differences(reduced, found, q, v2, T, tolerance=EXACT, step=1e-3):
+    """All derivatives against differences of the dynamics, which are quadratic in v2 and linear in T."""
+    model = reduced.robot.model
+    near(found.v_q, gradient(model, lambda p: np.array(reduced.at(p, v2).v), q, step), tolerance, "v_q")
+    near(found.v2_dot_q, gradient(model, lambda p: reduced.forward_dynamics(p, v2, T), q, step), tolerance, "v2_dot_q")
+    ahead, behind = (
+        [reduced.forward_dynamics(q, v2 + sign * unit, T) for unit in np.eye(reduced.r)] for sign in (1, -1)
+    )
+    near(found.v2_dot_v2, np.transpose(np.subtract(ahead, behind)) / 2, tolerance, "v2_dot_v2")
+    pushed = [reduced.forward_dynamics(q, v2, T + unit) - found.v2_dot for unit in np.eye(reduced.p)]
+    near(found.v2_dot_T, np.reshape(pushed, (reduced.p, reduced.r)).T, tolerance, "v2_dot_T")
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_every_built_in_kind_is_in_closed_form(name):
+    """The compiled kernel, NumPy, and differences of the dynamics, in motion and under inputs."""
+    reduced = SYSTEMS[name]()
+    assert rnc.kernel == "numpy" or reduced.reduction_data.compiled is not None
+    for q, v2 in random_states(reduced, 2, condition=300.0 if name in ILL_SCALED else 50.0):
+        T = np.linspace(-1.0, 2.0, reduced.p)
+        found, plain = both_ways(reduced, q, v2, T)
+        assert found.difference_error == plain.difference_error == 0.0
+        for each in BLOCKS:
+            near(getattr(found, each), getattr(plain, each), BOTH_WAYS, each)
+        check_differences(reduced, found, q, v2, T)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(recipes())
+def test_derivatives_of_random_systems(recipe):
+    try:
+        reduced = reduced_of(recipe)
+        ((q, v2),) = random_states(reduced, 1, condition=50.0)
+    except (rnc.RncError, RuntimeError, AssertionError):  # AssertionError: no configuration is well conditioned
+        assume(False)
+    assume(reduced.r and reduced.at(q).factorization.kept is None)
+    assume(np.linalg.cond(reduced.at(q).H) < 1e4)
+    v2 = v2 / np.maximum(1.0, np.abs(reduced.at(q, v2).v).max())
+    T = np.ones(reduced.p)
+    found, plain = both_ways(reduced, q, v2, T)
+    for each in BLOCKS:
+        near(getattr(found, each), getattr(plain, each), BOTH_WAYS, each)
+    assert plain.difference_error == 0.0 or {"rows", "belt", "skate", *TOUCHING} & {*recipe.constraints}
+    check_differences(reduced, found, q, v2, T, 1e-7)
+
+
+# ---------------------------------------------------------------------- blocks of states
+
+
+@pytest.mark.parametrize("make", [mobile_manipulator, spinning_space_robot, bicycle])
+def test_blocks_of_states_are_as_each(make):
+    """The last one has a row of the user, so that Python loops over the states."""
+    reduced = make()
+    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 6), strict=True))
+    T = np.random.default_rng(2).normal(size=(6, reduced.p))
+    many = state_derivatives(reduced, q, v2, T)
+    square = state_derivatives(reduced, q.reshape(2, 3, -1), v2.reshape(2, 3, -1), T.reshape(2, 3, -1))
+    shared = state_derivatives(reduced, q, v2, T[0])
+    for k in range(6):
+        one, same = state_derivatives(reduced, q[k], v2[k], T[k]), state_derivatives(reduced, q[k], v2[k], T[0])
+        for each in (*BLOCKS, "difference_error"):
+            np.testing.assert_array_equal(getattr(many, each)[k], getattr(one, each), err_msg=each)
+            np.testing.assert_array_equal(getattr(square, each)[divmod(k, 3)], getattr(one, each), err_msg=each)
+            np.testing.assert_array_equal(getattr(shared, each)[k], getattr(same, each), err_msg=each)
+    n, r, p = reduced.n, reduced.r, reduced.p
+    none = state_derivatives(reduced, q[:0], v2[:0], T[:0])
+    assert [getattr(none, each).shape for each in BLOCKS] == [
+        (0, *shape) for shape in ((n,), (r,), (n, n), (n, r), (r, n), (r, r), (r, p))
+    ]
+    with pytest.raises(rnc.InputError, match=rf"T of shape \(5, {p}\) does not broadcast to states of shape \(6,\)"):
+        state_derivatives(reduced, q, v2, T[:5])
+
+
+def test_results_cannot_be_changed_and_repeat_to_the_bit():
+    reduced = tiago()
+    (q, v2), (p, w) = random_states(reduced, 2)
+    T = np.ones(reduced.p)
+    first = state_derivatives(reduced, q, v2, T)
+    _ = state_derivatives(reduced, p, w, T), reduced.forward_dynamics(p, w, T), reduced.terms(p, w)
+    again = state_derivatives(reduced, q, v2, T)
+    for each in BLOCKS:
+        np.testing.assert_array_equal(getattr(again, each), getattr(first, each))
+    np.testing.assert_array_equal(first.v2_dot, reduced.forward_dynamics(q, v2, T))
+    with pytest.raises(ValueError, match="read-only"):
+        first.v_q[0] = 1.0
+
+
+def test_rows_that_replace_the_default_rows_have_derivatives():
+    """Two rows for one velocity; at q = 0 the default one vanishes."""
+
+    def rows(q):
+        return np.array([[np.sin(q[0]), 0.0, np.sin(q[0]) * q[2]], [np.cos(q[0]), 0.0, np.cos(q[0]) * q[2]]])
+
+    def rows_dot(q, v):
+        c, s = np.cos(q[0]) * v[0], -np.sin(q[0]) * v[0]
+        return np.array([[c, 0.0, c * q[2] + np.sin(q[0]) * v[2]], [s, 0.0, s * q[2] + np.cos(q[0]) * v[2]]])
+
+    system = rnc.NonholonomicSystem(rail_sliders(3), [rnc.Pfaffian(rows, rows_dot)], np.eye(3))
+    reduced = system.reduce([rnc.JointPosition("s1"), rnc.JointPosition("s2")])
+    v2, T = np.array([0.3, -0.8]), np.array([0.2, 0.5, -1.0])
+    replaced = 0
+    for angle in (0.0, np.pi / 2):
+        q = np.array([angle, 0.4, 0.7])
+        replaced += reduced.at(q).factorization.kept is not None
+        check_differences(reduced, state_derivatives(reduced, q, v2, T), q, v2, T, 1e-8)
+    assert replaced == 1
+
+
+def test_joints_with_axes_that_depend_on_their_position_take_differences():
+    """Pinocchio's derivatives are wrong for them: the same arm with joints of one degree of freedom is the oracle."""
+
+    def arm(composite):
+        model, place = pin.Model(), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.4, 0.5), np.array([0.2, 0.1, -0.3]))
+        if composite:
+            joint_model = pin.JointModelComposite(pin.JointModelRX())
+            joint_model.addJoint(pin.JointModelRY(), place)
+            joint = model.addJoint(0, joint_model, pin.SE3.Identity(), "both")
+        else:
+            joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
+            joint = model.addJoint(joint, pin.JointModelRY(), place, "second")
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.4, -0.3]), np.diag([0.2, 0.3, 0.4])), place)
+        hand = model.addJoint(joint, pin.JointModelRX(), place, "hand")
+        model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.3, 0.1, 0.2]), np.diag([0.3, 0.2, 0.1])), place)
+        return rnc.NonholonomicSystem(rnc.Robot(model), [], np.eye(3)).reduce()
+
+    q, v2, T = np.array([0.4, -0.7, 0.9]), np.array([0.5, -1.2, 0.8]), np.array([0.3, 1.0, -0.2])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # the kernel is not used
+        reduced = arm(composite=True)
+    found, expected = state_derivatives(reduced, q, v2, T), state_derivatives(arm(composite=False), q, v2, T)
+    assert 0 < found.difference_error < 1e-8
+    for each in BLOCKS:
+        near(getattr(found, each), getattr(expected, each), 1e-9, each)

@@ -82,7 +82,7 @@ def test_a_sample_says_what_the_whole_has_at_least():
 def test_figures_are_finite_and_positive():
     costs = reduction.system_costs(SYSTEM, rounds=2)
     figures = [costs.bare_us, costs.threads]
-    for cost in (costs.one_state, costs.of_batch, costs.terms, costs.tick):
+    for cost in (costs.one_state, costs.of_batch, costs.terms, costs.derivatives, costs.of_block, costs.tick):
         figures += [cost.us, cost.ratio]
     assert np.isfinite(figures).all()
     assert min(figures) > 0
@@ -99,11 +99,16 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     file = tmp_path / "costs.json"
     reduction.main(["--systems", SYSTEM, "--rounds", "1", "--json", str(file)])
     written = json.loads(file.read_text())
-    assert set(written) == {"rounds", "systems", "commands", "machine"}
+    assert set(written) == {"rounds", "systems", "derivatives_by_hand", "commands", "machine"}
     (system,) = written["systems"]
-    costs = {"one_state", "of_batch", "terms", "tick"}
+    costs = {"one_state", "of_batch", "terms", "derivatives", "of_block", "tick"}
     assert set(system) == {"system", "nv", "r", "bare_us", "threads", "within"} | costs
     assert all(set(system[name]) == COST for name in costs)
+    for each in written["derivatives_by_hand"]:
+        figures = {"us", "block_us", "hand_us", "ratio", "difference", "limit", "within"}
+        assert set(each) == {"system"} | figures
+        assert each["difference"] < 1e-10
+    assert [each["system"] for each in written["derivatives_by_hand"]] == ["space-robot", "free-panda"]
     assert {each["command"] for each in written["commands"]} == {"import rnc_pin", "rnc-pin --help"}
     assert all(set(each) == {"command", "seconds", "limit", "within"} for each in written["commands"])
     assert all(each["seconds"] > 0 for each in written["commands"])
