@@ -38,3 +38,11 @@ def call(monkeypatch, capsys):
         return end.value.code, *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Runs of the command line without pictures, which cost more than a short simulation."""
+    from rnc_pin.scenario.pictures import Drawn
+
+    monkeypatch.setattr("rnc_pin.app.commands.run.draw_pictures", lambda *_: Drawn())

@@ -16,7 +16,7 @@ from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.scenario.pictures import Drawn, draw_pictures, picture_names
+from rnc_pin.scenario.pictures import draw_pictures, picture_names
 from terminal import results
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
@@ -135,12 +135,6 @@ def test_the_scenario_written_down_is_the_one_that_ran(first_run):
     assert scenario["constraints"] == [{"momentum": "platform"}]
 
 
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Runs whose pictures nobody looks at."""
-    monkeypatch.setattr("rnc_pin.app.commands.run.draw_pictures", lambda *_: Drawn())
-
-
 def test_the_same_seed_gives_the_same_bits(first_run, call, tmp_path, no_pictures):
     status, *_ = call("run", "space-robot", *SHORT, "--out", tmp_path)
     assert status == 0
@@ -182,7 +176,7 @@ def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
 
 
 def test_progress_tells_runs_and_pictures_apart(tmp_path):
-    prepared = plan("space-robot", {"simulation.duration": 0.05})
+    prepared = plan("space-robot", {"simulation.duration": 0.05, "plots": {}})
     runs, pictures = [], []
     result = execute(prepared, progress=lambda done, what: runs.append((done, what)))
     assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
@@ -415,7 +409,7 @@ def test_replay_shows_the_summary_or_writes_a_page(source, first_run, call, tmp_
     assert call("replay", source, "--html", page, "--force")[0] == 0
 
 
-def test_replay_finds_the_robot_from_anywhere(call, tmp_path, monkeypatch):
+def test_replay_finds_the_robot_from_anywhere(call, tmp_path, monkeypatch, no_pictures):
     """The run was started beside a scenario and a URDF of one's own; the replay is not."""
     raw = yaml.safe_load(find_scenario("space-robot").read_text())
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump({**raw, "robot": {"urdf": "mine.urdf"}}))

@@ -133,7 +133,7 @@ def test_a_target_that_raises_does_not_lose_the_roll_out():
     assert caught.value.trajectory.time[-1] > 0.4
 
 
-def test_a_controller_that_raises_keeps_its_results_on_the_command_line(tmp_path, call, monkeypatch):
+def test_a_controller_that_raises_keeps_its_results_on_the_command_line(tmp_path, call, monkeypatch, no_pictures):
     from rnc_pin.control import ComputedTorque, VelocityTracker
 
     for kind in (ComputedTorque, VelocityTracker):
@@ -209,7 +209,11 @@ def started(*arguments, **options):
 
 @pytest.mark.parametrize(
     "signals",
-    [[signal.SIGTERM], [signal.SIGINT] * 3, pytest.param([signal.SIGHUP], marks=pytest.mark.long)],  # 10 s; as SIGTERM
+    [
+        [signal.SIGINT] * 3,
+        pytest.param([signal.SIGTERM], marks=pytest.mark.long),  # 10 s; ends the sweep below by the same handler
+        pytest.param([signal.SIGHUP], marks=pytest.mark.long),
+    ],
     ids=str,
 )
 def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):

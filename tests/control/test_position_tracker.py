@@ -44,7 +44,7 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     balls = []
     for k in (8.0, 24.0, 72.0):
         tracker = PositionTracker(waves(x2), PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
-        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.002)
+        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.004)
         error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
         balls.append(error[run.time > 4.0].max())
     assert balls[1] < 0.6 * balls[0]
@@ -92,7 +92,7 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
     def error_rate(t):
         return reference.at(t).velocity - 0.2 * 1.7 * np.cos(1.7 * t + phase)
 
-    end, steps = 2.0, 20_000
+    end, steps = 2.0, 4_000
     h = end / steps
     w, f, A, B = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
 
@@ -177,9 +177,9 @@ def test_first_joint_off_the_platform_does_not_move(preset):
     tip, active = np.array([0, 1]), ["joint_2", "joint_3"]
     gains = PositionGains.paper()
     if preset == "scaled":
-        gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], 0.002)
+        gains = PositionGains.scaled(effective_inertia(reduced, q0, tip, active)[None], 0.004)
     controller = JacobianTransposeController(reduced, PositionTracker(goal, gains, outputs=tip), active)
-    run = rnc.simulate(reduced, controller, q0, 8.0, 0.002)
+    run = rnc.simulate(reduced, controller, q0, 8.0, 0.004)
     assert np.abs(run.x1 - run.x1[0]).max() < 1e-9
     assert (run.T[:, 0] == 0).all()
     assert np.ptp(run.x2[:, 2]) > 0.1  # the first joint turns freely

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
+from random_systems import recipes, reduced_of
 from rnc_pin import _kernel
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model import kernel_tables
 from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.velocity_chart import state_rates
-from tests.support.random_systems import recipes, reduced_of
-from tests.support.systems import (
+from systems import (
     ackermann_car,
     bicycle,
     drifting_manipulator,

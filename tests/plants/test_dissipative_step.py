@@ -160,7 +160,7 @@ def differential_drive(damping=0.0):
     return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
 
 
-@pytest.mark.parametrize("dt", [0.001, 0.02, 0.3])
+@pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
 def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
     """They swung by 0.06 rad/s at 20 ms for ever, as friction was evaluated once a period."""
     reduced = differential_drive()

@@ -1,5 +1,8 @@
-"""Every built-in scenario, to its end where it has one: it ends within 0.02 of every goal, and keeps its invariants."""
+"""Every built-in scenario, to its end where it has one: within 0.02 of every goal, with its invariants and gains."""
 
+import json
+
+import numpy as np
 import pytest
 
 from rnc_pin.scenario.execution import execute, plan
@@ -23,16 +26,50 @@ ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happe
 }
 
 
+GAINS = {  # in the record of a run, by the type of what its controller is made of
+    "VelocityTracker": {"gains", "target"},
+    "PositionTracker": {"gains"},
+    "JacobianTransposeController": {"tracker", "active"},
+    "ReducingOutputController": {"k2"},
+    "RedundancyController": {"k3", "k21"},
+    "UncertainController": {"alpha", "initial", "bounds", "controller"},
+    "UncertainRedundancyController": {"k3", "k21", "alpha", "initial", "bounds"},
+    "SteeringController": {"k3", "k4", "k21"},
+    "UnicycleStabilizer": {"goal", "k", "rate"},
+    "SplitController": {"parts"},
+}
 FAST = {"free-flying-arm": 0.002, "tiago": 0.004}
 """Sampling periods [s] of scenarios whose gains do not suit a slower one."""
 
 
 def summary_of(name, compared=False, **options):
-    result = execute(plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}}))
+    prepared = plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}})
+    its_gains_are_recorded(prepared)
+    result = execute(prepared)
     assert result.error is None
     assert result.summary["outcome"] == "completed"
     assert result.summary["constraint_residual_max"] < 1e-8
     return result.summary
+
+
+def parts_of(description):
+    """A description and those inside it."""
+    yield description
+    for value in description.values():
+        for each in value if isinstance(value, list) else [value]:
+            if isinstance(each, dict) and "type" in each:
+                yield from parts_of(each)
+
+
+def its_gains_are_recorded(prepared):
+    parts = list(parts_of(json.loads(json.dumps(prepared.experiment.notes["controller"]))))
+    for part in parts:
+        assert set(part) >= GAINS[part["type"]], part
+    trackers = [part["gains"] for part in parts if "gains" in part]
+    assert trackers
+    for gains in trackers:
+        assert set(gains) in ({"k", "beta", "sigma"}, {"k1", "k2", "gamma", "beta", "sigma"})
+        assert all(np.min(gain) > 0 for gain in gains.values())
 
 
 def ends_at_its_goals(summary):

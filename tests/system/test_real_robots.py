@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     ("name", "options", "kind"),
     [("tiago", ["simulation.duration=2.5"], "x1"), ("tiago-two-phase", HURRIED, "x2")],
 )
-def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, name, options, kind, folder):
+def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, name, options, kind, folder, no_pictures):
     summary, run = run_of(call, name, folder / name, *options)
     assert summary["outcome"] == "completed"
     assert hand_error(run, kind, slice(3)) < 0.01
@@ -72,7 +72,7 @@ def test_tiago_keeps_its_hand_on_the_path_and_its_wheels_on_the_ground(call, nam
     np.testing.assert_allclose(sign * (difference - difference[0]), apart[1] * (yaw - yaw[0]), atol=1e-8)
 
 
-def test_the_free_flyer_keeps_its_hand_on_the_path_its_attitude_and_no_momentum(call, folder):
+def test_the_free_flyer_keeps_its_hand_on_the_path_its_attitude_and_no_momentum(call, folder, no_pictures):
     summary, run = run_of(call, "free-flying-arm", folder / "free", "simulation.duration=3")
     assert summary["outcome"] == "completed"
     assert run.meta["rotations"]["x1"] == [3]

@@ -69,7 +69,7 @@ def test_the_platform_arrives_on_a_ground_of_little_grip():
     """Of mu = 0.6, which gives 53 N m of yaw: the stabiliser's limits keep to less than half of it."""
     pytest.importorskip("mujoco")
     ground = {"plant": {"type": "mujoco", "friction": [0.6, 0.0, 0.0]}, "comparisons": {}, "plots": {}}
-    coarse = {"simulation.dt": 0.004, "simulation.duration": 7.0}
+    coarse = {"simulation.dt": 0.008, "simulation.duration": 7.0}
     run = execute(plan("mobile-manipulator-two-phase", {**ground, **coarse})).trajectory
     assert run.outcome == "completed"
     assert run.friction_used.max() < 0.6

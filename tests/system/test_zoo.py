@@ -68,18 +68,28 @@ def test_every_robot_with_wheels_is_on_them_or_says_why_not():
     assert wheeled == {name for name, kind in zoo.entries() if kind == "rolling wheels"}
 
 
-def test_growth_vectors_of_wheeled_robots():
-    """Closed forms: what the base can do beyond its velocities is to go sideways, or to any place on the plane.
+@pytest.mark.parametrize(
+    ("name", "growth"),
+    [
+        ("tiago_pro", (22, 24)),
+        ("tiago_no_hand", (12, 13, 14)),
+        pytest.param("tiago_dual", (99, 100, 101), marks=pytest.mark.long),  # as tiago_no_hand, with two hands
+    ],
+)
+def test_growth_vectors_of_wheeled_robots(name, growth):
+    """Closed forms: the base can go sideways beyond its velocities, or to any place on the plane.
 
     Of four Mecanum wheels the sum of the front rates equals that of the rear ones, and the heading is a combination
-    of wheel angles. Centauro's wheels keep their heights; the other eight of its twelve rows are nonholonomic.
+    of wheel angles.
     """
-    expected = {"tiago_pro": (22, 24), "tiago_no_hand": (12, 13, 14), "tiago_dual": (99, 100, 101)}
-    for name, growth in expected.items():
-        reduced = zoo.KINDS["rolling wheels"](name)
-        found = integrability(reduced, [zoo.states(reduced)[0][0]])
-        assert found.growth_vector == growth, name
-        assert len(found.combinations) == reduced.n - growth[-1]
+    reduced = zoo.KINDS["rolling wheels"](name)
+    found = integrability(reduced, [zoo.states(reduced)[0][0]])
+    assert found.growth_vector == growth
+    assert len(found.combinations) == reduced.n - growth[-1]
+
+
+def test_growth_vector_of_steered_wheels():
+    """Centauro's wheels keep their heights; the other eight of its twelve rows are nonholonomic."""
     reduced = zoo.KINDS["rolling wheels"]("centauro")
     found = integrability(reduced, [zoo.states(reduced)[0][0]])
     assert found.growth_vector[-1] == reduced.n - 4
