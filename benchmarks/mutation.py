@@ -35,7 +35,7 @@ PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis"
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
     *(f"tests/{name}" for name in PACKAGES), "tests/loop", "tests/simulation/test_simulate.py",
-    "tests/integrators", "tests/robots/test_single_joint.py", "tests/robots/test_vehicles.py",
+    "tests/integrators", "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py",
     "tests/system/test_regular_motion.py", "tests/test_printing.py",
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these

@@ -1,4 +1,4 @@
-"""What starts at once: nothing heavy is imported before it is needed, and every public name is there when it is."""
+"""Start without delay: nothing heavy is imported before it is needed, and every public name is there when it is."""
 
 import ast
 import os
@@ -18,7 +18,7 @@ HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "s
 
 
 def imported(command, **environment):
-    """What a process prints, and the top-level packages that it imported."""
+    """Output of a process, and the top-level packages that it imported."""
     environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", **environment}
     process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
     modules = [line.split("|")[-1].strip() for line in process.stderr.splitlines() if line.startswith("import time:")]
@@ -27,7 +27,7 @@ def imported(command, **environment):
 
 
 def completed(words):
-    """What bash is offered after these words; the last one is not finished yet."""
+    """Completions that bash is offered after these words; the last one is not finished yet."""
     environment = {"_RNC_PIN_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
     out, packages = imported([COMMAND], **environment)
     assert not packages & HEAVY

@@ -9,9 +9,7 @@ import pytest
 from places import ROOT
 
 MODULES = sorted(
-    path
-    for folder in ("rnc_pin", "benchmarks", "docs", "examples", "tests/support", "tests/derivations")
-    for path in (ROOT / folder).rglob("*.py")
+    path for folder in ("rnc_pin", "benchmarks", "docs", "examples", "tests") for path in (ROOT / folder).rglob("*.py")
 )
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words
@@ -58,7 +56,7 @@ def test_long_sentences_are_found():
 
 
 def test_no_test_file_imports_another():
-    """What several need is in ``tests/support``."""
+    """Shared helpers are in ``tests/support``."""
     imported = [
         f"{path.name}:{node.lineno}"
         for path in (ROOT / "tests").rglob("*.py")

@@ -42,7 +42,7 @@ def test_the_way_is_looked_at_from_a_tenth_to_a_thousandth():
 
 @pytest.fixture
 def sizes(monkeypatch):
-    """What H and V are by the distance; regular everywhere but at places that a test names."""
+    """H and V as functions of the distance, regular everywhere but at places that a test names."""
     chosen = {"H": lambda d: 0 * d + 1.0, "V": lambda d: 0 * d + 1.0, "singular": 0, "error": None}
 
     def fake(reduced, configurations):

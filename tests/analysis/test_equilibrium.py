@@ -128,7 +128,7 @@ def test_a_loop_that_stays_open_is_said():
 
 
 def test_a_fast_turn_is_steady_too():
-    """Whoever stands 0.45 m above the axle is thrown out, until weight and centrifugal force balance."""
+    """A mass 0.45 m above the axle is thrown out, until weight and centrifugal force balance."""
     reduced = wheeled_pendulum()
     v2 = np.array([0.0, 0.0, 7.0])
     found = rnc.equilibrium(reduced, reduced.robot.configuration({"pitch": 1.2}), v2=v2)
@@ -402,7 +402,7 @@ def test_every_step_leads_nearer_and_is_as_long_as_it_may(way, guess):
 
 
 def test_the_search_ends_where_it_need_not_go_on(way):
-    """What is held up as it stands takes one look, and one step that is none."""
+    """A start that is an equilibrium takes one evaluation, and one step of zero."""
     reduced, guess = hanging_chain(["hinge_0", "hinge_1"], 2), [0.4, -1.1]
     np.testing.assert_array_equal(rnc.equilibrium(reduced, guess).q, guess)
     assert (way["looks"], len(way["points"])) == (1, 1)

@@ -125,7 +125,7 @@ def test_preflight_warns_and_the_reference_is_slowed_until_it_holds(gripping):
 
 
 def test_a_second_factor_is_asked_of_the_slowed_reference(gripping):
-    """What an error at the start asks for does not slow down, so that the first factor is not enough."""
+    """Demands of an error at the start do not slow down, so that the first factor is not enough."""
     task = rnc.Task.of(gripping, list(gripping.reducing.names), [])
     reference, grip = TaskReference(turn(), rnc.planning.Hold([])), rnc.Grip(gripping, friction=0.02)
     q0 = gripping.robot.configuration({"root_joint": [0.0, 0.0, 0.1]})

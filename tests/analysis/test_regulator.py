@@ -164,7 +164,7 @@ def test_what_fades_by_itself_need_not_be_reached(fast):
 
 @pytest.mark.parametrize("fast", [0.3, 3.0])
 def test_what_grows_slowly_has_to_cost_something(fast):
-    """What grows faster is stopped at any cost."""
+    """Faster growth is stopped at any cost."""
     limit = 1e-5 * max(1.0, fast)
     B = np.eye(2)
     message = told(linear(np.diag([0.97 * limit, -fast]), B), [0.0, 1.0])
@@ -257,7 +257,7 @@ def test_a_cost_that_is_no_diagonal():
 
 
 def test_a_little_force_is_enough_for_little_dynamics():
-    """What is reached by nanonewtons is reached."""
+    """States that nanonewtons reach count as reached."""
     linear = linearization(np.array([[1e-7, 1.0], [0.0, 1e-7]]), np.array([[0.0], [1e-9]]))
     K = rnc.lqr(linear, np.eye(2), 1e-18)
     assert np.linalg.eigvals(linear.A - linear.B @ K).real.max() < -0.5

@@ -202,7 +202,7 @@ def test_a_millionth_of_a_force_is_missing(share, missing):
 )
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e7])
 def test_forces_that_are_missing(B, rank, missing, unit):
-    """Where q1 is positive one more is, so that this is no worst sample."""
+    """One more is missing at positive q1, so that this is no worst sample."""
     B, more = unit * np.array(B, float), np.array([[3.0, 1.0, 0.0], [0.0, 2.0, 1.0], [1.0, 0.0, 1.0]])
 
     def drives(q):

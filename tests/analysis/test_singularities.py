@@ -95,7 +95,7 @@ def test_rows_of_a_long_chain_all_take_part():
 
 @pytest.mark.parametrize("jump", [False, True])
 def test_the_worst_sample_is_told_where_nothing_vanishes(jump):
-    """Where a determinant jumps from one sign to the other there is no singular configuration between."""
+    """A determinant that jumps from one sign to the other has no singular configuration between."""
 
     def side(q):
         return -1.0 if jump and q[0] < 0 else 1.0

@@ -22,7 +22,7 @@ class Counting:
 
 
 def test_computed_torque_makes_the_velocity_error_fade_at_its_gain():
-    """What the model does under its force: ``v2_dot = v2d_dot + k (v2d - v2)``."""
+    """Closed loop of the model under its force: ``v2_dot = v2d_dot + k (v2d - v2)``."""
     reduced, k = space_robot(), np.array([3.0, 7.0, 1.5])
     law = ComputedTorque(reduced, Counting(), k)
     for q, v2 in random_states(reduced, 3, condition=30.0):

@@ -35,7 +35,7 @@ def test_what_is_beyond_a_zone_is_no_longer_than_the_true_error():
 
 
 def noisily(sleigh, tracker, noise, samples=3000):
-    """What a tracker has learnt that follows a circle perfectly and measures it with noise of one bound."""
+    """Learnt gains of a tracker that follows a circle perfectly and measures it with bounded noise."""
     generator, dt = np.random.default_rng(1), 0.01
     m = sleigh.at(sleigh.robot.configuration(), [1.0, 0.5]).measure()
     state = tracker.initial_state(m)

@@ -1,4 +1,4 @@
-"""What feedback is made of: elapsed time, sizes, and outputs without a value."""
+"""Parts of a feedback: elapsed time, sizes, and outputs without a value."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def hermite(begin, end):
 
 
 def parameter_at(curve, place, L):
-    """Where on a curve of parameters 0 to 1 a chord of length L from a place ends."""
+    """Parameter, from 0 to 1, at which a chord of length L from a place meets the curve."""
     return brentq(lambda s: np.hypot(*(place - curve(s))) - L, 0, 1, xtol=1e-15, rtol=1e-15)
 
 

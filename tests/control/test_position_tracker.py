@@ -285,7 +285,7 @@ def test_a_position_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
 
 
 def test_a_position_tracker_starts_at_rest_with_nothing_learnt():
-    """Where the reference moves and the error is not zero; the first force is that of the error alone."""
+    """With a moving reference and an error; the first force is that of the error alone."""
     reference = Cubic([0.1, 2.9], [0.5, -0.8], [0.4, 0.3], [-0.7, 1.1])
     gains = PositionGains(np.array([3.0, 5.0]), np.array([2.0, 7.0]), 1.7, np.array([4.0, 0.9]), 0.3)
     tracker = PositionTracker(reference, gains, WHERE, ANGULAR, [0.3, -2.0])

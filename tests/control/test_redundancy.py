@@ -32,7 +32,7 @@ PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1,
 
 
 def seen(fields, t):
-    """What moves linearly in time, t away from a moment."""
+    """Motion that is linear in time, t away from a moment."""
     x1, x2, v1, v2, A, A_dot, b, b_dot, affine = fields
     offsets = (b + t * b_dot, b_dot) if affine else (None, None)
     return Measurement(None, None, v2, x1 + t * v1, x2 + t * v2, v1, A + t * A_dot, A_dot, *offsets)

@@ -96,7 +96,7 @@ class Drive:
 
 @pytest.mark.parametrize(("ahead", "window"), [(0.0, None), (0.3, 0.03)])
 def test_heading_and_two_derivatives_against_brute_force(ahead, window, tmp_path):
-    """Where this tractor stops its path bends without a third derivative, which a window must not be long for."""
+    """At this tractor's stop the path bends without a third derivative, so that windows must be short."""
     reduced = truck_with_kingpin_ahead(tmp_path) if ahead else fire_truck()
     kingpin = "trailer" if ahead else None
     length, offset = (np.hypot(1.4, 0.2), -np.arctan2(-0.2, 1.4)) if ahead else (1.0, 0.0)
@@ -480,7 +480,7 @@ def test_a_heading_turns_as_the_chord_to_the_path_does_whatever_the_kingpin_is_a
 
 
 def test_before_the_oldest_place_the_path_is_straight():
-    """Where all that is remembered is nearer than the trailer is long."""
+    """All remembered places are nearer than the trailer is long."""
     law, h = reference(), 1e-3
     for ox, oy, psi, ahead, aside, v, w in np.random.default_rng(3).uniform(-1, 1, (6, 7)):
         along, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
@@ -500,7 +500,7 @@ def test_before_the_oldest_place_the_path_is_straight():
 
 
 def test_between_the_last_place_and_the_tractor_the_path_leads_to_the_tractor():
-    """Where places are farther apart than the trailer is long."""
+    """Places are farther apart than the trailer is long."""
     law = reference(spacing=3.0)
     path = np.array([[-3.0, 0, 0, 1.0], [0.0, 0.0, 0.0, 4.0]])
     point, after = law.step(*measured((2.5, 0.0), 0.0, (1.0, 0.2)), DrivenPath(path, 0.0))

@@ -1,4 +1,4 @@
-"""What controllers ask for, beside closed forms: numbers, signs and thresholds that runs alone do not tell."""
+"""Commands beside closed forms: numbers, signs and thresholds that runs alone do not tell."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is learnt while actuators give less than they are asked for: nothing that would ask for more."""
+"""Learning while actuators give less than they are asked for: nothing that would ask for more."""
 
 import numpy as np
 import pytest

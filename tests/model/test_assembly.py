@@ -1,4 +1,4 @@
-"""How configurations are assembled, step by step: gaps of which every iterate is known."""
+"""Assembly of configurations, step by step: gaps of which every iterate is known."""
 
 import numpy as np
 import pinocchio as pin

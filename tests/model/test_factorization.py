@@ -1,4 +1,4 @@
-"""How dependent rows may be: where others are chosen, what is refused, and what forces rows bear. Constant rows."""
+"""Limits of dependence between rows: reselection, refusal, and forces that rows bear. Constant rows."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""Which rows are chosen, to the threshold: singular values of unit rows are known in closed form."""
+"""Selection of rows, to the threshold: singular values of unit rows are known in closed form."""
 
 from types import SimpleNamespace
 

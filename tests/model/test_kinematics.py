@@ -1,4 +1,4 @@
-"""What Pinocchio says of states, beside a workspace of its own for each question, and differences along the motion."""
+"""Pinocchio's terms, beside a workspace of its own for each question, and differences along the motion."""
 
 from itertools import product
 

@@ -411,7 +411,7 @@ def test_without_outputs_no_velocities_are_ever_dependent():
 
 
 def test_a_linear_model_without_outputs_has_the_same_eigenvalues():
-    """Where it is linearised in other entries of v than the default ones, too."""
+    """Also in other entries of v than the default ones."""
     named, free = ALL["four_bar"](), without_outputs("four_bar")
     for crank in (0.4, 2.0, 4.1):
         q = named.assembled(np.array([crank, 0.5 - crank, 1.5]), hold=["crank"])
@@ -446,7 +446,7 @@ def test_the_null_space_is_that_of_the_rows():
 
 
 def answers(reduced, q, v2, T, v):
-    """What a model says of states, by name."""
+    """Terms of a model at states, by name."""
     state = reduced.at(q, v2)
     found = {name: getattr(state, name) for name in QUANTITIES}
     found |= vars(reduced.terms(q, v2)) | vars(reduced.lagrangian_terms(q, v2))
@@ -789,7 +789,7 @@ def test_all_of_it_where_other_rows_had_to_be_chosen(system, single):
 
 @pytest.mark.parametrize("single", [True, False])
 def test_all_of_it_of_a_velocity_as_measured(system, single):
-    """What is measured slips: gamma and rates are along it, and R, b and A keep to what the rows say."""
+    """A measured velocity slips: gamma and rates are along it; R, b and A keep to the rows."""
     q, v2 = states(system.generator, PLACES)
     slipping = system.generator.normal(size=(2, 3, N))
     integrals = system.generator.normal(size=(2, 3, 3))
@@ -837,7 +837,7 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
 
 
 def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(system):
-    """What depends on q alone, and what Pinocchio has said; nothing else."""
+    """Terms of q alone, and Pinocchio's; nothing else."""
     of_q = ("position", "B", "all_rows", "E_inverse", "J1", "R", "A_star", "H", "mu", "b")
     of_v = ("v", "motion", "rates", "v1", "E_dot", "R_dot", "J1_dot", "A_star_dot", "b_dot", "g", "V", "G")
     for places in (np.array(0.7), np.array(0.0), PLACES):

@@ -516,7 +516,7 @@ def test_a_row_that_is_no_number_is_named_with_the_configuration():
 
 
 def test_samples_are_seeded_and_end_with_the_neutral_configuration():
-    """Where that can be assembled, and where rows of loops have the rank there that they have elsewhere."""
+    """If that can be assembled, and rows of loops have the rank there that they have elsewhere."""
     robot = sliders()
     samples = rnc.NonholonomicSystem(robot, [])._samples
     generator = np.random.default_rng(0)

@@ -26,7 +26,7 @@ def faulty(dt=DT, **faults):
 
 
 def errors(plant, samples):
-    """What sensors add to q (as a velocity's worth) and v over some samples, without time passing."""
+    """Errors of sensors in q (as tangent vectors) and v over some samples, without time passing."""
     model = mobile_manipulator().robot.model
     q, v = plant.actual()
     read = [plant.read() for _ in range(samples)]

@@ -1,4 +1,4 @@
-"""What preflight watches along a reference."""
+"""Margins that preflight watches along a reference."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a run says of itself: typed in the package, JSON under fixed keys in its file."""
+"""The record of a run: typed in the package, JSON under fixed keys in its file."""
 
 import json
 import os

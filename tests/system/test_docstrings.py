@@ -1,4 +1,4 @@
-"""What docstrings promise: every export has an example that runs, every parameter is documented, none is swallowed.
+"""Promises of docstrings: every export has an example that runs, every parameter is documented, none is swallowed.
 
 Examples take ``np`` and ``rnc`` for granted, as NumPy's take ``np``.
 """

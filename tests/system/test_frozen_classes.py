@@ -23,7 +23,7 @@ def classes():
 
 
 def test_descriptions_cannot_be_changed():
-    """Whoever holds one may keep it, and compare it: a system stays what it was made of."""
+    """They can be kept and compared: a system does not change."""
     described = [each for each in classes() if inspect.isclass(each) and is_dataclass(each)]
     assert len(described) > 40
     assert [each.__name__ for each in described if not each.__dataclass_params__.frozen] == []

@@ -30,7 +30,7 @@ BOUNDS = {"A R": CONSTRAINT, "H - H^T": KKT, "Hdot - V - V^T": LEMMA_1, "V linea
 
 @dataclass
 class Tally:
-    """What became of systems."""
+    """Outcomes of systems."""
 
     ends: Counter = field(default_factory=Counter)
     parts: Counter = field(default_factory=Counter)
@@ -71,7 +71,7 @@ def kkt_residual(reduced, q, v2, T):
 
 
 def rate_residual(reduced, q, v2, T):
-    """Whether accelerations keep to the rows: ``A v - mu`` stays where it is along the motion, by differences."""
+    """Violation of the rows by accelerations: change of ``A v - mu`` along the motion, by differences."""
     state = reduced.at(q, v2)
     v, v_dot = state.v, state.v_dot(reduced.forward_dynamics(q, v2, T))
     h = 1e-5 / max(1.0, np.abs(v).max())

@@ -1,4 +1,4 @@
-"""Where constraints have constant rank the motion is regular, whatever the outputs and the order of the rows.
+"""Constraints of constant rank give regular motion, whatever the outputs and the order of the rows.
 
 A roller racer folds through a configuration where its reducing outputs are dependent; cars with Ackermann steering and
 with four steered wheels drive through straight, where the rows of two wheels coincide. The references use neither
@@ -379,7 +379,7 @@ def test_cars_accelerate_as_all_rows_say_in_every_order(car, order):
 @each_car
 @pytest.mark.parametrize("order", ["fl fr bl br", "fr fl br bl", "bl br fl fr", "br bl fr fl", "fl br fr bl"])
 def test_cars_steer_through_straight(car, order):
-    """Where both front wheels, or both steered rear wheels, come first, the first two lateral rows coincide there."""
+    """If both front wheels, or both steered rear wheels, come first, the first two lateral rows coincide there."""
     _, q, v = through_straight(car)
     reduced = car.reduce(tuple(order.split()))
     run = rnc.free_motion(reduced, q[0], v[0, [0, 3]], CROSSING[-1], dt=CROSSING[1], rtol=1e-12, atol=1e-12)

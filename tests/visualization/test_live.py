@@ -50,7 +50,7 @@ def robot():
 
 
 def sample(t, q):
-    """What an observer of a bare robot is told."""
+    """Sample that an observer of a bare robot gets."""
     return Sample(t, Measurement(q=q), Command(), np.empty(0))
 
 

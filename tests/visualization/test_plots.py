@@ -153,7 +153,7 @@ def column(run, kind, name):
 
 
 def test_a_speed_is_no_position(drive):
-    """What a speed adds up to is a distance, and the speed itself is shown with its reference."""
+    """The integral of a speed is a distance, and the speed itself is shown with its reference."""
     run, _ = drive
     axes = {each.get_ylabel(): each for each in run.plot().axes}
     np.testing.assert_array_equal(axes["speed [m/s]"].get_lines()[0].get_ydata(), column(run, "v2", "tractor_speed_x"))

@@ -88,7 +88,7 @@ def gaps(tmp_path):
 
 
 def warned(call):
-    """What a call returns, and the messages of its ModelWarnings."""
+    """Result of a call, and the messages of its ModelWarnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         value = call()
@@ -474,7 +474,7 @@ EYES = "[viewer.camera.position.toArray(), viewer.controls.target.toArray()]"
 
 
 def eyes(page):
-    """Where the camera is and what it looks at, in the world's axes; the viewer's have y up."""
+    """Places of the camera and of its target, in the world's axes; the viewer's have y up."""
     return [np.array([x, -z, y]) for x, y, z in page.evaluate(EYES)]
 
 

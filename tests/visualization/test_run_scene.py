@@ -1,4 +1,4 @@
-"""What is drawn, without a browser: places, directions, keyframes, the null motion, and what any robot needs."""
+"""The drawn scene, without a browser: places, directions, keyframes, the null motion, and what any robot needs."""
 
 from types import SimpleNamespace
 

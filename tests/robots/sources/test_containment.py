@@ -91,7 +91,7 @@ def test_a_urdf_names_its_own_files(name, tree):
 
 
 def test_a_mesh_is_not_taken_from_the_working_directory(tree, monkeypatch):
-    """Where a mass is wanted, the box around the link's meshes is measured; without one it is a ball of 0.05 m."""
+    """A wanted mass is measured from the box around the link's meshes; without one it is a ball of 0.05 m."""
     monkeypatch.chdir(tree / "private")
     path = write(tree / "robot/r.urdf", urdf("secret.obj").replace(INERTIAL.format(1), ""))
     inertia = rnc.Robot.from_urdf(path, masses={"b": 1.0}).model.inertias[1].inertia

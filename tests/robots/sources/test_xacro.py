@@ -37,7 +37,7 @@ class Stubs(Packages):
 
 
 def by_the_library(path, arguments, packages):
-    """What the reference implementation makes of a file, or None where it fails."""
+    """Expansion by the reference implementation, or None if it fails."""
     found = substitution_args._eval_find
     substitution_args._eval_find = lambda name: str(packages.folder(name))
     try:

@@ -114,7 +114,7 @@ def frame(size, sent, opcode=2, final=True):
 
 
 def closed(connection):
-    """Whether the other end hangs up."""
+    """Return True if the other end hangs up."""
     connection.settimeout(PATIENCE)
     try:
         while connection.recv(65536):
