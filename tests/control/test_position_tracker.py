@@ -44,7 +44,7 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     balls = []
     for k in (8.0, 24.0, 72.0):
         tracker = PositionTracker(waves(x2), PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
-        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.004)
+        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.002)
         error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
         balls.append(error[run.time > 4.0].max())
     assert balls[1] < 0.6 * balls[0]
