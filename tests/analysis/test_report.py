@@ -213,12 +213,11 @@ def test_forces_that_are_missing(B, rank, missing, unit):
     assert (report.actuation_rank, report.unactuated) == (rank, missing)
 
 
-def test_a_report_is_of_the_samples_it_says():
-    """Those that its seed draws; Lemma 1 and the class are judged on the better half."""
-    wall = -0.5
+def ahead_of(wall):
+    """Output x of a planar base, undefined behind ``wall[0]``."""
 
     def coordinate(q):
-        if q[0] < wall:
+        if q[0] < wall[0]:
             raise rnc.SingularityError("behind the wall", q=q, condition=np.inf, rows=("ahead",))
         return q[:1]
 
@@ -226,7 +225,16 @@ def test_a_report_is_of_the_samples_it_says():
         coordinate(q)
         return np.array([[q[2], -q[3], 0.0]])
 
-    ahead = rnc.Output(coordinate, rows, lambda q, v: np.array([[-q[3] * v[2], -q[2] * v[2], 0.0]]), ["ahead"])
+    def rows_dot(q, v):
+        return np.array([[-q[3] * v[2], -q[2] * v[2], 0.0]])
+
+    return rnc.Output(coordinate, rows, rows_dot, ["ahead"])
+
+
+def test_a_report_is_of_the_samples_it_says():
+    """Those that its seed draws; Lemma 1 and the class are judged on the better half."""
+    wall = -0.5
+    ahead = ahead_of([wall])
     model, _ = planar_model()
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(3)[:, :1])
     reduced = system.reduce([ahead, rnc.FrameYaw("body")], [rnc.FramePosition("body", "y")])
@@ -253,25 +261,12 @@ def test_a_report_is_of_the_samples_it_says():
 
 def test_a_report_leaves_out_where_outputs_are_undefined():
     """To one side of a wall, or everywhere."""
-    wall = -np.inf
-
-    def coordinate(q):
-        if q[0] < wall:
-            raise rnc.SingularityError("behind the wall", q=q, condition=np.inf, rows=("ahead",))
-        return q[:1]
-
-    def rows(q):
-        coordinate(q)
-        return np.array([[q[2], -q[3], 0.0]])
-
-    def rows_dot(q, v):
-        return np.array([[-q[3] * v[2], -q[2] * v[2], 0.0]])
-
-    ahead = rnc.Output(coordinate, rows, rows_dot, ["ahead"])
+    wall = [-np.inf]
+    ahead = ahead_of(wall)
     reduced = rnc.NonholonomicSystem(sleigh().robot, [rnc.NoSideSlip("sleigh")]).reduce([ahead, rnc.FrameYaw("sleigh")])
     assert rnc.analyze(reduced, samples=16).growth_vector == (2, 3)
-    wall = 0.0
+    wall[0] = 0.0
     assert rnc.analyze(reduced, samples=16).growth_vector == (2, 3)
-    wall = np.inf
+    wall[0] = np.inf
     with pytest.raises(rnc.SingularityError, match="behind the wall"):
         rnc.analyze(reduced, samples=16)

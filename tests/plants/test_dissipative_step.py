@@ -8,24 +8,12 @@ from scipy.integrate import solve_ivp
 import rnc_pin as rnc
 from rnc_pin.integrators import phi_functions
 from rnc_pin.plants import FaultyPlant, ReducedPlant
+from simple_controllers import Inputs
 from systems import mobile_manipulator
 
 MASS = 2.0
 DAMPED, RUBBED = {"joint_damping": True}, {"joint_friction": True}
 BOTH = {**DAMPED, **RUBBED}
-
-
-class Inputs:
-    """Actuator inputs as a function of time: a controller that looks at nothing."""
-
-    def __init__(self, function):
-        self.function = function
-
-    def initial_state(self, measurement):
-        return 0
-
-    def step(self, t, measurement, state):
-        return rnc.control.Command(T=np.asarray(self.function(t), dtype=float)), state
 
 
 def slider(damping=0.0, friction=0.0):

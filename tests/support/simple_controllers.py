@@ -15,7 +15,7 @@ class Inputs:
         return 0
 
     def step(self, t, measurement, state):
-        return Command(T=self.function(t)), state + 1
+        return Command(T=np.asarray(self.function(t), dtype=float)), state + 1
 
 
 class Idle:
