@@ -6,21 +6,21 @@ import click
 
 from rnc_pin.app.messages import warn
 from rnc_pin.interruption import interruptible
-from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation import Provenance, RunInfo
 from rnc_pin.visualization.browser.access import is_loopback
+from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viewers import selected_viewer
 
 
 def live_view(
-    reduced: ReducedModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
+    model: DrawnModel, view: View, info: RunInfo | Provenance, title: str, speed: float, browser: bool, host: str
 ) -> LiveView:
     """Serve a live view, print its address, and wait for the browser."""
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
-    live = LiveView(reduced, view, info, speed, browser, host, title, selected_viewer())
+    live = LiveView(model, view, info, speed, browser, host, title, selected_viewer())
     click.echo(f"showing on {live.url}", err=True)
     try:
         with interruptible():

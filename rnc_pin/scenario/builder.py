@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.analysis import Grip
+from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, SlitheringReference, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, nearest
 from rnc_pin.io.json import Json
@@ -29,6 +30,7 @@ from rnc_pin.scenario.controllers.context import reduced_velocity
 from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
+from rnc_pin.scenario.schema.obstacles import build_obstacles
 from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.run_info import provenance_of
@@ -70,6 +72,7 @@ class Experiment:
     simulation: SimulationSettings
     warnings: tuple[str, ...]
     provenance: Provenance
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def loop(self) -> LoopOptions:
@@ -114,6 +117,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         except (ConfigurationError, InputError) as error:
             raise ConfigurationError(f"reference.{name}: {error}") from None
     path = _plan_path(scenario, reduced, task, q0)
+    obstacles = build_obstacles(scenario.obstacles, folder)
     built = _build_controller(
         scenario,
         ControllerContext(
@@ -130,6 +134,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             monitored=path.monitored,
             v2_0=v2_0,
             grip=_grip(scenario, reduced),
+            obstacles=obstacles,
         ),
     )
     _check_plots(scenario, reduced)
@@ -150,6 +155,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
             path=path.planned,
         ),
+        obstacles=obstacles,
     )
 
 

@@ -17,8 +17,24 @@ from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.simulation import Observer, Outcome, Sample, SimulationOptions, Summary, Trajectory, simulate, summarize
+from rnc_pin.simulation import (
+    LimitReplay,
+    Observer,
+    Outcome,
+    Sample,
+    SimulationOptions,
+    Summary,
+    Trajectory,
+    add_limits,
+    replay_limits,
+    simulate,
+    summarize,
+)
 from rnc_pin.simulation.summary import Compared
+
+REPLAY_DISTANCE = 0.2
+"""Distance up to which the replay of a run computes exact distances [m]."""
+_REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
 
 
 @dataclass(frozen=True)
@@ -60,6 +76,8 @@ class Result:
     summary: Summary
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
+    limits: LimitReplay | None = None
+    """Use of joint limits and distances over time; None if the run has no samples."""
 
     @property
     def interrupted(self) -> bool:
@@ -139,6 +157,9 @@ def _executed(
     start = time.perf_counter()
     trajectory, error = _simulate(plan, plan.experiment, watch(plan.name, 0.0, observer))
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
+    limits = _replay(plan.experiment, trajectory)
+    if limits is not None:
+        add_limits(summary, limits)
     others: dict[str, Trajectory] = {}
     done = plan.duration
     if error is None and trajectory.outcome is Outcome.COMPLETED:
@@ -151,7 +172,7 @@ def _executed(
             summary.setdefault("comparisons", {})[label] = compared
             if others[label].outcome is Outcome.INTERRUPTED:
                 break
-    return Result(trajectory, summary, error, others)
+    return Result(trajectory, summary, error, others, limits)
 
 
 def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> Summary:
@@ -160,6 +181,14 @@ def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | 
     if strayed is not None:
         summary["off_tracking_max"] = strayed
     return summary
+
+
+def _replay(experiment: Experiment, trajectory: Trajectory) -> LimitReplay | None:
+    if not len(trajectory.time):
+        return None
+    step = max(_REPLAY_STEP, experiment.simulation.duration / _REPLAYED)
+    robot, obstacles = experiment.reduced.robot, experiment.obstacles
+    return replay_limits(robot, trajectory, obstacles, step=step, within=REPLAY_DISTANCE)
 
 
 def _compared(summary: Summary) -> Compared:

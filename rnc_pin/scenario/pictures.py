@@ -14,6 +14,8 @@ from rnc_pin.interruption import interruptible
 from rnc_pin.scenario.execution import Plan, Result
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.scenario import PlotSettings
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.limit_plot import plot_limits
 from rnc_pin.visualization.plot_style import save
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
 from rnc_pin.visualization.recording import Recording
@@ -48,6 +50,7 @@ def picture_names(plan: Plan) -> list[str]:
         *(f"{name}.png" for name in plan.experiment.scenario.plots),
         "overview.png",
         "top_view.png",
+        "limits.png",
         "animation.html",
     ]
 
@@ -91,6 +94,7 @@ def _pictures(plan: Plan, result: Result) -> Iterator[tuple[str, Callable[[Path]
         yield f"{name}.png", partial(_plot, result, settings)
     yield "overview.png", partial(_overview, plan, result)
     yield "top_view.png", partial(_top_view, plan, result)
+    yield "limits.png", partial(_limits, plan, result)
     yield "animation.html", partial(_animation, plan, result)
 
 
@@ -113,7 +117,15 @@ def _overview(plan: Plan, result: Result, path: Path) -> bool:
 def _top_view(plan: Plan, result: Result, path: Path) -> bool:
     if not ground_paths(result.trajectory):
         return False
-    save(plot_top_view(result.trajectory, plan.experiment.scenario.title, result.comparisons), path)
+    experiment = plan.experiment
+    save(plot_top_view(result.trajectory, experiment.scenario.title, result.comparisons, experiment.obstacles), path)
+    return True
+
+
+def _limits(plan: Plan, result: Result, path: Path) -> bool:
+    if result.limits is None or not (result.limits.uses or result.limits.clearances):
+        return False
+    save(plot_limits(result.limits, plan.experiment.scenario.title), path)
     return True
 
 
@@ -124,5 +136,6 @@ def _animation(plan: Plan, result: Result, path: Path) -> bool:
         return False
     view = view_of(scenario)
     view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
-    Recording(reduced, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
+    drawn_model = DrawnModel(reduced.robot, reduced, plan.experiment.obstacles)
+    Recording(drawn_model, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
     return True

@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import build_reduced
 from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.scenario.schema.obstacles import build_obstacles
 from rnc_pin.simulation import Provenance, Trajectory
+from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.view import View
 
@@ -26,6 +29,12 @@ class Run:
     trajectory: Trajectory
     scenario: Scenario
     reduced: ReducedModel
+    obstacles: tuple[Obstacle, ...] = ()
+
+    @property
+    def drawn_model(self) -> DrawnModel:
+        """Robot with its model and the obstacles, to draw."""
+        return DrawnModel(self.reduced.robot, self.reduced, self.obstacles)
 
     @property
     def title(self) -> str:
@@ -44,14 +53,15 @@ def load_run(source: Path) -> Run:
     if origin.config is None:
         raise ConfigurationError(f"{source}: contains no scenario, so the robot is unknown")
     scenario = validate(origin.config, str(source))
-    _, reduced = build_reduced(scenario, _folder(origin))
+    folder = _folder(origin)
+    _, reduced = build_reduced(scenario, folder)
     if trajectory.q.shape[1] != reduced.robot.nq:
         raise ConfigurationError(
             f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {reduced.robot.nq}"
         )
     if len(trajectory.time) < 2:
         raise ConfigurationError(f"{source}: contains {len(trajectory.time)} samples, at least 2 are required")
-    return Run(source, trajectory, scenario, reduced)
+    return Run(source, trajectory, scenario, reduced, build_obstacles(scenario.obstacles, folder))
 
 
 def _folder(origin: Provenance) -> Path:
@@ -84,7 +94,7 @@ def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
 def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
     """Return the animation of a run, with other runs as pale robots in it or beside it."""
     run = runs[0]
-    return Recording(run.reduced, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
+    return Recording(run.drawn_model, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
 
 
 def view_of(scenario: Scenario) -> View:

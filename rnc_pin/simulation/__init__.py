@@ -5,7 +5,7 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
-from rnc_pin.simulation.limit_replay import Clearance, LimitReplay, LimitUse, replay_limits
+from rnc_pin.simulation.limit_replay import Clearance, LimitReplay, LimitUse, obstacles_passed, replay_limits
 from rnc_pin.simulation.preflight import Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
@@ -22,7 +22,7 @@ from rnc_pin.simulation.run_info import (
 from rnc_pin.simulation.simulate import sample_count, simulate
 from rnc_pin.simulation.simulation_options import Observer, Sample, SimulationOptions
 from rnc_pin.simulation.stop import Stop
-from rnc_pin.simulation.summary import Summary, summarize, tracking_errors
+from rnc_pin.simulation.summary import Summary, add_limits, summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
@@ -49,10 +49,12 @@ __all__ = [
     "Summary",
     "TaskNames",
     "Trajectory",
+    "add_limits",
     "free_motion",
     "grip_along",
     "kinematic_rollout",
     "margins_along",
+    "obstacles_passed",
     "output_names",
     "preflight",
     "replay_limits",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -19,6 +19,7 @@ ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
 LimitKind = Literal["position", "velocity", "effort"]
+LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
 
 
 class LimitUse(NamedTuple):
@@ -76,7 +77,8 @@ class LimitReplay:
         uses: largest use of every limit of a joint.
         clearances: smallest distance of every pair that comes nearer than ``within``, nearest first.
         omitted: pairs of links that are not checked because they touch at the start, and why.
-        time: times (N,) of the distances [s].
+        time: times (N,) of the distances and excesses [s].
+        excesses: excess (N, u) of each limit in ``uses`` over time, as a share of its range.
         distances: distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower
             bounds.
         within: distance up to which distances are exact [m].
@@ -86,6 +88,7 @@ class LimitReplay:
     clearances: tuple[Clearance, ...]
     omitted: tuple[str, ...]
     time: np.ndarray
+    excesses: np.ndarray
     distances: np.ndarray
     within: float
 
@@ -139,26 +142,52 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
-    uses = (*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory))
+    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory)]
     every = _spaced(trajectory.time, step)
+    time, q, uses = trajectory.time[every], trajectory.q[every], tuple(use for use, _ in found)
+    excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
-        return LimitReplay(uses, (), (), trajectory.time[every], np.zeros((len(every), 0)), within)
+        return LimitReplay(uses, (), (), time, excesses, np.zeros((len(every), 0)), within)
     checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
     omitted = tuple(
         f"{' / '.join(each.names)}: {each.reason}" for each in checked.omitted if each.reason.startswith("overlap")
     )
-    time, q = trajectory.time[every], trajectory.q[every]
     over_time = np.array([checked.smallest(q_k, t, within) for t, q_k in zip(time.tolist(), q, strict=True)])
     first = over_time.argmin(axis=0) if over_time.size else np.zeros(0, dtype=int)
     lowest = over_time[first, np.arange(over_time.shape[1])]
     near = [int(k) for k in np.argsort(lowest, kind="stable") if lowest[k] < within]
-    links = len(model.geometryObjects)
-    clearances = tuple(
-        Clearance(checked.pairs[k].names, float(lowest[k]), float(time[first[k]]), checked.pairs[k].second >= links)
-        for k in near
-    )
-    return LimitReplay(uses, clearances, omitted, time, over_time[:, near], within)
+    clearances = tuple(_clearance(checked, k, float(lowest[k]), float(time[first[k]])) for k in near)
+    return LimitReplay(uses, clearances, omitted, time, excesses, over_time[:, near], within)
+
+
+def obstacles_passed(
+    robot: Robot, time: np.ndarray, q: np.ndarray, obstacles: Sequence[Obstacle]
+) -> tuple[Clearance, ...]:
+    """Return the deepest penetration of each obstacle along a motion, deepest first; empty without collision geometry.
+
+    Args:
+        robot: the robot.
+        time: times (N,) [s].
+        q: configurations (N, nq).
+        obstacles: bodies in the world.
+    """
+    model = robot.collision_model
+    if not obstacles or model is None or not len(model.geometryObjects):
+        return ()
+    checked = CollisionDistances(robot, obstacles, PairSelection(links=False))
+    over_time = np.array([checked.smallest(q_k, t) for t, q_k in zip(time.tolist(), q, strict=True)])
+    first, found = over_time.argmin(axis=0), dict[str, Clearance]()
+    for k in np.argsort(over_time.min(axis=0), kind="stable").tolist():
+        passed = _clearance(checked, k, float(over_time[first[k], k]), float(time[first[k]]))
+        if passed.distance < -ROUNDING:
+            found.setdefault(passed.names[1], passed)
+    return tuple(found.values())
+
+
+def _clearance(checked: CollisionDistances, pair: int, distance: float, time: float) -> Clearance:
+    chosen = checked.pairs[pair]
+    return Clearance(chosen.names, distance, time, chosen.names[1] in {each.name for each in checked.obstacles})
 
 
 def _spaced(time: np.ndarray, step: float) -> np.ndarray:
@@ -169,7 +198,11 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
     return np.unique(np.append(np.flatnonzero(np.diff(cells, prepend=-1.0) > 0), len(time) - 1))
 
 
-def _positions(robot: Robot, run: Trajectory) -> list[LimitUse]:
+_Use = tuple[LimitUse, np.ndarray]
+"""Use of a limit, and its excess (N,) over time."""
+
+
+def _positions(robot: Robot, run: Trajectory) -> list[_Use]:
     model, uses = robot.model, []
     for name, joint in zip(robot.joint_names, list(model.joints)[1:], strict=True):
         if joint.nq != joint.nv:
@@ -182,11 +215,12 @@ def _positions(robot: Robot, run: Trajectory) -> list[LimitUse]:
             at = int(excess.argmax())
             value = float(run.q[at, k])
             nearest = high if value - low > high - value else low
-            uses.append(LimitUse("position", name, float(excess[at]), float(run.time[at]), value, nearest))
+            use = LimitUse("position", name, float(excess[at]), float(run.time[at]), value, nearest)
+            uses.append((use, excess))
     return uses
 
 
-def _rates(robot: Robot, run: Trajectory) -> list[LimitUse]:
+def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
     limits = robot.model.upperVelocityLimit
     return [
         _symmetric("velocity", name, run.time, run.v[:, k], float(limits[k]))
@@ -195,7 +229,7 @@ def _rates(robot: Robot, run: Trajectory) -> list[LimitUse]:
     ]
 
 
-def _efforts(robot: Robot, run: Trajectory) -> list[LimitUse]:
+def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
     limits, uses = robot.model.upperEffortLimit, []
     for column, name in enumerate(run.info.outputs.T):
         if name in robot.joint_names:
@@ -205,7 +239,8 @@ def _efforts(robot: Robot, run: Trajectory) -> list[LimitUse]:
     return uses
 
 
-def _symmetric(kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float) -> LimitUse:
+def _symmetric(kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float) -> _Use:
     finite = np.where(np.isfinite(values), np.abs(values), 0.0)
     at = int(finite.argmax())
-    return LimitUse(kind, name, float(finite[at]) / limit - 1.0, float(time[at]), float(values[at]), limit)
+    excess = finite / limit - 1.0
+    return LimitUse(kind, name, float(excess[at]), float(time[at]), float(values[at]), limit), excess

@@ -8,6 +8,7 @@ from typing import NotRequired, TypedDict
 import numpy as np
 
 from rnc_pin.analysis import first_lift_off
+from rnc_pin.simulation.limit_replay import LIMIT_KINDS, LimitReplay
 from rnc_pin.simulation.trajectory import Trajectory
 
 
@@ -40,11 +41,29 @@ class LiftedOff(TypedDict):
     lowest: float
 
 
+class WorstLimit(TypedDict):
+    """Joint limit with the largest excess, as a share of its range; negative while the limit is kept."""
+
+    joint: str
+    excess: float
+    time: float
+
+
+class NearestBodies(TypedDict):
+    """Two links, or a link and an obstacle, at their smallest distance [m]; negative for penetration."""
+
+    bodies: list[str]
+    distance: float
+    time: float
+
+
 class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
     ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run. It is None
     if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
+    ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
+    summaries of scenarios.
     """
 
     scenario: str | None
@@ -59,6 +78,9 @@ class Summary(Compared):
     wall_time: float | None
     realtime_factor: float | None
     versions: Mapping[str, str]
+    joint_limits: NotRequired[dict[str, WorstLimit]]
+    smallest_distance: NotRequired[NearestBodies | None]
+    touching_at_start: NotRequired[list[str]]
     comparisons: NotRequired[dict[str, Compared]]
     files: NotRequired[list[str]]
 
@@ -129,6 +151,26 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
     return summary
+
+
+def add_limits(summary: Summary, replay: LimitReplay) -> None:
+    """Add the largest use of joint limits and the smallest distance of a replay to a summary."""
+    worst = {kind: replay.worst(kind) for kind in LIMIT_KINDS}
+    summary["joint_limits"] = {
+        kind: {"joint": use.name, "excess": use.excess, "time": use.time}
+        for kind, use in worst.items()
+        if use is not None
+    }
+    summary["smallest_distance"] = None
+    if replay.clearances:
+        nearest = replay.clearances[0]
+        summary["smallest_distance"] = {
+            "bodies": list(nearest.names),
+            "distance": nearest.distance,
+            "time": nearest.time,
+        }
+    if replay.omitted:
+        summary["touching_at_start"] = list(replay.omitted)
 
 
 def _lift_off(trajectory: Trajectory) -> LiftedOff | None:

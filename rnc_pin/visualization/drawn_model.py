@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from rnc_pin.collision import Obstacle
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
@@ -18,14 +19,18 @@ class DrawnModel:
     Attributes:
         robot: robot whose bodies are drawn.
         reduced: reduced model with the constraints, outputs and null motion; None if only the robot is known.
+        obstacles: bodies in the world.
     """
 
     robot: Robot
     reduced: ReducedModel | None = None
+    obstacles: tuple[Obstacle, ...] = ()
 
     @classmethod
-    def of(cls, model: ReducedModel | Robot) -> DrawnModel:
-        """DrawnModel from a reduced model or from a robot."""
+    def of(cls, model: DrawnModel | ReducedModel | Robot) -> DrawnModel:
+        """DrawnModel from a reduced model or from a robot, without obstacles."""
+        if isinstance(model, DrawnModel):
+            return model
         return cls(model.robot, model) if isinstance(model, ReducedModel) else cls(model)
 
     @property
@@ -35,7 +40,10 @@ class DrawnModel:
 
     def with_own_model(self) -> DrawnModel:
         """Copy with its own reduced model: a model serves one thread at a time."""
-        return self if self.reduced is None else DrawnModel.of(copy.deepcopy(self.reduced))
+        if self.reduced is None:
+            return self
+        reduced = copy.deepcopy(self.reduced)
+        return replace(self, robot=reduced.robot, reduced=reduced)
 
     def ground_height(self, view: View) -> float | None:
         """Height of the grid [m]; None for no grid."""

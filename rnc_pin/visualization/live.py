@@ -44,7 +44,7 @@ class LiveView:
 
     def __init__(
         self,
-        model: ReducedModel | Robot,
+        model: DrawnModel | ReducedModel | Robot,
         view: View | None = None,
         meta: RunInfo | Provenance | Mapping[str, Json] | None = None,
         speed: float = 1.0,

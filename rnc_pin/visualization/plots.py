@@ -12,11 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rnc_pin.collision import Obstacle
 from rnc_pin.errors import InputError
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.top_view import draw_top_view, ground_paths
+from rnc_pin.visualization.drawn_obstacles import outline
+from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
 _LONGEST_TITLE, _TITLE_LINES = 64, 3  # characters per line that fit a figure of one column; largest number of lines
@@ -64,7 +66,10 @@ def plot_learning(
 
 @ps.styled
 def plot_top_view(
-    trajectory: Trajectory, title: str | None = None, comparisons: Mapping[str, Trajectory] | None = None
+    trajectory: Trajectory,
+    title: str | None = None,
+    comparisons: Mapping[str, Trajectory] | None = None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> Figure:
     """Plot the top view of a run: actual paths with heading marks, and desired paths.
 
@@ -72,6 +77,7 @@ def plot_top_view(
         trajectory: run to plot.
         title: title above the plot.
         comparisons: other runs by label, dashed.
+        obstacles: bodies in the world, with their outlines.
 
     Raises:
         InputError: the run has no path in the plane.
@@ -79,11 +85,13 @@ def plot_top_view(
     paths = ground_paths(trajectory)
     if not paths:
         raise InputError("the run has no path for a top view: no body on the ground, no planar frame with x and y")
-    across, up = np.ptp(np.concatenate([path.points for path in paths]), axis=0)
+    outlines = [outline(each, t) for each in obstacles for t in trajectory.time[[0, -1]].tolist()]
+    across, up = np.ptp(np.concatenate([*(path.points for path in paths), *outlines]), axis=0)
     height = np.clip(0.7 * _WIDTH * up / max(across, 1e-9) + 1.2, *_VIEW_HEIGHTS)
     figure = ps.PrintFigure(figsize=(_WIDTH, float(height)))
     axes = figure.subplots()
-    ps.legend_beside(axes, draw_top_view(axes, trajectory, comparisons or {}))
+    entries = draw_obstacles(axes, obstacles, trajectory.time)
+    ps.legend_beside(axes, [*draw_top_view(axes, trajectory, comparisons or {}), *entries])
     _title(axes, title)
     _layout_once(figure)
     return figure

@@ -24,7 +24,8 @@ class Recording:
     """Animation that needs only a browser. A notebook shows it if it is the last line of a cell.
 
     Args:
-        model: reduced model or robot; a reduced model also shows its constraints and null motion.
+        model: reduced model or robot; a reduced model also shows its constraints and null motion. A ``DrawnModel`` may
+            have obstacles.
         trajectory: trajectory to play.
         view: view options.
         title: title of the page.
@@ -38,7 +39,7 @@ class Recording:
 
     def __init__(
         self,
-        model: ReducedModel | Robot,
+        model: DrawnModel | ReducedModel | Robot,
         trajectory: Trajectory,
         view: View | None = None,
         title: str = "rnc_pin",

@@ -13,6 +13,7 @@ from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
 from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_obstacles import ObstacleElement, corners_over_time
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
@@ -84,7 +85,9 @@ class RunScene:
         self._pictures = 0
         self.ground = shown.drawn_model.ground_height(view)
         self._follower: Follower | None = None
-        self._look(first, np.concatenate([self.kinematics.corners(q) for q in moments]))
+        times = (first.time,) if run is None else np.linspace(run.time[0], run.time[-1], 5).tolist()
+        bodies = corners_over_time(shown.drawn_model.obstacles, times)
+        self._look(first, np.concatenate([*(self.kinematics.corners(q) for q in moments), bodies]))
         self.tracked = tracked_frames(self.outputs, shown.goals, self.robot)
         self.elements = self._elements(first)
         self.overlay = Overlay(self.outputs, shown.goals, self.kinematics, self._path, self.reduced is not None)
@@ -155,10 +158,13 @@ class RunScene:
 
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
-        for part in (self._plan, self._references, self._paths, self._tracks, self._constraints, self._null_motion,
-                     self._margin, self._compared):  # fmt: skip
+        for part in (self._obstacles, self._plan, self._references, self._paths, self._tracks, self._constraints,
+                     self._null_motion, self._margin, self._compared):  # fmt: skip
             found += part(first)
         return found
+
+    def _obstacles(self, first: DrawnState) -> list[e.Element]:
+        return [ObstacleElement(obstacle) for obstacle in self.shown.drawn_model.obstacles]
 
     @property
     def _width(self) -> float:

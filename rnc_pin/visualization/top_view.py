@@ -11,14 +11,17 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
+from rnc_pin.collision import Obstacle
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
+from rnc_pin.visualization.drawn_obstacles import outline
 from rnc_pin.visualization.panels import MOST, Others, readable_name
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
 _SAME = 1e-3  # largest distance between two paths that count as one, over the extent
 _SMALLEST = 0.05  # smallest half width and half height of the picture [m]
+_BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 
@@ -87,6 +90,22 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
             one = found[same[0]]
             found[same[0]] = GroundPath(one.name, one.points, one.headings, frame.desired)
     return found[:MOST]
+
+
+def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) -> list[ps.LegendEntry]:
+    """Draw the outlines of obstacles: filled at the start; those that move also at the end, with their paths."""
+    lines = []
+    for obstacle in obstacles:
+        first = outline(obstacle, float(time[0]))
+        axes.fill(*first.T, color=_BODY, alpha=0.5, zorder=0)
+        lines += axes.plot(*np.concatenate([first, first[:1]]).T, color=_EDGE, lw=0.9, zorder=0.5)
+        if obstacle.motion is not None:
+            last = outline(obstacle, float(time[-1]))
+            axes.plot(*np.concatenate([last, last[:1]]).T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
+            moments = np.linspace(time[0], time[-1], 100).tolist()
+            way = np.array([obstacle.placement(t).translation[:2] for t in moments])
+            axes.plot(*way.T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
+    return [ps.LegendEntry("obstacles", lines[:1])] if lines else []
 
 
 def _triples(poses: np.ndarray) -> Sequence[np.ndarray]:

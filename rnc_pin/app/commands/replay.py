@@ -70,7 +70,7 @@ def replay_runs(
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
-    live = live_view(run.reduced, view_of(run.scenario), run.trajectory.info, run.title, speed, browser, host)
+    live = live_view(run.drawn_model, view_of(run.scenario), run.trajectory.info, run.title, speed, browser, host)
     try:
         for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
             live(state)

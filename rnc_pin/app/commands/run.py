@@ -19,6 +19,7 @@ from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.pictures import Drawn, draw_pictures, picture_names
 from rnc_pin.scenario.saved_run import view_of
+from rnc_pin.visualization.drawn_model import DrawnModel
 
 
 def run_scenario(
@@ -82,9 +83,8 @@ def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str
     live = None
     if show:
         title = experiment.scenario.title or prepared.name
-        live = live_view(
-            experiment.reduced, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host
-        )
+        drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
+        live = live_view(drawn, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host)
     try:
         count = len(prepared.comparisons)
         others = f" and {count} comparison{'s'[: count != 1]}" if count else ""

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from rnc_pin.analysis import Grip
+from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, PositionGains, SlitheringReference, VelocityGains
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
@@ -44,6 +45,7 @@ class ControllerContext:
         simulation: duration and steps.
         preflight: action if a singular configuration is ahead.
         slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
+        obstacles: bodies in the world, for the check before the run.
         monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
     """
 
@@ -60,6 +62,7 @@ class ControllerContext:
     monitored: tuple[np.ndarray, Reference] | None = None
     v2_0: np.ndarray | None = None
     grip: Grip | None = None
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def horizon(self) -> float:

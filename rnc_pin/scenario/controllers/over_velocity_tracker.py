@@ -46,7 +46,7 @@ from rnc_pin.scenario.schema.controllers import (
     VelocityTrackerSettings,
 )
 from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
-from rnc_pin.simulation import margins_along
+from rnc_pin.simulation import margins_along, obstacles_passed
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
 
@@ -142,7 +142,11 @@ def _track(
     reduced, q0 = context.reduced, context.q0
     margins = margins_along(reduced, kinematic, q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
     time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
-    complaints = tuple(margins.complaints(MIN_SINGULAR_VALUE))
+    passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
+    complaints = (
+        *margins.complaints(MIN_SINGULAR_VALUE),
+        *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
+    )
     if complaints and context.preflight == "refuse":
         raise InfeasibleError("; ".join(complaints))
     if settings.tracker == "computed_torque":

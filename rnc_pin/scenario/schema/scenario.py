@@ -12,6 +12,7 @@ from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
+from rnc_pin.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.reference_settings import References
@@ -56,6 +57,8 @@ class Scenario(Strict):
     """Title in ``rnc-pin list`` and in plots."""
     robot: RobotSource
     """The robot."""
+    obstacles: list[ObstacleItem] = []
+    """Bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and summary."""
     constraints: list[ConstraintItem] = []
     """Constraints on the motion of the robot."""
     mimic: bool = True
