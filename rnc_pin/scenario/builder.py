@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -148,7 +149,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         q0=q0,
         v2_0=v2_0,
         simulation=scenario.simulation,
-        warnings=built.warnings,
+        warnings=(*built.warnings, *_unmeasured(obstacles, reduced)),
         provenance=replace(
             provenance_of(built.notes),
             controller=describe(built.controller),
@@ -157,6 +158,15 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
         ),
         obstacles=obstacles,
     )
+
+
+def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
+    """Return the warning that distances to obstacles are not known."""
+    geometry = reduced.robot.collision_model if obstacles else None
+    if not obstacles or (geometry is not None and len(geometry.geometryObjects)):
+        return ()
+    text = f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known"
+    return (text,)
 
 
 def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:

@@ -77,12 +77,22 @@ def ends_at_its_goals(summary):
     assert max(summary["final_error"].values()) < 0.02, summary["final_error"]
 
 
+def respects_its_limits(summary):
+    """Joint limits of the robot's file, and distances between links by coal on hulls of the meshes."""
+    assert {kind: worst for kind, worst in summary["joint_limits"].items() if worst["excess"] > 1e-6} == {}
+    assert "touching_at_start" not in summary
+    nearest = summary["smallest_distance"]
+    assert nearest is None or nearest["distance"] > 0.0, nearest
+
+
 @pytest.mark.parametrize("name", [name for name in built_in_names() if name != "fire-truck"])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
     options = {"simulation.dt": FAST.get(name, 0.008)}
     options |= {"simulation.duration": ENOUGH[name]} if name in ENOUGH else {}
-    ends_at_its_goals(summary_of(name, **options))
+    summary = summary_of(name, **options)
+    ends_at_its_goals(summary)
+    respects_its_limits(summary)
 
 
 def test_figure_8():
@@ -90,6 +100,7 @@ def test_figure_8():
     summary = summary_of("fire-truck", compared=True, **{"simulation.dt": 0.005})
     locked = summary["comparisons"]["rear axle locked"]
     ends_at_its_goals(summary)
+    respects_its_limits(summary)
     assert summary["off_tracking_max"] < 0.1 * locked["off_tracking_max"]
     assert summary["off_tracking_max"] < 1e-3
     assert max(abs(summary["final_output"][name]) for name in ("tractor_x", "tractor_y", "tractor_yaw")) < 0.02
