@@ -65,6 +65,18 @@ class LiftOff:
         )
 
 
+class PlaneBalance(NamedTuple):
+    """Balance of a robot on a base that moves in the plane: upwards, and about the axes along the ground.
+
+    ``gives forces + couples u = needed``, with the upward forces of all contacts and any couples u of axles.
+    """
+
+    gives: Float[Array, "3 c"]
+    couples: Float[Array, "3 k"]
+    needed: Float[Array, "N 3"]
+    """For each of N inputs."""
+
+
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
     """Return the contacts of a system with the ground: contacts without slip, and gliding contacts."""
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
@@ -120,6 +132,7 @@ class NormalForces:
     Attributes:
         contacts: contacts that carry, (c,).
         names: their names, (c,).
+        carried_by_row: True for each contact whose height a constraint row keeps, (c,).
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -149,7 +162,8 @@ class NormalForces:
         kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
         self.contacts = [each for each, _ in kept]
         self.names = tuple(each.name for each in self.contacts)
-        self._by_row = np.array([carries for _, carries in kept], dtype=bool)
+        self.carried_by_row = np.array([carries for _, carries in kept], dtype=bool)
+        self.carried_by_row.setflags(write=False)
 
     def _moves_along(self, q: Array, axis: int) -> bool:
         """True if the whole robot can translate along a world axis, constraints ignored."""
@@ -176,21 +190,21 @@ class NormalForces:
         forces = np.zeros((*batch, len(self.contacts)))
         if not self.contacts:
             return forces
-        if self._by_row.any():
-            forces[..., self._by_row] = self._of_rows(state.contact_forces(T, external), state.all_rows)
-        if not self._by_row.all():
+        if self.carried_by_row.any():
+            forces[..., self.carried_by_row] = self._of_rows(state.contact_forces(T, external), state.all_rows)
+        if not self.carried_by_row.all():
             v_dot, T = state.acceleration(T, external), np.broadcast_to(T, (*batch, self._reduced.p))
             count = int(np.prod(batch))
             flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
             q, v, v_dot, T, known = flat
             wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
-            known[:, ~self._by_row] = self._of_motion(q, wrenches, known)
+            known[:, ~self.carried_by_row] = self._of_motion(q, wrenches, known)
             forces = known.reshape(forces.shape)
         return forces
 
     def _of_rows(self, multipliers: Array, rows: Array) -> Array:
         """Forces of the contacts whose height a row keeps."""
-        carried = zip(self.contacts, self._by_row, strict=True)
+        carried = zip(self.contacts, self.carried_by_row, strict=True)
         up = [each.up for each, carries in carried if carries and each.up is not None]
         pushing = -multipliers[..., up]
         for i in np.argwhere((pushing < 0).any(axis=-1)):
@@ -198,8 +212,26 @@ class NormalForces:
             pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
         return pushing
 
+    def plane_balance(self, state: StateEvaluation, T: Array) -> PlaneBalance | None:
+        """Return the balance of the contacts without a height row, for inputs T (k, p) at one state; None without any.
+
+        It is affine in T, so two inputs give the balance of all others between them.
+        """
+        if self.carried_by_row.all():
+            return None
+        v_dot = state.acceleration(T)
+        wrenches = np.array([self._needed(state.q, state.v, *each) for each in zip(v_dot, T, strict=True)])
+        gives, couples, needed = self._balance(state.q[None], wrenches)
+        return PlaneBalance(gives[0], couples[0], needed)
+
     def _of_motion(self, q: Array, wrenches: Array, known: Array) -> Array:
         """Forces (N, c) of the contacts without a height row, for a needed external wrench (N, 6)."""
+        gives, couples, needed = self._balance(q, wrenches)
+        needed = needed - np.matvec(gives, known)
+        return balanced(gives[..., ~self.carried_by_row], couples, needed)
+
+    def _balance(self, q: Array, wrenches: Array) -> tuple[Array, Array, Array]:
+        """Effects of unit upward forces and of unit couples, and the needed effects."""
         lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
         points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
         ground = points[..., 2].min(axis=1)
@@ -210,12 +242,11 @@ class NormalForces:
         needed = np.stack(
             [force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1
         )
-        needed = needed - np.matvec(gives, known)
         axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
         spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
         spread = np.where(spread > 0, spread, 1.0)[:, None, None]
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
-        return balanced(gives[..., ~self._by_row], spread * headings[..., axles], needed)
+        return gives, spread * headings[..., axles], needed
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
         """External force, and moment about the origin, without gravity and forces on frames."""

@@ -37,6 +37,9 @@ from rnc_pin.control.velocity_tracker import TrackerState, VelocityTracker
 from rnc_pin.control.wheel_regressor import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.whole_body import (
     ControlSample,
+    InputSolution,
+    InverseDynamicsQP,
+    InverseDynamicsState,
     LimitReport,
     ProgramSolution,
     ProgramState,
@@ -58,6 +61,9 @@ __all__ = [
     "DrivenPath",
     "EstimatedModel",
     "Estimator",
+    "InputSolution",
+    "InverseDynamicsQP",
+    "InverseDynamicsState",
     "JacobianTransposeController",
     "JointLimits",
     "KinematicController",

@@ -197,6 +197,11 @@ class StateEvaluation(ReducedKinematics):
         """Generalized constraint forces ``A^T lambda``."""
         return force - self.bias - apply(self.M, self.v_dot(v2_dot))
 
+    def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
+        """Generalized forces ``A^T lambda`` of all constraints; arguments as of ``contact_forces``."""
+        force = self._total_force(T, external)
+        return self._unbalanced(force, self._accelerated(force))
+
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
         """Multipliers of all constraint rows, dropped ones included; those of least norm if they are not unique.
 
@@ -207,8 +212,7 @@ class StateEvaluation(ReducedKinematics):
             T: actuator inputs (..., p) [N or N m].
             external: generalized forces (..., nv) in addition to T, e.g. damping and friction; zero by default.
         """
-        force = self._total_force(T, external)
-        unbalanced = self._unbalanced(force, self._accelerated(force))
+        unbalanced = self.constraint_forces(T, external)
         # Rows that are dependent to rounding count as dependent here too: use at most m directions.
         left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
         counted = (np.arange(values.shape[-1]) < self._data.m) & (values > 1e-10 * values[..., :1])

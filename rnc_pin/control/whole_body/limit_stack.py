@@ -71,16 +71,23 @@ class LimitStack:
             lower, upper = lower - offset, upper - offset
         return ProgramBounds(J @ sample.end.R, lower, upper)
 
-    def relaxed(self, bounds: ProgramBounds, solver: LeastDistanceSolver) -> ProgramBounds:
+    def relaxed(
+        self, bounds: ProgramBounds, solver: LeastDistanceSolver, before: Sequence[Array] = ()
+    ) -> ProgramBounds:
         """Return bounds that some velocity satisfies.
 
         Groups are added one by one, hard limits first. Each group gives way by the least sum of squares that the groups
         before it allow.
+
+        Args:
+            bounds: the bounds; their first rows are those of the limits.
+            solver: solver of the programs.
+            before: groups of further rows that come before the limits.
         """
         rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
         r = rows.shape[1]
         fixed = np.zeros(0, dtype=int)
-        for group in self._groups:
+        for group in (*before, *self._groups):
             both = np.concatenate([fixed, group])
             if solver.solve(np.zeros(r), rows[both], lower[both], upper[both]) is None:
                 v2 = self._least_excess(ProgramBounds(rows, lower, upper), fixed, group, solver)

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
@@ -122,13 +123,7 @@ class VelocityQP(ReprMixin):
         self._reduced = reduced
         self._solver = LeastDistanceSolver(solver)
         self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
-        self._goals = [
-            (bound.goal, own, where, place)
-            for bound in self._tasks.bound
-            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
-            for own, where in [_matches(bound.goal_names, names)]
-            if own
-        ]
+        self._desired = DesiredOutputs(self._tasks.bound, reduced)
 
     @property
     def limit_names(self) -> tuple[str, ...]:
@@ -139,8 +134,8 @@ class VelocityQP(ReprMixin):
         """Return the settings of tasks and limits."""
         return {
             "type": type(self).__name__,
-            "tasks": [_settings(each) for each in self.tasks],
-            "limits": [_settings(each) for each in self.limits],
+            "tasks": [describe_settings(each) for each in self.tasks],
+            "limits": [describe_settings(each) for each in self.limits],
             "dt": self.dt,
             "damping": self.damping,
             "solver": self._solver.name,
@@ -167,7 +162,7 @@ class VelocityQP(ReprMixin):
         elapsed = elapsed_time(t, state.time)
         v2 = state.v2 + min(elapsed, state.interval) * state.v2_dot
         dt = self.dt or elapsed or state.interval
-        x1, x2 = self._desired_outputs(t)
+        x1, x2 = self._desired.at(t)
         if not dt:  # the first sample: no interval is known
             still = state._replace(time=t)
             return VelocityTarget(v2, np.zeros_like(v2), x1, x2), still
@@ -199,33 +194,24 @@ class VelocityQP(ReprMixin):
 
     def report(self, state: ProgramState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
-        names, active = self.limit_names, np.any(state.multipliers, axis=0).tolist()
-        return LimitReport(
-            tuple(name for name, flag in zip(names, active, strict=True) if flag),
-            _nonzero(names, state.excess),
-            _nonzero(names, state.worst_excess),
-        )
-
-    def _desired_outputs(self, t: float) -> tuple[Array | None, Array | None]:
-        if not self._goals:
-            return None, None
-        found = np.full(self._reduced.vertical.size, np.nan), np.full(self._reduced.r, np.nan)
-        for goal, own, where, place in self._goals:
-            found[place][where] = goal(t)[own]
-        return found
+        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
 
 
-def _matches(names: Sequence[str], among: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Indices of common names in both sequences."""
-    own = [index for index, name in enumerate(names) if name in among]
-    return own, [list(among).index(names[index]) for index in own]
+def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
+    """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
+    active = np.any(multipliers, axis=0).tolist()
+    return LimitReport(
+        tuple(name for name, flag in zip(names, active, strict=True) if flag),
+        _nonzero(names, excess),
+        _nonzero(names, worst),
+    )
 
 
 def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True) if value}
 
 
-def _settings(description: object) -> Json:
+def describe_settings(description: object) -> Json:
     """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
     if not is_dataclass(description):
         return type(description).__name__

@@ -1,0 +1,216 @@
+"""Whole-body controller at acceleration level: one quadratic program per sample in the actuator inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Command, Description, elapsed_time, listed
+from rnc_pin.control.whole_body.contact_cones import ContactCones
+from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, TaskStack, solve_cascade
+from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.velocity_qp import LimitReport, describe_settings, limit_report
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+_EXCEEDED = 1e-8  # excess of a limit above which it gave way
+
+
+class InverseDynamicsState(NamedTuple):
+    """State of ``InverseDynamicsQP`` from one sample to the next."""
+
+    time: float | None
+    """Time of the last sample [s]."""
+    multipliers: Float[Array, "levels k"]
+    """Multipliers of the limits at each level of tasks; the next program starts from them."""
+    excess: Float[Array, " k"]
+    """Amount by which each limit gave way at the last sample; zero if it did not."""
+    worst_excess: Float[Array, " k"]
+    """Largest such amount since the start."""
+
+
+class InputSolution(NamedTuple):
+    """Solution of one program."""
+
+    T: Float[Array, " p"]
+    v2: Float[Array, " r"]
+    """Velocity that the model predicts for the end of the sample."""
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+
+
+class InverseDynamicsQP(ReprMixin):
+    """Model-based controller within limits: tasks as least squares, limits as inequalities, in the inputs T.
+
+    The dynamics ``H v2dot + V v2 + G = R^T B T`` give the velocity at the end of a sample as an affine function of T.
+    So the program has no equality constraint, rolling and momentum hold exactly, and robots with fewer actuators than
+    motions need nothing special. Tasks and limits are those of ``VelocityQP``. The velocity error of a task decays at
+    the rate ``velocity_gain``. Motion that no task determines comes to rest at the same rate.
+
+    Two kinds of limits concern forces. Inputs stay within the effort limits of the actuators; these never give way. On
+    the ground, normal forces push, and with ``friction`` every contact stays in its friction cone. The ground's
+    conditions come next; ``VelocityQP`` has the order of the other limits. ``report`` tells which limits gave way.
+
+    Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
+
+    Args:
+        reduced: the model.
+        tasks: tasks from ``control.tasks``.
+        limits: limits from ``control.limits``.
+        dt: sampling interval [s].
+        velocity_gain: [1/s].
+        friction: coefficient of friction of the ground; None if the ground grips without bound.
+        solver: "daqp", or another solver of qpsolvers by name.
+
+    Raises:
+        ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reach = rnc.control.tasks.OutputTask(rnc.FramePosition("tip", "xy"), rnc.planning.Hold([1.0, 1.0]))
+        >>> controller = rnc.control.InverseDynamicsQP(system.reduce(), [reach], dt=0.01)
+        >>> start = system.reduce().at(robot.configuration({"joint_2": 1.0}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, start, controller.initial_state(start))
+        >>> command.T.shape
+        (3,)
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        tasks: Sequence[ControlTask],
+        limits: Sequence[ControlLimit] = (),
+        *,
+        dt: float,
+        velocity_gain: float = 20.0,
+        friction: float | None = None,
+        solver: str = "daqp",
+    ) -> None:
+        for name, value in (("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction)):
+            if value is not None and not 0 < value < np.inf:
+                raise ConfigurationError(f"{name} of an inverse-dynamics controller has to be positive, found {value}")
+        self.tasks, self.limits, self.dt = tuple(tasks), tuple(limits), dt
+        self.velocity_gain, self.friction = velocity_gain, friction
+        self._reduced = reduced
+        self._solver = LeastDistanceSolver(solver)
+        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self._contacts = ContactCones(reduced, friction)
+        self._desired = DesiredOutputs(self._tasks.bound, reduced)
+        efforts = reduced.actuation.limits
+        self._limited = np.flatnonzero(np.isfinite(efforts))
+        self._efforts = efforts[self._limited]
+        self.limit_names: tuple[str, ...] = (
+            *self._limits.names,
+            *(f"{reduced.actuation.names[i]} effort" for i in self._limited),
+            *self._contacts.names,
+        )
+        """Names of the limits' rows, in the order of ``InverseDynamicsState.excess``."""
+        stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
+        self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
+
+    def describe(self) -> Description:
+        """Return the settings of tasks and limits."""
+        return {
+            "type": type(self).__name__,
+            "tasks": [describe_settings(each) for each in self.tasks],
+            "limits": [describe_settings(each) for each in self.limits],
+            "dt": self.dt,
+            "velocity_gain": listed(self.velocity_gain),
+            "friction": self.friction,
+            "solver": self._solver.name,
+        }
+
+    def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
+        """Return the state before the first sample."""
+        k = len(self.limit_names)
+        if np.shape(measurement.v2) != (self._reduced.r,):
+            raise InputError(
+                f"a whole-body controller takes one state: v2 has shape {np.shape(measurement.v2)}, expected "
+                f"({self._reduced.r},)"
+            )
+        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), np.zeros(k), np.zeros(k))
+
+    def step(
+        self, t: float, measurement: Measurement, state: InverseDynamicsState
+    ) -> tuple[Command, InverseDynamicsState]:
+        """Compute one sample.
+
+        Raises:
+            InputError: time runs backwards, or the measurement has no configuration.
+            SingularityError: the reducing outputs do not parametrise the motion at the configuration.
+        """
+        elapsed_time(t, state.time)
+        if measurement.q is None:
+            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
+        found = self.solve(t, measurement.q, measurement.v2, state.multipliers)
+        x1, x2 = self._desired.at(t)
+        worst = np.maximum(state.worst_excess, found.excess)
+        command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst)
+
+    def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
+        """Solve the program of one sample.
+
+        Args:
+            t: time of its start [s].
+            q: configuration at the start (nq,).
+            v2: reduced velocities at the start (r,).
+            multipliers: multipliers of the last program, (levels, k), to start from.
+        """
+        now, sample = (ControlSample(self._reduced, t, q, v2, dt) for dt in (0.0, self.dt))
+        state, p = sample.start, self._reduced.p
+        contacts = self._contacts.at(state)
+        gain = np.zeros((self._reduced.r, p + contacts.unknowns))  # v2 at the end is offset + gain [T; z]
+        gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
+        offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
+        levels = self._levels(now, sample, offset, gain)
+        bounds = self._bounds(sample, offset, gain, contacts.rows, contacts.upper)
+        found = solve_cascade(levels, bounds, 0.0, self._solver, multipliers)
+        if found is None:
+            wider = self._limits.relaxed(bounds, self._solver, self._forces)
+            found = solve_cascade(levels, wider, 0.0, self._solver)
+        k = len(self.limit_names)
+        x = np.zeros(gain.shape[1]) if found is None else found.v2  # rounding may leave no room: inputs of zero
+        excess = bounds.excess(x)
+        excess[excess < _EXCEEDED] = 0.0
+        flags = np.zeros((len(levels), k)) if found is None else found.multipliers
+        return InputSolution(x[:p], offset + gain @ x, flags, excess)
+
+    def _levels(self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array) -> list[TaskLevel]:
+        """Tasks on the unknowns; the last level brings the rest of the motion to rest."""
+        v2, decay = sample.start.v2, float(np.exp(-self.velocity_gain * self.dt))
+        rest = TaskLevel(np.eye(len(v2)), decay * v2)
+        found = []
+        for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):
+            error = before.jacobian @ v2 - before.rate
+            found.append(TaskLevel(after.jacobian, after.rate + decay * error))
+        return [TaskLevel(each.jacobian @ gain, each.rate - each.jacobian @ offset) for each in (*found, rest)]
+
+    def _bounds(
+        self, sample: ControlSample, offset: Array, gain: Array, contact_rows: Array, contact_upper: Array
+    ) -> ProgramBounds:
+        motion = self._limits.bounds(sample)
+        moved = motion.rows @ offset
+        efforts = np.zeros((len(self._limited), gain.shape[1]))
+        efforts[np.arange(len(self._limited)), self._limited] = 1.0
+        return ProgramBounds(
+            np.vstack([motion.rows @ gain, efforts, contact_rows]),
+            np.concatenate([motion.lower - moved, -self._efforts, np.full(len(contact_upper), -np.inf)]),
+            np.concatenate([motion.upper - moved, self._efforts, contact_upper]),
+        )
+
+    def report(self, state: InverseDynamicsState) -> LimitReport:
+        """Return the limits that are active, and those that gave way."""
+        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)

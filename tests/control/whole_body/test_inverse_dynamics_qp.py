@@ -1,0 +1,179 @@
+"""The program in actuator inputs: decay of task errors, limits of effort, and what the ground can give."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
+from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
+from systems import four_bar, free_flying_panda, mobile_manipulator, random_states, space_robot, tiago
+from textbook_systems import wheeled_pendulum
+
+DT, GAIN, RATE = 0.002, 3.0, 15.0
+
+
+def hand(frame, goal, **settings):
+    return tasks.OutputTask(rnc.FramePosition(frame, "xy"), Hold(goal), gain=GAIN, **settings)
+
+
+def across(reduced, q0):
+    """Path of the mobile manipulator's hand."""
+    position = rnc.FramePosition("tip", "xy").bind(reduced.robot)
+    return MinimumJerk(position.value(reduced.at(q0).position), [2.5, 1.5], 1.5)
+
+
+@pytest.mark.parametrize(
+    ("reduced", "task"),
+    [
+        (space_robot(), hand("tip", [1.0, 0.5])),
+        (mobile_manipulator(), hand("tip", [1.0, 0.5])),
+        (four_bar(), tasks.OutputTask(rnc.JointPosition("crank"), Hold([0.4]), gain=GAIN)),
+        (free_flying_panda(), tasks.OutputTask(rnc.FramePosition("panda_hand"), Hold([0.1, 0.4, 0.3]), gain=GAIN)),
+        (tiago(), tasks.OutputTask(rnc.FramePosition("arm_7_link"), Hold([1.0, 0.2, 0.9]), gain=GAIN)),
+    ],
+    ids=["space robot", "mobile manipulator", "four-bar", "free panda", "tiago"],
+)
+def test_the_velocity_error_of_a_task_decays_at_its_rate(reduced, task):
+    """With the forward dynamics instead of the program's own matrices."""
+    controller = InverseDynamicsQP(reduced, [task], dt=DT, velocity_gain=RATE)
+    bound = task.bind(reduced)
+    for q, v2 in random_states(reduced, 4, seed=3):
+        v2 = 0.1 * v2
+        found = controller.solve(0.0, q, v2)
+        if np.abs(found.T).max() > 0.99 * reduced.actuation.limits.min(initial=np.inf):
+            continue
+        after = v2 + DT * reduced.forward_dynamics(q, v2, found.T)
+        np.testing.assert_allclose(found.v2, after, rtol=1e-9, atol=1e-9)
+        errors = []
+        for dt, velocity in ((0.0, v2), (DT, after)):
+            sample = ControlSample(reduced, 0.0, q, v2, dt)
+            rows = bound.rows(sample)
+            errors.append(rows.jacobian @ (sample.end.R @ velocity + sample.end.b) - rows.rate)
+        np.testing.assert_allclose(errors[1], np.exp(-RATE * DT) * errors[0], rtol=1e-6, atol=1e-8)
+
+
+def test_a_hand_follows_its_reference_and_the_rest_comes_to_rest():
+    reduced = mobile_manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
+    position = rnc.FramePosition("tip", "xy").bind(reduced.robot)
+    path = across(reduced, q0)
+    reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), path, gain=GAIN)
+    controller = InverseDynamicsQP(reduced, [reach], dt=DT, friction=0.2)
+    run = rnc.simulate(reduced, controller, q0, 2.0, dt=DT)
+    for k in range(0, len(run.time), 100):
+        found = position.value(reduced.at(run.q[k]).position)
+        np.testing.assert_allclose(found, path.at(run.time[k]).position, atol=1e-3)
+    assert np.abs(run.v[-1]).max() < 1e-2
+    assert np.abs(run.T[:, 2:]).max() <= 400.0 * (1 + 1e-12)
+
+
+def test_efforts_stay_within_the_file_and_say_so():
+    reduced = mobile_manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
+    controller = InverseDynamicsQP(reduced, [hand("tip", [4.0, -3.0], weight=50.0)], dt=DT, velocity_gain=100.0)
+    start = reduced.at(q0, np.zeros(4)).measure()
+    command, state = controller.step(0.0, start, controller.initial_state(start))
+    efforts = reduced.actuation.limits
+    assert np.isclose(np.abs(command.T), efforts).any()
+    assert (np.abs(command.T) <= efforts * (1 + 1e-9)).all()
+    assert {name for name in controller.report(state).active if name.endswith("effort")}
+    assert not controller.report(state).exceeded
+
+
+def test_limits_of_velocity_hold_at_acceleration_level():
+    reduced = mobile_manipulator()
+    slow = limits.JointVelocityLimit(joints=["joint_1", "joint_2"], limit=0.3, margin=0.01)
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
+    controller = InverseDynamicsQP(reduced, [hand("tip", [1.0, -1.0])], [slow], dt=DT)
+    run = rnc.simulate(reduced, controller, q0, 0.4, dt=DT)
+    joints = [reduced.robot.velocity_indices(name).start for name in ("joint_1", "joint_2")]
+    largest = np.abs(run.v[:, joints]).max()
+    assert 0.295 < largest <= 0.3  # the prediction over a sample is of second order
+
+
+def test_friction_stays_in_its_cone():
+    """Of one blade, whose force and load are determined: ``Grip`` computes both from the run."""
+    reduced, friction = mobile_manipulator(), 0.1
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
+    reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), across(reduced, q0), gain=GAIN)
+    grip, used = rnc.Grip(reduced, friction), {}
+    for given in (friction, 0.3):
+        controller = InverseDynamicsQP(reduced, [reach], dt=DT, friction=given)
+        run = rnc.simulate(reduced, controller, q0, 1.0, dt=DT)
+        used[given] = grip.used(run.q[:-1], run.v2[:-1], run.T[:-1]).max()
+    assert used[0.3] > 1.5
+    assert 0.99 < used[friction] <= 1 + 1e-6
+
+
+def high_cart():
+    """A cart of two axles, one metre apart, with its mass one metre above the ground."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(10.0, np.array([0.0, 0.0, 1.0]), 0.5 * np.eye(3)), pin.SE3.Identity())
+    for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
+        place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        model.addFrame(pin.Frame(name, base, 0, place, pin.FrameType.OP_FRAME))
+    edges = [rnc.NoSideSlip("front"), rnc.NoSideSlip("rear")]
+    return rnc.NonholonomicSystem(rnc.Robot(model), edges, [rnc.FrameForce("base", "x")]).reduce(
+        [rnc.FrameSpeed("base")]
+    )
+
+
+def test_the_ground_pushes_only():
+    """The front lifts when the acceleration times the height exceeds gravity times half the wheelbase."""
+    reduced = high_cart()
+    fast = tasks.OutputTask(rnc.FrameSpeed("base"), MinimumJerk([0.0], [5.0], 1.0))
+    controller = InverseDynamicsQP(reduced, [fast], dt=DT, velocity_gain=300.0)
+    q0 = reduced.robot.configuration()
+    forces = []
+    for t in (0.0, 0.5):
+        found = controller.solve(t, q0, np.zeros(1))
+        forces.append(found.T[0])
+    assert forces[1] == pytest.approx(10.0 * 9.81 * 0.5, rel=1e-6)
+    start = reduced.at(q0, np.zeros(1)).measure()
+    state = controller.step(0.5, start, controller.initial_state(start))[1]
+    assert controller.report(state).active == ("front normal force",)
+
+
+def test_fewer_actuators_than_motions_need_nothing_special():
+    """Two wheels and three motions: the speeds that the wheels can give are followed, whatever the pitch does."""
+    reduced = wheeled_pendulum()
+    turn = tasks.OutputTask(rnc.FrameYaw("base"), MinimumJerk([0.0], [1.0], 1.0), gain=GAIN)
+    controller = InverseDynamicsQP(reduced, [turn], dt=DT)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.0, dt=DT)
+    assert run.x2[-1][list(reduced.reducing.names).index("base_yaw")] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_wheels_on_ice_do_not_slip_in_mujoco():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    hurry = tasks.OutputTask(rnc.FrameSpeed("base"), MinimumJerk([0.0], [3.0], 0.5))
+    slips = []
+    for friction in (0.04, None):
+        controller = InverseDynamicsQP(reduced, [hurry], dt=DT, friction=friction)
+        plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(0.05, 0.0, 0.0)))
+        rnc.simulate(reduced, controller, robot.configuration(), 0.4, dt=DT, plant=plant)
+        slips.append(np.abs(plant.slip()).max())
+    assert slips[0] < 1e-2
+    assert slips[1] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [({"dt": 0.0}, "dt of an inverse-dynamics"), ({"dt": 0.01, "friction": -1.0}, "friction of an inverse-dynamics")],
+)
+def test_settings_that_mean_nothing_are_refused(settings, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        InverseDynamicsQP(space_robot(), [], **settings)
+
+
+def test_results_repeat_to_the_bit():
+    reduced = mobile_manipulator()
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})
+    controller = InverseDynamicsQP(reduced, [hand("tip", [1.5, -0.5])], dt=DT, friction=0.15)
+    first, second = (rnc.simulate(reduced, controller, q0, 0.05, dt=DT) for _ in range(2))
+    np.testing.assert_array_equal(first.T, second.T)
