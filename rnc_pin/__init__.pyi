@@ -39,7 +39,7 @@ from .errors import (
     SimulationError,
     SingularityError,
 )
-from .loop import ControlLoop
+from .loop import ControlLoop, VelocityLoop
 from .model.actuation import FrameForce, FrameTorque
 from .model.measurement import Measurement
 from .model.reduced_model import ReducedModel
@@ -121,6 +121,7 @@ __all__ = [
     "Stop",
     "Task",
     "Trajectory",
+    "VelocityLoop",
     "__version__",
     "analysis",
     "analyze",

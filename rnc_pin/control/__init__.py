@@ -1,5 +1,6 @@
 """Controllers: one file each, one protocol, gains beside them."""
 
+from rnc_pin.control.actuator_velocity import ActuatorVelocityController
 from rnc_pin.control.chained_stabilizer import ChainedStabilizer
 from rnc_pin.control.computed_torque import ComputedTorque
 from rnc_pin.control.controller import (
@@ -49,6 +50,7 @@ from rnc_pin.control.whole_body import (
 )
 
 __all__ = [
+    "ActuatorVelocityController",
     "AdaptedModel",
     "ChainedStabilizer",
     "Combined",

@@ -3,5 +3,15 @@
 from rnc_pin.loop.control_loop import ControlLoop, Decision
 from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.options import LoopOptions
+from rnc_pin.loop.velocity_loop import BaseTwist, VelocityCommand, VelocityInputLoop, VelocityLoop
 
-__all__ = ["ControlLoop", "Decision", "LoopOptions", "LoopState"]
+__all__ = [
+    "BaseTwist",
+    "ControlLoop",
+    "Decision",
+    "LoopOptions",
+    "LoopState",
+    "VelocityCommand",
+    "VelocityInputLoop",
+    "VelocityLoop",
+]

@@ -1,0 +1,184 @@
+"""Velocity commands: a kinematic controller drives actuators that take velocities."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Command, Description, KinematicController, State, VelocityTarget, describe
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
+from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+_SAMPLES = 5
+_RANK = 1e-9  # smallest relative singular value of B^T R at which actuators determine the motion
+_NO_LIMIT = 1e300
+
+
+class ActuatorVelocityController(ReprMixin):
+    """``u = B^T (R v2d + b)``: velocities of the actuators, exactly those of the admissible motion v2d.
+
+    u is conjugate to the inputs T: ``T^T u`` is their power. So u has the joint velocity of an actuated joint, the
+    velocity of the frame for a ``FrameForce``, and its angular velocity for a ``FrameTorque``. The controller returns u
+    as the input T of a plant with velocity servos.
+
+    If the motion would exceed a velocity limit, v2d is scaled down as a whole. So the motion stays admissible and keeps
+    its direction. Velocities b of moving constraints are not scaled.
+
+    Reads from the measurement: ``q``, and the quantities that its kinematic controller reads.
+
+    Args:
+        reduced: the model; only its kinematics is used.
+        target: kinematic controller that computes v2d.
+        limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the full velocity
+            v [rad/s, m/s], infinity where there is none.
+
+    Attributes:
+        gives_velocities: True; ``simulate`` then requires a plant with velocity servos.
+
+    Raises:
+        ConfigurationError: the actuators do not determine the motion (rank of ``B^T R`` below r), or limits are not
+            nv positive numbers.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+        >>> ahead = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.4, 0.0]))
+        >>> controller = rnc.control.ActuatorVelocityController(reduced, ahead)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> controller.step(0.0, measurement, None)[0].T.round(3)  # 0.8 m/s on wheels of 0.1 m
+        array([8., 8.])
+    """
+
+    gives_velocities = True
+
+    def __init__(
+        self, reduced: ReducedModel, target: KinematicController, limits: bool | Float[Array, " nv"] = True
+    ) -> None:
+        check_velocity_actuation(reduced)
+        self._reduced, self.target = reduced, target
+        self.limits = velocity_limits(reduced, limits)
+
+    def describe(self) -> Description:
+        """Return the finite velocity limits by name, and the kinematic controller."""
+        names = self._reduced.robot.velocity_names
+        limits = {name: float(limit) for name, limit in zip(names, self.limits, strict=True) if np.isfinite(limit)}
+        return {"type": type(self).__name__, "limits": limits, "target": describe(self.target)}
+
+    def initial_state(self, measurement: Measurement) -> State:
+        """Return the initial state of the kinematic controller."""
+        return self.target.initial_state(measurement)
+
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]:
+        """Compute one sample. ``v2_desired`` of the command is v2d after scaling.
+
+        Raises:
+            InputError: the target gives forces, or a v2d of another shape.
+            DivergenceError: v2d is not finite.
+        """
+        target, state = self.target.step(t, measurement, state)
+        at = self._reduced.at(measurement.q)
+        v2 = self._admitted(target)
+        along = apply(at.R, v2)
+        scale = admissible_scale(along, at.b if self._reduced.affine else None, self.limits)
+        if np.min(scale) < 1.0:
+            v2, along = scale * v2, scale * along
+        v = along + at.b if self._reduced.affine else along
+        return Command(
+            T=apply_transposed(at.B, v),
+            v2_desired=v2,
+            x1_desired=target.x1,
+            x2_desired=target.x2,
+            estimates=target.estimates,
+            prediction_error=target.prediction_error,
+        ), state
+
+    def _admitted(self, target: Any) -> np.ndarray:
+        """Return v2d of a target."""
+        if isinstance(target, Command):
+            raise InputError(
+                "the controller gives forces, not velocities: expected a kinematic controller, such as the 'target' "
+                "of a VelocityTracker"
+            )
+        if not isinstance(target, VelocityTarget):
+            raise InputError(
+                f"step of a kinematic controller has to return a VelocityTarget, found {type(target).__name__}"
+            )
+        v2 = np.asarray(target.v2, dtype=float)
+        if v2.shape[-1:] != (self._reduced.r,):
+            raise InputError(f"the v2 of a target has shape {v2.shape}, expected (..., {self._reduced.r})")
+        if not np.isfinite(v2).all():
+            raise DivergenceError("the velocities v2 of a target are not finite")
+        return v2
+
+
+def admissible_scale(along: np.ndarray, offset: np.ndarray | None, limits: np.ndarray) -> np.ndarray:
+    """Return the largest factor s in [0, 1], (..., 1), with ``|s along + offset| <= limits``.
+
+    Args:
+        along: velocity ``R v2`` (..., nv).
+        offset: velocity b (..., nv) at ``v2 = 0``; None if it is zero. Where it exceeds a limit, s is 0.
+        limits: largest velocities (nv,).
+    """
+    room = limits if offset is None else np.maximum(limits - np.sign(along) * offset, 0.0)
+    speed = np.abs(along)
+    ratio = np.divide(room, speed, out=np.ones_like(speed), where=speed > room)
+    return np.minimum(ratio.min(axis=-1, keepdims=True), 1.0)
+
+
+def velocity_from_actuators(at: ConfigurationEvaluation, u: np.ndarray) -> np.ndarray:
+    """Return the admissible velocity (nv,) with actuator velocities u (p,); with the nearest ones if there is none.
+
+    It does not use the outputs, so it is regular where they are singular.
+    """
+    left, values, right = np.linalg.svd(at.A)
+    rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
+    offset = right[:rank].T @ ((left[:, :rank].T @ at.mu) / values[:rank])
+    basis = right[rank:].T
+    return offset + basis @ np.linalg.lstsq(at.B.T @ basis, u - at.B.T @ offset, rcond=_RANK)[0]
+
+
+def check_velocity_actuation(reduced: ReducedModel) -> None:
+    """Raise an error unless the actuators determine the motion, at sampled configurations.
+
+    Raises:
+        ConfigurationError: the rank of ``B^T R`` is below r.
+    """
+    generator, best = np.random.default_rng(0), 0
+    for _ in range(_SAMPLES):
+        at = reduced.at(reduced.random_configuration(generator))
+        if not at.regular:
+            continue
+        best = max(best, int(np.linalg.matrix_rank(at.input_matrix, rtol=_RANK)) if reduced.p else 0)
+        if best == reduced.r:
+            return
+    raise ConfigurationError(
+        f"velocities of the actuators ({', '.join(reduced.actuation.names) or 'none'}) determine {best} of "
+        f"{reduced.r} reduced velocities: add actuators"
+    )
+
+
+def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndarray:
+    """Return limits (nv,) of the full velocity, infinity where there is none.
+
+    Raises:
+        ConfigurationError: not a boolean and not nv positive numbers.
+    """
+    if isinstance(limits, bool):
+        found = np.array(reduced.robot.model.upperVelocityLimit, dtype=float)
+        return np.where((found > 0) & (found < _NO_LIMIT) & limits, found, np.inf)
+    try:
+        given = np.array(limits, dtype=float)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != (reduced.n,) or not (given > 0).all():
+        raise ConfigurationError(f"velocity limits have to be {reduced.n} positive numbers, found {limits!r}")
+    return given

@@ -1,0 +1,262 @@
+"""Control loop of a velocity-commanded robot: measurements in, joint velocities and the twist of the base out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.actuator_velocity import (
+    ActuatorVelocityController,
+    check_velocity_actuation,
+    velocity_from_actuators,
+    velocity_limits,
+)
+from rnc_pin.control.controller import KinematicController
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.loop.control_loop import ControlLoop, Decision
+from rnc_pin.loop.loop_state import LoopState
+from rnc_pin.loop.options import admit_controller, admit_model, check_choice
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+
+_BASES = {"JointModelPlanar": (0, 1, 2), "JointModelFreeFlyer": (0, 1, 5)}
+"""Entries of v that are the twist of a base joint."""
+_VELOCITIES = ("measured", "filtered", "observer", "commanded")
+
+
+class BaseTwist(NamedTuple):
+    """Velocity of the base in its own axes."""
+
+    forward: float
+    """Along x [m/s]."""
+    sideways: float
+    """Along y, to the left [m/s]."""
+    yaw: float
+    """About z [rad/s]."""
+
+
+class VelocityCommand(NamedTuple):
+    """Velocities for the drives of a robot. Its arrays are copies."""
+
+    joints: Float[Array, " j"]
+    """Velocities of the loop's ``joints`` [rad/s, m/s]."""
+    twist: BaseTwist | None
+    """Twist of the base; None if the robot has none."""
+    v: Float[Array, " nv"]
+    """Velocity ``R v2 + b`` of the whole robot; passive wheels included."""
+    u: Float[Array, " p"]
+    """Velocities of the actuators, ``B^T v``: inputs of a plant with velocity servos."""
+
+
+class VelocityInputLoop(ControlLoop):
+    """Control loop whose inputs are velocities: effort limits do not apply, and "brake" lets velocities decay."""
+
+    def __init__(self, reduced: ReducedModel, controller: Any, dt: float, **options: Any) -> None:
+        super().__init__(reduced, controller, dt, **options)
+        if self._limits is None:
+            self._fallback_limits = np.full(reduced.p, np.inf)
+
+    def _braking_input(self, v: Any) -> Array:
+        """Last velocities, after a decay over one sample."""
+        last = self.state.T
+        return np.zeros(self.reduced.p) if last is None else last * np.exp(-self._brake * self.dt)
+
+
+class VelocityLoop:
+    """Run a kinematic controller on a robot that takes velocity commands.
+
+    The guards are those of ``ControlLoop``: invalid measurements are rejected, the last command is held for
+    ``timeout``, and an error of the controller leads to the safe command. ``state.fault`` has the reason as text.
+    A command satisfies the constraints exactly: ``v = R v2 + b``. If it would exceed a velocity limit, v2 is scaled
+    down as a whole.
+
+    Args:
+        reduced: kinematic model of the robot.
+        target: kinematic controller, such as ``RedundancyController``. Or a function from the first measurement to one.
+        dt: nominal sampling period [s].
+        velocity: "measured"; "filtered" or "observer" as for ``ControlLoop``; or "commanded": the last command replaces
+            the measured velocity, for robots that report positions only.
+        cutoff: cutoff frequency of the velocity estimate [rad/s]; 0.3 / dt by default.
+        limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
+        base: frame whose twist is commanded; by default the body of a planar or free base joint.
+        joints: joints whose velocities are commanded; by default those that the actuators drive.
+        fallback: safe command: "zero" velocities, "brake" (velocities decay), "hold" the last ones, or "raise".
+        timeout: time for which the last command is held while measurements are invalid [s]; five steps by default.
+        max_speed: largest valid measured speed [rad/s, m/s].
+        min_singular_value: limit for the smallest singular value of E; below it the loop fails.
+        brake: decay rate of the velocities under "brake" [1/s].
+
+    Attributes:
+        joints: names of the commanded joints, (j,).
+
+    Raises:
+        ConfigurationError: an option is invalid, or the actuators do not determine the motion.
+        ModelError: unknown frame or joint.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+        >>> ahead = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.4, 0.0]))
+        >>> loop = rnc.VelocityLoop(reduced, ahead, dt=0.02)
+        >>> command = loop.step(0.0, robot.configuration(), v=np.zeros(5))
+        >>> command.twist.forward, command.joints.round(3), loop.joints
+        (0.8, array([8., 8.]), ('left_wheel_joint', 'right_wheel_joint'))
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        target: KinematicController | Callable[[Measurement], KinematicController],
+        dt: float,
+        *,
+        velocity: Literal["measured", "filtered", "observer", "commanded"] = "measured",
+        cutoff: float | None = None,
+        limits: bool | Float[Array, " nv"] = True,
+        base: str | None = None,
+        joints: Sequence[str] | None = None,
+        fallback: Literal["zero", "brake", "hold", "raise"] = "zero",
+        timeout: float | None = None,
+        max_speed: float = 100.0,
+        min_singular_value: float = 0.0,
+        brake: float = 5.0,
+    ) -> None:
+        self.reduced = admit_model(reduced)
+        target = admit_controller(target, of_measurement=True)
+        self._commanded = check_choice("velocity", velocity, _VELOCITIES) == "commanded"
+        self._loop = VelocityInputLoop(
+            reduced,
+            _velocity_controller(reduced, target, limits),
+            dt,
+            velocity="measured" if self._commanded else velocity,
+            cutoff=cutoff,
+            limits=False,
+            fallback=fallback,
+            timeout=timeout,
+            max_speed=max_speed,
+            min_singular_value=min_singular_value,
+            brake=brake,
+        )
+        robot = reduced.robot
+        self._base = None if base is None else robot.frame_id(base)
+        self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None
+        self._kinematics = robot.model.createData()
+        self.joints = _driven_joints(reduced) if joints is None else tuple(joints)
+        self._entries = np.array([_entry(reduced, name) for name in self.joints], dtype=int)
+
+    def step(
+        self,
+        t: float,
+        q: Float[Array, " nq"],
+        v: Float[Array, " nv"] | None = None,
+        integrals: Float[Array, " r"] | None = None,
+    ) -> VelocityCommand:
+        """Return the velocity command for a measurement.
+
+        Args:
+            t: time of the measurement [s], from any monotonic clock.
+            q: configuration (nq,), in Pinocchio's order.
+            v: measured velocity (nv,). Ignored if the loop estimates velocity, or takes the commanded one.
+            integrals: integrals (r,) of the reducing velocities since the first step; by default the loop integrates.
+
+        Raises:
+            RncError: an invalid measurement or an error of the controller, with ``fallback="raise"``.
+        """
+        if self._commanded:
+            v = self._velocity(self._loop.state.T)
+        return self._command(self._loop.step(t, q, v, integrals))
+
+    @property
+    def command(self) -> VelocityCommand:
+        """Last command; zero velocities before the first step."""
+        u = self._loop.state.T
+        return self._command(np.zeros(self.reduced.p) if u is None else u.copy())
+
+    def _command(self, u: Array) -> VelocityCommand:
+        v = self._velocity(u)
+        return VelocityCommand(v[self._entries], self._twist(v), v, u)
+
+    def _velocity(self, u: Array | None) -> Array:
+        """Velocity (nv,) of the robot with actuator velocities u, at the last valid configuration."""
+        state, last = self._loop.state, self._loop.last
+        if last is not None and state.fault is None and last.command.v2_desired is not None:
+            return np.array(last.state.configuration.velocity(last.command.v2_desired))
+        if state.q is None or u is None or not u.any():
+            return np.zeros(self.reduced.n)
+        return velocity_from_actuators(self.reduced.at(state.q), u)
+
+    def _twist(self, v: Array) -> BaseTwist | None:
+        if self._base is None:
+            return None if self._base_entries is None else BaseTwist(*v[list(self._base_entries)].tolist())
+        q, model, data = self._loop.state.q, self.reduced.robot.model, self._kinematics
+        if q is None:
+            return BaseTwist(0.0, 0.0, 0.0)
+        pin.forwardKinematics(model, data, q, v)
+        twist = pin.getFrameVelocity(model, data, self._base, pin.ReferenceFrame.LOCAL)
+        return BaseTwist(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
+
+    # ------------------------------------------------------------------ state
+
+    @property
+    def state(self) -> LoopState:
+        """Data of the loop between two steps; its T are the velocities of the actuators."""
+        return self._loop.state
+
+    @property
+    def last(self) -> Decision | None:
+        """Result of the last step of the controller; None before the first."""
+        return self._loop.last
+
+    def reset(self) -> None:
+        """Clear the state: the next step is the first."""
+        self._loop.reset()
+
+    def resume(self, state: LoopState) -> None:
+        """Continue from a state of a loop with the same controller and model."""
+        self._loop.resume(state)
+
+    def save(self, path: str | Path) -> None:
+        """Write the state to an ``.npz`` file."""
+        self._loop.save(path)
+
+    def load(self, path: str | Path) -> None:
+        """Continue bit for bit from a file that ``save`` wrote. If the file is invalid, the loop does not change.
+
+        Raises:
+            ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.
+        """
+        self._loop.load(path)
+
+
+def _velocity_controller(reduced: ReducedModel, target: Any, limits: bool | Array) -> Any:
+    """Return the controller of actuator velocities, or a function from the first measurement to it."""
+    if isinstance(target, KinematicController):
+        return ActuatorVelocityController(reduced, target, limits)
+    check_velocity_actuation(reduced)
+    limits = velocity_limits(reduced, limits)
+    return lambda measurement: ActuatorVelocityController(reduced, admit_controller(target(measurement)), limits)
+
+
+def _driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
+    """Return the joints of one degree of freedom on which actuators act directly."""
+    robot, frames = reduced.robot, {column for column, *_ in reduced.actuation.frames}
+    columns = [column for column in range(reduced.p) if column not in frames]
+    moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
+    joints = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
+    return tuple(str(name) for name, joint in joints if joint.nv == 1 and moved[joint.idx_v])
+
+
+def _entry(reduced: ReducedModel, name: str) -> int:
+    """Return the index in v of a joint with one degree of freedom."""
+    robot = reduced.robot
+    single = [each for each in robot.joint_names if robot.model.joints[robot.joint_id(each)].nv == 1]
+    if name not in single:
+        raise ConfigurationError(f"no joint '{name}' with one degree of freedom{nearest(name, single)}")
+    return int(robot.velocity_indices(name).start)

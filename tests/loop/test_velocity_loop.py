@@ -1,0 +1,221 @@
+"""Velocity commands of a kinematic controller: exact, within limits, and safe after a fault."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+import systems
+
+DT = 0.02
+
+
+def differential_drive(speed=0.4, turn=0.3):
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    way = rnc.planning.Hold([speed, turn])
+    return reduced, rnc.control.ReducingOutputController(reduced, way)
+
+
+def arm_on_wheels():
+    reduced = systems.mobile_manipulator()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.at(q0).outputs()
+    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], duration=4.0)
+    target = rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0)
+    return reduced, target, q0
+
+
+class Constant:
+    """A target that does not change."""
+
+    def __init__(self, v2):
+        self.v2 = np.array(v2, dtype=float)
+
+    def initial_state(self, measurement):
+        return 0
+
+    def step(self, t, measurement, state):
+        return rnc.control.VelocityTarget(self.v2, 0 * self.v2), state + 1
+
+
+def test_a_command_is_the_admissible_motion_of_the_target():
+    reduced, target, q0 = arm_on_wheels()
+    v = reduced.at(q0, np.array([0.1, -0.2, 0.1, 0.2])).v
+    loop = rnc.VelocityLoop(reduced, target, DT, limits=False)
+    command = loop.step(0.0, q0, v)
+    desired = target.step(0.0, reduced.at(q0, v=v).measure(np.zeros(4)), None)[0].v2
+    state = reduced.at(q0, desired)
+    assert command.v == pytest.approx(state.v, abs=1e-12)
+    assert np.abs(state.A @ command.v).max() < 1e-12
+    assert command.twist == pytest.approx((command.v[0], command.v[1], command.v[2]), abs=1e-14)
+    assert loop.joints == ("joint_1", "joint_2")
+    assert command.joints == pytest.approx(command.v[3:])
+    assert command.u == pytest.approx(state.B.T @ command.v)  # forward, yaw, two joints
+    assert command.u[:2] == pytest.approx([command.twist.forward, command.twist.yaw])
+
+
+def test_integrating_the_commands_moves_the_hand_along_its_reference():
+    reduced, target, q = arm_on_wheels()
+    loop = rnc.VelocityLoop(reduced, target, 0.002, velocity="commanded")
+    for sample in range(2500):
+        command = loop.step(0.002 * sample, q)
+        q = pin.integrate(reduced.robot.model, q, 0.002 * command.v)
+    goal = target.primary.at(5.0).position
+    assert loop.state.fault is None
+    assert reduced.at(q).outputs()[1][:2] == pytest.approx(goal[:2], abs=1e-4)
+    assert reduced.at(q).outputs()[0][0] == pytest.approx(target.vertical.at(5.0).position[0], abs=1e-4)
+
+
+def test_a_differential_drive_turns_its_wheels_by_the_textbook():
+    reduced, _ = differential_drive()
+    loop = rnc.VelocityLoop(reduced, Constant([0.5, 0.8]), DT)
+    q = reduced.robot.configuration({"root_joint": [3.0, -1.0, 0.7]})
+    command = loop.step(0.0, q, np.zeros(5))
+    frames = [reduced.robot.model.frames[reduced.robot.frame_id(name)] for name in ("left_wheel", "right_wheel")]
+    joints = [reduced.robot.model.jointPlacements[frame.parentJoint].translation for frame in frames]
+    expected = [(0.5 - 0.8 * at[1]) / 0.1 for at in joints]
+    assert command.joints == pytest.approx(expected)
+    assert command.twist == pytest.approx((0.5, 0.0, 0.8), abs=1e-12)
+
+
+def test_a_mecanum_base_gets_a_sideways_twist_and_four_wheel_speeds():
+    reduced = systems.mecanum()
+    loop = rnc.VelocityLoop(reduced, Constant([0.3, -0.2, 0.5]), DT)
+    q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]})
+    command = loop.step(0.0, q, np.zeros(7))
+    assert command.twist == pytest.approx((0.3, -0.2, 0.5))
+    for speed, name, (x, y) in zip(command.joints, loop.joints, systems.CORNERS.values(), strict=True):
+        across = np.tan(systems.ROLLERS[name.removesuffix("_spin")]) * (-0.2 + 0.5 * x)
+        assert speed == pytest.approx((0.3 - 0.5 * y + across) / systems.WHEEL)
+
+
+def test_the_twist_of_another_frame_includes_its_lever():
+    reduced, _ = differential_drive()
+    wheel = reduced.robot.model.jointPlacements[2].translation
+    model = reduced.robot.model
+    model.addFrame(pin.Frame("sensor", 1, pin.SE3(np.eye(3), np.array([0.4, 0.1, 0.3])), pin.FrameType.OP_FRAME))
+    loop = rnc.VelocityLoop(reduced, Constant([0.5, 0.8]), DT, base="sensor", joints=["right_wheel_joint"])
+    command = loop.step(0.0, reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]}), np.zeros(5))
+    assert command.twist == pytest.approx((0.5 - 0.8 * 0.1, 0.8 * 0.4, 0.8))
+    assert command.joints == pytest.approx([(0.5 + 0.8 * abs(wheel[1])) / 0.1])
+
+
+def test_limits_scale_the_whole_motion():
+    reduced, _ = differential_drive()
+    free = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT, limits=False)
+    limited = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT)  # the file allows 30 rad/s
+    q, rest = reduced.robot.configuration(), np.zeros(5)
+    wanted, given = free.step(0.0, q, rest), limited.step(0.0, q, rest)
+    scale = 30.0 / np.abs(wanted.joints).max()
+    assert scale < 1
+    assert given.v == pytest.approx(scale * wanted.v)
+    slow = rnc.VelocityLoop(reduced, Constant([4.0, 2.0]), DT, limits=[1.0, np.inf, 0.1, np.inf, np.inf])
+    assert slow.step(0.0, q, rest).twist == pytest.approx((0.2, 0.0, 0.1))
+    assert limited.last.command.v2_desired == pytest.approx(scale * np.array([4.0, 2.0]))
+
+
+def test_invalid_measurements_hold_the_command_and_then_stop():
+    reduced, target = differential_drive()
+    loop = rnc.VelocityLoop(reduced, target, DT, timeout=2 * DT)
+    q, rest = reduced.robot.configuration(), np.zeros(5)
+    first = loop.step(0.0, q, rest)
+    held = loop.step(DT, np.full(6, np.nan), rest)
+    assert held.u == pytest.approx(first.u)
+    assert held.v == pytest.approx(first.v)
+    assert held.twist == pytest.approx(first.twist, abs=1e-12)
+    loop.step(2 * DT, q, rest + 1e4)
+    assert "v reaches 1e+04" in loop.state.fault
+    for sample in range(3, 6):
+        stopped = loop.step(sample * DT, q[:2], rest)
+    assert not stopped.v.any()
+    assert not any(stopped.twist)
+    again = loop.step(6 * DT, q, rest)
+    assert again.u == pytest.approx(first.u)
+    assert loop.state.fault is None
+
+
+def test_brake_lets_velocities_decay_within_the_constraints():
+    reduced, target, q0 = arm_on_wheels()
+    loop = rnc.VelocityLoop(reduced, target, DT, fallback="brake", timeout=0.0, brake=5.0)
+    v = reduced.at(q0, np.zeros(4)).v
+    loop.step(0.0, q0, v)
+    first = loop.step(1.0, q0, v)
+    loop.step(1.0 + DT, None, v)
+    second = loop.step(1.0 + 2 * DT, None, v)
+    assert second.v == pytest.approx(np.exp(-5.0 * DT) * first.v, abs=1e-12)  # the first one is held
+    assert np.abs(first.v).max() > 0.1
+
+
+@pytest.mark.parametrize("wrong", [[np.nan, 0.0], [1.0, 0.0, 0.0]])
+def test_an_unusable_target_stops_the_robot_for_good(wrong):
+    reduced, _ = differential_drive()
+    target = Constant([0.4, 0.0])
+    loop = rnc.VelocityLoop(reduced, target, DT)
+    q, rest = reduced.robot.configuration(), np.zeros(5)
+    assert loop.step(0.0, q, rest).twist.forward == pytest.approx(0.4)
+    target.v2 = np.array(wrong)
+    assert not loop.step(DT, q, rest).v.any()
+    assert "v2 of a target" in loop.state.fault
+    target.v2 = np.array([0.4, 0.0])
+    assert not loop.step(2 * DT, q, rest).v.any()
+    strict = rnc.VelocityLoop(reduced, Constant(wrong), DT, fallback="raise")
+    with pytest.raises(rnc.RncError, match="v2 of a target"):
+        strict.step(0.0, q, rest)
+
+
+def test_a_force_controller_is_refused():
+    reduced, target = differential_drive()
+    loop = rnc.VelocityLoop(reduced, rnc.control.VelocityTracker(target), DT, fallback="raise")
+    with pytest.raises(rnc.InputError, match="gives forces, not velocities"):
+        loop.step(0.0, reduced.robot.configuration(), np.zeros(5))
+
+
+def test_actuators_that_do_not_determine_the_motion_are_refused():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [rnc.FrameForce("sleigh", "x")])
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    with pytest.raises(rnc.ConfigurationError, match="determine 1 of 2 reduced velocities"):
+        rnc.VelocityLoop(reduced, Constant([0.0, 0.0]), DT)
+    reduced, target = differential_drive()
+    with pytest.raises(rnc.ConfigurationError, match="did you mean 'left_wheel_joint'"):
+        rnc.VelocityLoop(reduced, target, DT, joints=["left_wheel_jont"])
+    with pytest.raises(rnc.ConfigurationError, match="velocity limits have to be 5 positive numbers"):
+        rnc.VelocityLoop(reduced, target, DT, limits=[1.0])
+
+
+def test_it_resumes_to_the_bit_and_its_target_may_start_at_the_measured_state(tmp_path):
+    reduced, _ = differential_drive()
+
+    def target(measurement):
+        hold = rnc.planning.Hold(measurement.x2 + np.array([0.5, 0.3]))
+        return rnc.control.ReducingOutputController(reduced, hold)
+
+    def run(loop, q, samples):
+        commands = []
+        for sample in samples:
+            command = loop.step(sample * DT, q)
+            q = pin.integrate(reduced.robot.model, q, DT * command.v)
+            commands.append(command.v)
+        return q, np.array(commands)
+
+    loop = rnc.VelocityLoop(reduced, target, DT, velocity="commanded")
+    q, _ = run(loop, reduced.robot.configuration({"root_joint": [1.0, 1.0, 1.0]}), range(20))
+    loop.save(tmp_path / "loop.npz")
+    other = rnc.VelocityLoop(reduced, rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.5, 1.3])), DT)
+    other.load(tmp_path / "loop.npz")
+    assert pytest.approx(loop.state.T, abs=0) == other.state.T
+    assert other.command.v == pytest.approx(loop.command.v, abs=1e-12)
+    twin = rnc.VelocityLoop(
+        reduced,
+        rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.5, 1.3])),
+        DT,
+        velocity="commanded",
+    )
+    twin.resume(loop.state)
+    assert run(loop, q, range(20, 40))[1] == pytest.approx(run(twin, q, range(20, 40))[1], abs=1e-12)
+    loop.reset()
+    assert not loop.command.v.any()
