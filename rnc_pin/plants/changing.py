@@ -58,7 +58,7 @@ class ChangingPlant:
 
     def __getattr__(self, name: str) -> Any:
         """Forward optional attributes to the current plant."""
-        if name in ("applied", "friction_used", "wheel_names", "reduced", "external"):
+        if name in ("applied", "friction_used", "wheel_names", "reduced", "external", "takes_velocities", "effort"):
             return getattr(self._current, name)
         raise AttributeError(name)
 

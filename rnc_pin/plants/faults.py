@@ -131,7 +131,7 @@ class FaultyPlant:
 
     def __getattr__(self, name: str) -> Any:
         """Forward optional attributes to the plant."""
-        if name in ("friction_used", "wheel_names", "reduced"):
+        if name in ("friction_used", "wheel_names", "reduced", "takes_velocities", "effort"):
             return getattr(self.plant, name)
         raise AttributeError(name)
 

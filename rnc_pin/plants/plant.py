@@ -16,6 +16,9 @@ class Plant(Protocol):
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
     those of the plant and need not satisfy the constraints.
 
+    A plant with velocity servos has two more attributes: ``takes_velocities`` is True, its inputs are then velocities
+    ``u = B^T v`` of the actuators, and ``effort`` has the present efforts (p,) of the servos.
+
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
@@ -34,6 +37,11 @@ class Plant(Protocol):
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s]."""
+
+
+def takes_velocities(plant: object) -> bool:
+    """Return True if the inputs of a plant are velocities of its actuators."""
+    return bool(getattr(plant, "takes_velocities", False))
 
 
 def energy_minus_work(plant: Plant) -> float:

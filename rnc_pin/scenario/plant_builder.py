@@ -12,7 +12,7 @@ from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ChangingPlant, FaultyPlant, Plant, ReducedPlant, mujoco
+from rnc_pin.plants import ChangingPlant, FaultyPlant, Plant, ReducedPlant, VelocityPlant, mujoco
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.schema import Scenario
 
@@ -40,10 +40,15 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
             "set the options of MuJoCo in 'plant'"
         )
 
+    servo_time = None if plant is None else plant.settings.servo_time
+    _check_servos(scenario, servo_time)
+
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:
             assert plant is not None
             return mujoco.MuJoCoPlant(model, plant.settings, q0)
+        if servo_time is not None:
+            return VelocityPlant(model, servo_time, settings.substeps)
         return ReducedPlant(
             model, settings.joint_damping, settings.actuator_limits, settings.joint_friction, settings.substeps
         )
@@ -68,6 +73,23 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
+
+
+def _check_servos(scenario: Scenario, servo_time: float | None) -> None:
+    """Raise an error unless controller and plant agree about inputs: forces or velocities."""
+    settings = scenario.simulation
+    assert settings is not None
+    velocities = getattr(scenario.controller, "tracker", None) == "velocity"
+    if velocities and servo_time is None:
+        raise ConfigurationError("controller.tracker: 'velocity' requires velocity servos: set plant.servo_time")
+    if servo_time is not None and not velocities:
+        raise ConfigurationError("plant.servo_time: requires controller.tracker 'velocity'")
+    unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
+    if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":
+        raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
+    faults = None if scenario.faults is None else scenario.faults.faults
+    if velocities and faults is not None and (np.isfinite(faults.effort) or faults.dead_zone):
+        raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
 
 
 def _true_model(scenario: Scenario, folder: Path, changes: list[_Change]) -> ReducedModel:

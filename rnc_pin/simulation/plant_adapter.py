@@ -9,6 +9,7 @@ from rnc_pin.loop import ControlLoop, LoopOptions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.plant import takes_velocities
 
 _EMPTY = np.zeros(0)
 
@@ -23,7 +24,8 @@ class PlantAdapter:
     * ``work``: work since the start,
     * ``friction_used()``: friction use of the contacts ``wheel_names``,
     * ``reduced``: reduced model of the plant,
-    * ``external``: generalized forces in addition to the inputs.
+    * ``external``: generalized forces in addition to the inputs,
+    * ``takes_velocities`` and ``effort``: see ``Plant``.
 
     Args:
         plant: the plant.
@@ -40,7 +42,7 @@ class PlantAdapter:
     def loop_options(self) -> LoopOptions:
         """Default options of the control loop on this plant."""
         if self._exact is None:
-            return {"fallback": "hold", "limits": False}
+            return {"fallback": "zero" if takes_velocities(self.plant) else "hold", "limits": False}
         return {"fallback": "raise", "limits": self._exact.actuator_limits}
 
     def read_state(self) -> StateEvaluation:
@@ -64,8 +66,11 @@ class PlantAdapter:
         return loop.step(t, *self._measured)
 
     def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
-        """Apply inputs to the plant, report the applied ones to the loop, and return them."""
+        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
         self.plant.apply(T)
+        if takes_velocities(self.plant):
+            effort: np.ndarray = self.plant.effort  # type: ignore[attr-defined]
+            return effort
         applied: np.ndarray = getattr(self.plant, "applied", T)
         loop.report_applied_input(applied)
         return applied

@@ -8,13 +8,14 @@ import numpy as np
 
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.loop import ControlLoop, LoopOptions, LoopState
+from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress, complete_run
 from rnc_pin.simulation.former_arguments import accept_former_arguments
@@ -74,7 +75,8 @@ def simulate(
         dt: sampling period [s].
         v2_0: initial reduced velocity (r,); zero by default.
         plant: what moves: a ``ReducedPlant`` with damping, friction or actuator limits, a model that differs from the
-            nominal one, sensors with faults, another simulator, or hardware. ``ReducedPlant(reduced)`` by default.
+            nominal one, velocity servos (for an ``ActuatorVelocityController``), sensors with faults, another
+            simulator, or hardware. ``ReducedPlant(reduced)`` by default.
         options: stop conditions, control loop, observer and origin of the run.
 
     Returns:
@@ -105,7 +107,8 @@ def simulate(
     provenance, samples = provenance_of(options.meta), sample_count(duration, dt)
     adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
     loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
-    loop, stop = ControlLoop(reduced, controller, dt, **loop_options), StopMonitor(options.stop, reduced.robot)
+    kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
+    loop, stop = kind(reduced, controller, dt, **loop_options), StopMonitor(options.stop, reduced.robot)
     zeros = np.zeros(reduced.r)
     start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
     adapter.plant.reset(start.q, start.v)
@@ -143,6 +146,16 @@ def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) ->
     missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]
     if plant is not None and (missing or isinstance(plant, type)):
         raise ConfigurationError(f"plant: expected methods {', '.join(_METHODS)}, found {type_name(plant)}")
+    if takes_velocities(plant) and not getattr(controller, "gives_velocities", False):
+        raise ConfigurationError(
+            "the plant takes velocities: put rnc.control.ActuatorVelocityController(reduced, ...) over a kinematic "
+            f"controller, found {type_name(controller)}"
+        )
+    if getattr(controller, "gives_velocities", False) and not takes_velocities(plant):
+        raise ConfigurationError(
+            "the controller gives velocities: expected a plant with velocity servos, such as "
+            f"rnc.plants.VelocityPlant(reduced), found {type_name(plant)}"
+        )
     if not isinstance(options, SimulationOptions):
         raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
 

@@ -17,6 +17,7 @@ from rnc_pin.plants.mujoco.equalities import EqualityConstraints
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
 from rnc_pin.robots.sources.mujoco_log import unlogged
 
 _INTEGRATORS = {
@@ -61,6 +62,7 @@ class MuJoCoPlant:
         casters: names of the added supports.
         wheel_driven: actuators whose inputs become wheel torques.
         applied: applied inputs (p,), after clipping.
+        servos: velocity servos; None if inputs are forces.
 
     Raises:
         ConfigurationError: a joint or constraint has no equivalent in MuJoCo, or no weight presses a wheel on the
@@ -97,12 +99,17 @@ class MuJoCoPlant:
         add_ground(spec, tree, [*contacts, *support.casters], self.settings)
         equalities = EqualityConstraints(spec, tree, blocks, self.settings)
         self._set_options(spec.option)
+        self._inputs = ActuatorMapping(reduced, contacts, q)
+        self.servos = None
+        if self.settings.servo_time is not None:
+            self.servos = VelocityServos(spec, reduced, self._inputs, self.settings, q)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         joints = tree.finish(self.model, self.data, self.settings.joint_damping)
         self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
         self._equalities = equalities.compiled(self.model)
-        self._inputs = ActuatorMapping(reduced, contacts, q)
+        if self.servos is not None:
+            self.servos.compiled(self.model, self.data)
         self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings)
         self.wheel_names = self._ground.names
         self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
@@ -133,6 +140,8 @@ class MuJoCoPlant:
             raise InputError(f"the state has shapes {q.shape} and {v.shape}, expected that of q and v of the robot")
         mujoco.mj_resetData(self.model, self.data)
         self.applied = np.zeros(self._reduced.p)
+        if self.servos is not None:
+            self.servos.reset(q)
         if self.stance == "free":
             self.data.qpos[2] += self._lift
         elif self.stance == "level":
@@ -157,7 +166,20 @@ class MuJoCoPlant:
             raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
         if not np.isfinite(T).all():
             raise InputError(f"T is not finite: {T.tolist()}")
-        self.applied = np.clip(T, -self._limits, self._limits) if self.settings.effort_limits else T
+        clips = self.settings.effort_limits and self.servos is None
+        self.applied = np.clip(T, -self._limits, self._limits) if clips else T
+        if self.servos is not None:
+            self.servos.command(self.read()[0], T)
+
+    @property
+    def takes_velocities(self) -> bool:
+        """True if inputs are velocities ``u = B^T v`` of the actuators, for servos."""
+        return self.servos is not None
+
+    @property
+    def effort(self) -> Float[Array, " p"]:
+        """Present efforts of the actuators; the inputs themselves without servos."""
+        return self.applied if self.servos is None else self.servos.effort(*self.read())
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the Coulomb friction of every actuator [N or N m].
@@ -184,6 +206,9 @@ class MuJoCoPlant:
         """
         steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
         self.model.opt.timestep = dt / steps
+        if self.servos is not None:
+            self._advance_servos(self.servos, steps)
+            return
         q, _ = self.read()
         wheel_force, drawn = self._inputs.wheel_forces(q, self.applied)
         drive_forces = np.zeros(len(self.wheel_names))
@@ -193,6 +218,21 @@ class MuJoCoPlant:
             for _ in range(steps):
                 if self._inputs.varies:
                     force = wheel_force + self._inputs.joint_forces(self.read()[0], self.applied)
+                self._step(force, drive_forces)
+
+    def _advance_servos(self, servos: VelocityServos, steps: int) -> None:
+        """Advance by a number of steps with velocity servos."""
+        force, drive_forces = np.zeros(self._reduced.robot.nv), np.zeros(len(self.wheel_names))
+        velocity = None
+        with unlogged(mujoco):
+            for _ in range(steps):
+                if servos.needs_velocity:
+                    q, v = self.read()
+                    velocity = self._reduced.at(q).B.T @ v
+                    T = servos.forces(velocity)
+                    wheel_force, drawn = self._inputs.wheel_forces(q, T)
+                    force, drive_forces[self._drawn_wheels] = wheel_force + self._inputs.joint_forces(q, T), drawn
+                servos.write(self.model.opt.timestep, velocity)
                 self._step(force, drive_forces)
 
     def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:

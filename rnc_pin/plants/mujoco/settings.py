@@ -54,6 +54,8 @@ class MuJoCoSettings:
         joint_limits: enforce the position limits of the robot file.
         joint_damping: apply the viscous joint damping of the robot file.
         effort_limits: clip inputs to the limits of the actuators.
+        servo_time: time constant of velocity servos [s]; inputs are then velocities. None for inputs that are forces.
+            Use integrator "implicitfast" for short time constants.
 
     Raises:
         ConfigurationError: a value is not a listed choice or not a valid number.
@@ -84,6 +86,7 @@ class MuJoCoSettings:
     joint_limits: bool = False
     joint_damping: bool = False
     effort_limits: bool = False
+    servo_time: float | None = None
 
     @property
     def contact_time_constant(self) -> float:
@@ -99,10 +102,12 @@ class MuJoCoSettings:
                 raise ConfigurationError(
                     f"MuJoCo: {name} '{value}' is not known{nearest(str(value), map(str, choices))}"
                 )
+        servo_time = self.servo_time
+        if servo_time is not None and not (_is_number(servo_time) and servo_time > 0):
+            raise ConfigurationError(f"MuJoCo: servo_time: expected a positive number or None, found {servo_time!r}")
         for name, least in _LEAST.items():
             value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-            if not number or value < least or (name in _POSITIVE and not value > 0):
+            if not _is_number(value) or value < least or (name in _POSITIVE and not value > 0):
                 expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"
                 raise ConfigurationError(f"MuJoCo: {name}: expected {expected}, found {value!r}")
         try:
@@ -114,3 +119,8 @@ class MuJoCoSettings:
                 "MuJoCo: friction: expected three numbers of at least 0 (sliding, torsional, rolling), found "
                 f"{self.friction!r}"
             )
+
+
+def _is_number(value: object) -> bool:
+    """Return True if a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

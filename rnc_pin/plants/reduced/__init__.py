@@ -1,6 +1,7 @@
-"""Plant that integrates the reduced model."""
+"""Plants that move as the reduced model."""
 
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, integrated_outputs
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
+from rnc_pin.plants.reduced.velocity_plant import VelocityPlant
 
-__all__ = ["ConstrainedDynamics", "ReducedPlant", "integrated_outputs"]
+__all__ = ["ConstrainedDynamics", "ReducedPlant", "VelocityPlant", "integrated_outputs"]

@@ -1,4 +1,4 @@
-"""Builders of kinematic controllers over a velocity tracker: adaptive (10), or computed torque."""
+"""Builders of kinematic controllers over a velocity tracker: adaptive (10), computed torque, or velocity servos."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 
 from rnc_pin.control import (
+    ActuatorVelocityController,
     Combined,
     ComputedTorque,
     JointLimits,
@@ -153,6 +154,9 @@ def _track(
         gain = sized_gain("k", settings.k, reduced.r)
         k = {} if gain is None else {"k": gain}
         return BuiltController(ComputedTorque(reduced, kinematic, **k), complaints, time_scale=time_scale)
+    if settings.tracker == "velocity":
+        with at_key("controller"):
+            return BuiltController(ActuatorVelocityController(reduced, kinematic), complaints, time_scale=time_scale)
     # The results of a run are useful even if it ends in a singular configuration.
     region = margins.q if margins.singular is None else q0[None]
     with at_key("controller"):

@@ -117,9 +117,10 @@ class VelocityTrackerSettings(AdaptationSettings):
 
     scaled_only: ClassVar[tuple[str, ...]] = (*AdaptationSettings.scaled_only, "bandwidth")
 
-    tracker: Literal["adaptive", "computed_torque"] = "adaptive"
+    tracker: Literal["adaptive", "computed_torque", "velocity"] = "adaptive"
     """Velocity tracker: adaptive (10), or computed torque with the model. Computed torque uses only ``k``. It ignores
-    ``beta``, ``sigma``, ``dead_zone``, ``bandwidth``, ``adaptation`` and ``delay``."""
+    ``beta``, ``sigma``, ``dead_zone``, ``bandwidth``, ``adaptation`` and ``delay``. "velocity": none; the rates become
+    velocity commands of the actuators, for a plant with ``servo_time``. It uses no gain of a tracker."""
     k: GainSetting = None
     """Gain of the velocity tracker; one number, or one for each reducing output."""
     k21: GainSetting = None
@@ -138,6 +139,8 @@ class VelocityTrackerSettings(AdaptationSettings):
                 "gravity_compensation",
                 "is not available with tracker 'computed_torque', which takes gravity from its model",
             )
+        if self.tracker == "velocity" and self.gravity_compensation:
+            raise wrong("gravity_compensation", "is not available with tracker 'velocity', which gives no forces")
         return self
 
 

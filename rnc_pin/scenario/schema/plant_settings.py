@@ -19,7 +19,8 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
     """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo."""
 
     type: Literal["reduced", "mujoco"] = "mujoco"
-    """"reduced": the reduced model of rnc_pin, without further settings. "mujoco": MuJoCo with the other settings."""
+    """"reduced": the reduced model of rnc_pin; of the other settings it has only ``servo_time``. "mujoco": MuJoCo with
+    the other settings."""
 
     @model_validator(mode="before")
     @classmethod
@@ -28,7 +29,7 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
 
     @model_validator(mode="after")
     def _suit(self) -> PlantSettings:
-        others = sorted(self.model_fields_set - {"type"})
+        others = sorted(self.model_fields_set - {"type", "servo_time"})
         if self.type == "reduced" and others:
             raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
         _ = self.settings  # check them here: the error then names the place in the file

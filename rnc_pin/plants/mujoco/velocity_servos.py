@@ -1,0 +1,227 @@
+"""Velocity servos in MuJoCo: actuators with a velocity gain, and an integral action against gravity and friction.
+
+A servo drives the joint of its actuator. An actuator on a frame that wheels with joints replace gets servos on these
+wheels; their commands are the wheel velocities of the admissible motion. Other actuators on frames get the force of a
+servo at every step.
+
+    force = gain (u + z / T_i - w),   z_dot = u - w,   gain = inertia / servo_time
+
+u is the command and w the velocity. The inertia is that of the constrained robot, seen by the joint. z stops at the
+effort limit. At the start it holds the robot against gravity, as drives do when their brakes open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity_from_actuators
+from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
+from rnc_pin.plants.mujoco.engine import mujoco
+from rnc_pin.plants.mujoco.settings import MuJoCoSettings
+
+_INTEGRAL = 5.0  # integral time over the time constant
+_SLOWEST = 1e-9  # smallest mobility of a driven joint [1/kg, 1/(kg m^2)]
+_STABLE = {"RK4": 2.5, "Euler": 1.8}  # largest step over the servo's own time constant of explicit integrators
+_SUFFIX = "/servo"
+
+
+class VelocityServos:
+    """Servos of all actuators of a robot.
+
+    Args:
+        spec: specification that receives an actuator for each driven joint.
+        reduced: model with the actuators.
+        mapping: mapping of inputs to wheels.
+        settings: time constant and effort limits.
+        q: configuration (nq,) that defines the gains.
+
+    Attributes:
+        joints: names of the joints with servos; the actuators of MuJoCo have the same names with ``/servo``.
+        gains: gain of each servo [N m s/rad, N s/m].
+
+    Raises:
+        ConfigurationError: the actuators do not determine the motion, or one drives a joint that cannot move.
+    """
+
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        reduced: ReducedModel,
+        mapping: ActuatorMapping,
+        settings: MuJoCoSettings,
+        q: np.ndarray,
+    ) -> None:
+        check_velocity_actuation(reduced)
+        assert settings.servo_time is not None
+        self._reduced, self._settings, self._integral_time = reduced, settings, _INTEGRAL * settings.servo_time
+        at = reduced.at(q)
+        matrix, frames = at.B, {column for column, *_ in reduced.actuation.frames}
+        columns = [k for k in range(reduced.p) if k not in frames and np.count_nonzero(matrix[:, k]) == 1]
+        self._wheel_columns = [k for k in mapping.joint_driven if k not in columns]
+        self._force_columns = np.array(
+            [k for k in range(reduced.p) if k not in {*columns, *self._wheel_columns}], dtype=int
+        )
+        self._joint_columns = columns
+        self._dofs = [int(np.flatnonzero(matrix[:, k])[0]) for k in columns]
+        own = {*self._dofs}
+        self._dofs += [dof for dof in mapping.wheel_dofs(self._wheel_columns) if dof not in own]
+        self.joints = tuple(_joint_name(reduced, dof) for dof in self._dofs)
+        directions = np.hstack([np.eye(reduced.n)[:, self._dofs], matrix[:, self._force_columns]])
+        names = [*self.joints, *(reduced.actuation.names[k] for k in self._force_columns)]
+        gains = _inertias(at, directions, names) / settings.servo_time
+        self.gains, self._force_gains = gains[: len(self._dofs)], gains[len(self._dofs) :]
+        self._force_limits = np.full(len(self._force_columns), np.inf)
+        limits = np.full(len(self._dofs), np.inf)
+        if settings.effort_limits:
+            self._force_limits = reduced.actuation.limits[self._force_columns]
+            given = reduced.robot.model.upperEffortLimit[self._dofs]
+            limits = np.where(given > 0, given, np.inf)
+        self._limits = limits
+        for name, gain, limit in zip(self.joints, self.gains, limits, strict=True):
+            _add_servo(spec, name, float(gain), float(limit))
+
+    def compiled(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Store the compiled model.
+
+        Raises:
+            ConfigurationError: the step is too long for the gains and an explicit integrator.
+        """
+        self._data = data
+        self._controls = np.array([model.actuator(f"{name}{_SUFFIX}").id for name in self.joints], dtype=int)
+        self._places = np.array([model.joint(name).dofadr[0] for name in self.joints], dtype=int)
+        self._check_step(model, data)
+
+    def _check_step(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        most = _STABLE.get(self._settings.integrator)
+        if most is None or not len(self._places):
+            return
+        mujoco.mj_forward(model, data)
+        units = np.zeros((len(self._places), model.nv))
+        units[np.arange(len(self._places)), self._places] = np.sqrt(self.gains)
+        moved = np.zeros_like(units)
+        mujoco.mj_solveM(model, data, moved, units)
+        fastest = float(np.linalg.eigvalsh(units @ moved.T)[-1])
+        if fastest * self._settings.step > most:
+            raise ConfigurationError(
+                f"MuJoCo: servo_time {self._settings.servo_time:g} s is too short for integrator "
+                f"'{self._settings.integrator}' with step {self._settings.step:g} s: use integrator 'implicitfast', or "
+                f"a step of at most {0.9 * most / fastest:.2g} s"
+            )
+
+    def reset(self, q: np.ndarray) -> None:
+        """Restart with zero commands; the integral action holds the robot at rest at a configuration (nq,)."""
+        at, model = self._reduced.at(q), self._reduced.robot.model
+        basis, chosen = _admissible(at), [*self._joint_columns, *self._force_columns]
+        weight = basis.T @ pin.computeGeneralizedGravity(model, model.createData(), q)
+        holding = np.linalg.lstsq(basis.T @ at.B[:, chosen], weight, rcond=None)[0]
+        count = len(self._joint_columns)
+        self._z, self._force_z = np.zeros(len(self._dofs)), np.zeros(len(self._force_columns))
+        self._z[:count] = self._integral_time * holding[:count] / self.gains[:count]
+        self._force_z[:] = self._integral_time * holding[count:] / self._force_gains
+        self._targets, self._u = np.zeros(len(self._dofs)), np.zeros(self._reduced.p)
+
+    def command(self, q: np.ndarray, u: np.ndarray) -> None:
+        """Set the commands u (p,) at a configuration (nq,)."""
+        self._u = u
+        v = velocity_from_actuators(self._reduced.at(q), u)
+        self._targets = v[self._dofs]
+
+    def forces(self, velocity: np.ndarray | None) -> np.ndarray:
+        """Return inputs (p,) of the actuators without joint servos.
+
+        Args:
+            velocity: velocities ``B^T v`` (p,) of all actuators; None if every actuator has joint servos.
+        """
+        T = np.zeros(self._reduced.p)
+        if velocity is not None and len(self._force_columns):
+            chosen = self._force_columns
+            wanted = self._u[chosen] + self._force_z / self._integral_time
+            force = self._force_gains * (wanted - velocity[chosen])
+            T[chosen] = np.clip(force, -self._force_limits, self._force_limits)
+        return T
+
+    def write(self, step: float, velocity: np.ndarray | None) -> None:
+        """Before a step: write the commands of MuJoCo's actuators, and integrate the velocity errors.
+
+        Args:
+            step: time step [s].
+            velocity: as for ``forces``.
+        """
+        moving = self._data.qvel[self._places]
+        error = self._targets - moving
+        self._data.ctrl[self._controls] = self._targets + self._z / self._integral_time
+        force = self.gains * (error + self._z / self._integral_time)
+        self._z += step * np.where((np.abs(force) > self._limits) & (force * error > 0), 0.0, error)
+        if velocity is not None and len(self._force_columns):
+            chosen = self._force_columns
+            error = self._u[chosen] - velocity[chosen]
+            force = self._force_gains * (error + self._force_z / self._integral_time)
+            saturated = (np.abs(force) > self._force_limits) & (force * error > 0)
+            self._force_z += step * np.where(saturated, 0.0, error)
+
+    @property
+    def needs_velocity(self) -> bool:
+        """True if ``forces`` and ``write`` need the velocities of the actuators."""
+        return bool(len(self._force_columns))
+
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the present efforts (p,) of the actuators; wheels that replace frames give the equivalent ones."""
+        at = self._reduced.at(q)
+        force = self.gains * (self._targets + self._z / self._integral_time - v[self._dofs])
+        generalized = np.zeros(self._reduced.n)
+        generalized[self._dofs] = np.clip(force, -self._limits, self._limits)
+        T = self.forces(at.B.T @ v)
+        rest = np.setdiff1d(np.arange(self._reduced.p), self._force_columns)
+        if not len(self._wheel_columns):
+            T[rest] = np.linalg.lstsq(at.B[:, rest], generalized, rcond=None)[0]
+            return T
+        basis = _admissible(at)
+        T[rest] = np.linalg.lstsq(basis.T @ at.B[:, rest], basis.T @ generalized, rcond=None)[0]
+        return T
+
+
+def _admissible(at: ConfigurationEvaluation) -> np.ndarray:
+    """Return a basis (nv, r) of the admissible velocities."""
+    return np.linalg.svd(at.A)[2][np.linalg.matrix_rank(at.A) :].T if len(at.A) else np.eye(len(at.M))
+
+
+def _inertias(at: ConfigurationEvaluation, directions: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return the inertia of the constrained robot along directions (nv, k)."""
+    basis = _admissible(at)
+    along = basis.T @ directions
+    mobility = np.vecdot(along.T, np.linalg.solve(basis.T @ at.M @ basis, along).T)
+    stuck = [name for name, each in zip(names, mobility, strict=True) if each < _SLOWEST]
+    if stuck:
+        raise ConfigurationError(f"MuJoCo: {few(stuck)} cannot move, so a velocity servo has no use there")
+    inertias: np.ndarray = 1.0 / mobility
+    return inertias
+
+
+def _joint_name(reduced: ReducedModel, dof: int) -> str:
+    """Return the joint with an index in v.
+
+    Raises:
+        ConfigurationError: it has several degrees of freedom.
+    """
+    model = reduced.robot.model
+    for name, joint in zip(model.names, model.joints, strict=True):
+        if joint.idx_v == dof and joint.nv == 1:
+            return str(name)
+    raise ConfigurationError(
+        f"MuJoCo: a velocity servo on '{reduced.robot.velocity_names[dof]}' needs a joint of one degree of freedom; "
+        "use FrameForce and FrameTorque"
+    )
+
+
+def _add_servo(spec: mujoco.MjSpec, joint: str, gain: float, limit: float) -> None:
+    servo = spec.add_actuator(name=f"{joint}{_SUFFIX}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    servo.gainprm[0], servo.biasprm[2] = gain, -gain
+    if np.isfinite(limit):
+        servo.forcelimited, servo.forcerange = True, [-limit, limit]

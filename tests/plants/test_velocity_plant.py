@@ -1,0 +1,116 @@
+"""Ideal velocity servos: an exact lag, exact constraints, and efforts that agree with the dynamics."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.plants import FaultyPlant, ReducedPlant, VelocityPlant
+
+
+def reach(reduced, duration=3.0):
+    """Class-1 task of the mobile manipulator: hand and heading move, the reach is kept."""
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"], ["distance_base_tip"])
+    q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": -1.2})
+    x1, x2 = reduced.at(q0).outputs()
+    way = rnc.planning.MinimumJerk(x2[task.primary], x2[task.primary] + [1.0, 0.4, 0.3], duration)
+    return rnc.control.RedundancyController(task, way, rnc.planning.Hold(x1[task.vertical]), k21=2.0), q0
+
+
+def test_actuators_lag_exactly_and_constraints_hold():
+    reduced = systems.mecanum()
+    plant = VelocityPlant(reduced, servo_time=0.2)
+    q0 = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.4]})
+    w0, u = (reduced.at(q0).B.T @ reduced.at(q0, np.array(v2)).v for v2 in ([0.3, -0.2, 0.5], [0.1, 0.4, -0.6]))
+    plant.reset(q0, reduced.at(q0, np.array([0.3, -0.2, 0.5])).v)
+    plant.apply(u)
+    for sample in range(1, 21):
+        plant.advance(0.05)
+        q, v = plant.read()
+        expected = u + np.exp(-0.05 * sample / 0.2) * (w0 - u)
+        assert reduced.at(q).B.T @ v == pytest.approx(expected, abs=1e-12)
+        assert np.abs(reduced.at(q, v=v).residual).max() < 1e-12
+
+
+def test_a_turning_base_draws_the_arc_of_its_speeds():
+    reduced = systems.mecanum()
+    plant = VelocityPlant(reduced, servo_time=1e-6)
+    q0 = reduced.robot.configuration()
+    plant.reset(q0, np.zeros(reduced.n))
+    plant.apply(reduced.at(q0).B.T @ reduced.at(q0, np.array([0.5, 0.0, 0.8])).v)
+    for _ in range(20):
+        plant.advance(0.1)
+    radius, angle = 0.5 / 0.8, 1.6
+    q = plant.read()[0]
+    assert q[:2] == pytest.approx([radius * np.sin(angle), radius * (1 - np.cos(angle))], abs=1e-5)
+
+
+def test_efforts_give_the_acceleration():
+    reduced = systems.mobile_manipulator()
+    q0 = reduced.robot.configuration({"root_joint": [1.0, 0.5, 0.3], "joint_1": 0.5, "joint_2": -1.2})
+    plant, step = VelocityPlant(reduced, servo_time=0.1), 1e-5
+    v = reduced.at(q0, np.array([0.3, 0.2, 0.4, 0.5])).v
+    plant.reset(q0, v)
+    plant.apply(np.array([0.5, 0.4, -0.3, 1.0]))
+    T = plant.effort
+    plant.advance(step)
+    accelerated = (plant.read()[1] - v) / step
+    assert reduced.at(q0, v=v).acceleration(T) == pytest.approx(accelerated, rel=1e-3, abs=1e-3)
+
+
+def test_a_simulation_follows_the_hand_and_records_efforts_that_move_it():
+    reduced = systems.mobile_manipulator()
+    target, q0 = reach(reduced)
+    controller = rnc.control.ActuatorVelocityController(reduced, target)
+    run = rnc.simulate(reduced, controller, q0, 5.0, 0.01, plant=VelocityPlant(reduced, servo_time=0.1))
+    assert run.outcome == rnc.Outcome.COMPLETED
+    assert np.abs(run.x2[-1, :2] - target.primary.at(5.0).position[:2]).max() < 1e-3
+    assert np.abs(run.x2 - run.x2_desired)[:, :2].max() < 0.05  # a lag of 0.1 s at 0.6 m/s
+    # Energy balance: the work of the recorded efforts is the kinetic energy.
+    w = np.array([reduced.at(q).B.T @ v for q, v in zip(run.q, run.v, strict=True)])
+    power = np.vecdot(run.T, w)
+    work = np.concatenate([[0.0], np.cumsum(0.5 * 0.01 * (power[1:] + power[:-1]))])
+    assert np.ptp(run.energy - work) < 0.1 * np.ptp(run.energy)
+
+
+def test_velocities_and_forces_are_not_confused():
+    reduced = systems.mobile_manipulator()
+    target, q0 = reach(reduced)
+    velocities = rnc.control.ActuatorVelocityController(reduced, target)
+    with pytest.raises(rnc.ConfigurationError, match=r"gives velocities: expected a plant with velocity servos.*None"):
+        rnc.simulate(reduced, velocities, q0, 0.1)
+    with pytest.raises(rnc.ConfigurationError, match=r"gives velocities: .* found a ReducedPlant"):
+        rnc.simulate(reduced, velocities, q0, 0.1, plant=ReducedPlant(reduced))
+    forces = rnc.control.ComputedTorque(reduced, target)
+    with pytest.raises(rnc.ConfigurationError, match=r"takes velocities: .* found a ComputedTorque"):
+        rnc.simulate(reduced, forces, q0, 0.1, plant=VelocityPlant(reduced))
+    for wrong in (0.0, np.inf, "fast"):
+        with pytest.raises(rnc.InputError, match="servo_time of a VelocityPlant"):
+            VelocityPlant(reduced, servo_time=wrong)
+    with pytest.raises(rnc.InputError, match="substeps"):
+        VelocityPlant(reduced, substeps=0)
+
+
+def test_lost_measurements_stop_the_robot_but_not_the_run():
+    reduced = systems.mobile_manipulator()
+    target, q0 = reach(reduced)
+    controller = rnc.control.ActuatorVelocityController(reduced, target)
+    faulty = FaultyPlant(VelocityPlant(reduced), rnc.Faults(garbage=0.2), reduced, 0.01, seed=3)
+    run = rnc.simulate(reduced, controller, q0, 4.0, 0.01, plant=faulty)
+    assert run.outcome == rnc.Outcome.COMPLETED
+    assert np.abs(run.x2[-1, :2] - target.primary.at(4.0).position[:2]).max() < 0.02
+
+
+def test_loops_close_under_velocity_commands():
+    reduced = systems.four_bar()
+    plant = VelocityPlant(reduced, servo_time=0.05)
+    q0 = reduced.random_configuration(np.random.default_rng(0))
+    plant.reset(q0, np.zeros(reduced.n))
+    for _ in range(50):
+        plant.apply(np.full(reduced.p, 0.7))
+        plant.advance(0.02)
+    q, v = plant.read()
+    assert np.abs(reduced.assembly.residual(q)).max() < 1e-11
+    assert reduced.at(q).B.T @ v == pytest.approx(np.full(reduced.p, 0.7), abs=1e-6)
+    assert np.abs(pin.difference(reduced.robot.model, q0, q)).max() > 0.1
