@@ -56,6 +56,7 @@ from .outputs import (
     JointPosition,
     Output,
 )
+from .planning import IkResult, solve_ik
 from .plants import Faults, ReducedPlant
 from .robots.robot import Robot
 from .simulation import (
@@ -91,6 +92,7 @@ __all__ = [
     "FrameTorque",
     "FrameYaw",
     "Grip",
+    "IkResult",
     "InfeasibleError",
     "InputError",
     "JointCoupling",
@@ -144,6 +146,7 @@ __all__ = [
     "robots",
     "simulate",
     "simulation",
+    "solve_ik",
     "state_derivatives",
     "summarize",
     "tuned_tracker",

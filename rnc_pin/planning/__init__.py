@@ -3,6 +3,7 @@
 from rnc_pin.planning.car_path import CarPath
 from rnc_pin.planning.chained_form import FireTruckChart
 from rnc_pin.planning.geodesic import Geodesic
+from rnc_pin.planning.inverse_kinematics import IkResult, solve_ik
 from rnc_pin.planning.leg import Leg
 from rnc_pin.planning.references import (
     Harmonic,
@@ -24,6 +25,7 @@ __all__ = [
     "Geodesic",
     "Harmonic",
     "Hold",
+    "IkResult",
     "InTurn",
     "Joined",
     "Leg",
@@ -34,4 +36,5 @@ __all__ = [
     "SteeringGeometry",
     "TaskReference",
     "ViaPoints",
+    "solve_ik",
 ]

@@ -85,7 +85,7 @@ class VelocityPlant:
         q, v = self.read()
         state = self.reduced.at(q, v=v)
         try:
-            B_rate = self.reduced.actuation.matrix_rate(state.rates)
+            B_rate = self.reduced.actuation.matrix_rate(state.motion)
             if B_rate is None:
                 return np.full(self.reduced.p, np.nan)
             w_dot = (self.applied - self._w) / self.servo_time
