@@ -223,11 +223,11 @@ class VelocityLoop:
         self._loop.resume(state)
 
     def save(self, path: str | Path) -> None:
-        """Write the state to an ``.npz`` file."""
+        """Write the state to an ``.npz`` file at a path."""
         self._loop.save(path)
 
     def load(self, path: str | Path) -> None:
-        """Continue bit for bit from a file that ``save`` wrote. If the file is invalid, the loop does not change.
+        """Continue bit for bit from the file of ``save`` at a path. If the file is invalid, the loop does not change.
 
         Raises:
             ConfigurationError: not a file of ``save``, of another controller or model, or with invalid values.

@@ -44,6 +44,13 @@ class IkResult:
             configurations; ``analyze`` lists those that do (integrable rows).
         starts: number of descents.
         steps: number of steps of all descents.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> result = rnc.solve_ik(reduced, robot.configuration(), {rnc.FramePosition("tip", "xy"): [4.0, 1.0]})
+        >>> result.converged, result.ignored_rows
+        (True, ('no_side_slip(axle.y)',))
     """
 
     q: Float[Array, " nq"]
