@@ -1398,7 +1398,7 @@ static double *numbers(Arrays *all, PyObject *object, Py_ssize_t size)
 static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
-    double *x[8], *out = NULL, decay, leak, square = 1.0;
+    double *x[8] = {NULL}, *out = NULL, decay, leak, square = 1.0;
     (void)module;
     if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: track takes 12 arguments"), NULL;
     Py_ssize_t r = PyObject_Size(args[0]), sizes[8] = {r, r, r, r, r, r * r, r * r * r};
@@ -1466,6 +1466,7 @@ static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t give
     if (!ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly) return result(&all, 0);
     Arrays table = {.count = 1};
     if (!take(&table, args[2], r + a, READ, (double **)&places) || !(work = malloc((size_t)(a * (4 * c + 3 * a + 3)) * 8))) {
+        if (!PyErr_Occurred()) PyErr_NoMemory();
         close_arrays(&table);
         return result(&all, -1);
     }

@@ -123,6 +123,7 @@ def plot_run(
     if above:
         first = figure.add_subplot(grid[:above, 0])
         ps.legend_beside(first, draw_top_view(first, trajectory, others))
+        _layout_once(figure)
     timed: list[Axes] = []
     for place, panel in enumerate(shown, start=above):
         axes = figure.add_subplot(grid[place % rows, place // rows], sharex=timed[0] if timed else None)
@@ -131,8 +132,6 @@ def plot_run(
         _label_time(axes, last=place % rows == rows - 1 or panel is shown[-1])
     figure.align_ylabels(timed)
     _title(first or timed[0], title)
-    if first is not None:
-        _layout_once(figure)
     return figure
 
 
