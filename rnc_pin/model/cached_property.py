@@ -32,30 +32,5 @@ class cached_property(Generic[_Value]):
         value = self._compute(owner)
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
-        owner.__dict__[self._name] = value
-        return value
-
-
-class forwarded(Generic[_Value]):
-    """Cached property of another object that the owner holds in an attribute.
-
-    Args:
-        source: the cached property.
-        attribute: name of the attribute that holds the other object.
-    """
-
-    def __init__(self, source: cached_property[_Value], attribute: str) -> None:
-        self._attribute, self.__doc__ = attribute, source.__doc__
-        self._name = source._name
-
-    @overload
-    def __get__(self, owner: None, kind: type) -> forwarded[_Value]: ...
-
-    @overload
-    def __get__(self, owner: object, kind: type) -> _Value: ...
-
-    def __get__(self, owner: object | None, kind: type) -> forwarded[_Value] | _Value:
-        if owner is None:
-            return self
-        value: _Value = getattr(getattr(owner, self._attribute), self._name)
+        setattr(owner, self._name, value)
         return value

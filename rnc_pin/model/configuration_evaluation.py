@@ -35,7 +35,7 @@ class ConfigurationEvaluation(UsesKernel):
     Args:
         data: rows, outputs and actuators of the model.
         q: admitted configurations (..., nq), contiguous and read-only.
-        same: evaluation of the same configurations in another reduction, whose kinematics are used.
+        same: evaluation of the same configurations, perhaps in another reduction, whose results are used.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
@@ -43,6 +43,7 @@ class ConfigurationEvaluation(UsesKernel):
 
     def __init__(self, data: ReductionData, q: Array, same: ConfigurationEvaluation | None = None) -> None:
         self._data, self.q, self._same = data, q, same
+        self._equal = same if same is not None and same._data is data else None
 
     @classmethod
     def at(cls, data: ReductionData, q: Array) -> ConfigurationEvaluation:
@@ -65,8 +66,8 @@ class ConfigurationEvaluation(UsesKernel):
     def compiled(self) -> CompiledConfiguration | None:
         """Values of the compiled kernel; None if the formulas below apply."""
         reduction = self._data.compiled
-        if reduction is None:
-            return None
+        if self._equal is not None or reduction is None:
+            return None if self._equal is None else self._equal.compiled
         same = None if self._same is None else self._same.compiled
         position = self.position if reduction.python_rows else None  # no reference to this object: it would be a cycle
         return reduction.configuration(self.q, position, None if same is None else same.kinematics)
@@ -111,6 +112,8 @@ class ConfigurationEvaluation(UsesKernel):
     @cached_property
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
+        if self._equal is not None:
+            return self._equal.factorization
         if self.compiled is not None:
             regular = np.ones(self.batch, dtype=bool) if self.batch else True
             return Factorization(self.compiled.E, self.compiled.E_inverse, regular)

@@ -16,21 +16,19 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.math.linear_algebra import apply, product
-from rnc_pin.model.cached_property import cached_property, forwarded
-from rnc_pin.model.compiled import CompiledState, UsesKernel
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import CompiledState
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.measurement import Measurement
 
-_AT = "configuration"
 
-
-class ReducedKinematics(UsesKernel):
+class ReducedKinematics(ConfigurationEvaluation):
     """Kinematics of a reduced model at states (q, v). Each quantity is computed once, on first use, and is read-only.
 
     Args:
-        configuration: evaluation at the configurations (..., nq).
+        configuration: evaluation at the same configurations (..., nq).
         v2: validated reduced velocities (..., r).
         v: validated measured full velocities (..., nv), instead of v2.
         motion: kinematics at these configurations and full velocities, if known.
@@ -39,18 +37,6 @@ class ReducedKinematics(UsesKernel):
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
-    all_rows = forwarded(ConfigurationEvaluation.all_rows, _AT)
-    E = forwarded(ConfigurationEvaluation.E, _AT)
-    E_inverse = forwarded(ConfigurationEvaluation.E_inverse, _AT)
-    A = forwarded(ConfigurationEvaluation.A, _AT)
-    J1 = forwarded(ConfigurationEvaluation.J1, _AT)
-    J2 = forwarded(ConfigurationEvaluation.J2, _AT)
-    R = forwarded(ConfigurationEvaluation.R, _AT)
-    mu = forwarded(ConfigurationEvaluation.mu, _AT)
-    b = forwarded(ConfigurationEvaluation.b, _AT)
-    kept = forwarded(ConfigurationEvaluation.kept, _AT)
-    scaled_stack = forwarded(ConfigurationEvaluation.scaled_stack, _AT)
-
     def __init__(
         self,
         configuration: ConfigurationEvaluation,
@@ -58,40 +44,11 @@ class ReducedKinematics(UsesKernel):
         v: Array | None = None,
         motion: VelocityKinematics | None = None,
     ) -> None:
-        self.configuration = configuration
-        self._data = configuration._data
+        self.configuration: ConfigurationEvaluation = (
+            configuration.configuration if isinstance(configuration, ReducedKinematics) else configuration
+        )
+        super().__init__(configuration._data, configuration.q, self.configuration)
         self._v2, self._v, self._motion = v2, v, motion
-
-    # ------------------------------------------------------------------ at the configuration
-
-    @property
-    def q(self) -> Float[Array, "*batch nq"]:
-        """Configurations."""
-        return self.configuration.q
-
-    @property
-    def position(self) -> PositionKinematics:
-        """Kinematics at q."""
-        return self.configuration.position
-
-    @property
-    def regular(self) -> Array:
-        """True at states where the outputs parametrise the motion, (...,)."""
-        return self.configuration.regular
-
-    @property
-    def condition(self) -> Array | float:
-        """Condition number (...) of E with scaled rows; defined at singular configurations too."""
-        return self.configuration.condition
-
-    @property
-    def smallest_singular_value(self) -> Array | float:
-        """Smallest singular value (...) of E with scaled rows; zero at a singular configuration."""
-        return self.configuration.smallest_singular_value
-
-    def outputs(self, integrals: ArrayInput | None = None) -> tuple[Array, Array]:
-        """Values x1 (..., k) and x2 (..., r); quasi-velocities take the given integrals, else zero."""
-        return self.configuration.outputs(integrals)
 
     # ------------------------------------------------------------------ velocities
 
@@ -108,7 +65,7 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
         """Full velocity: ``R v2 + b``, or the measured one."""
-        return self.configuration.velocity(self.v2) if self._v is None else self._v
+        return self.velocity(self.v2) if self._v is None else self._v
 
     @cached_property
     def motion(self) -> VelocityKinematics:
@@ -118,9 +75,9 @@ class ReducedKinematics(UsesKernel):
         return self._motion
 
     @cached_property
-    def compiled(self) -> CompiledState | None:
-        """Values of the compiled kernel; None if the formulas below apply."""
-        at = self.configuration.compiled
+    def compiled_motion(self) -> CompiledState | None:
+        """Values of the compiled kernel at (q, v); None if the formulas below apply."""
+        at = self.compiled
         if at is None or self.v.shape[:-1] != at.batch:
             return None
         return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None)
@@ -128,17 +85,17 @@ class ReducedKinematics(UsesKernel):
     @property
     def _rates(self) -> Array | None:
         """Record of rates from the compiled kernel; None if the formulas below apply."""
-        return None if self.compiled is None else self.compiled.rates
+        return None if self.compiled_motion is None else self.compiled_motion.rates
 
     @cached_property
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
-        if self.compiled is not None:
-            return self.compiled.biases["gamma"]
+        if self.compiled_motion is not None:
+            return self.compiled_motion.biases["gamma"]
         data = self._data
-        if self.configuration.factorization.kept is None:
+        if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
-        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.configuration.kept_rows, axis=-1)
+        chosen = np.take_along_axis(data.rows.bias_acceleration(self.motion), self.kept_rows, axis=-1)
         return np.concatenate([chosen, data.reducing.bias_acceleration(self.motion)], axis=-1)
 
     @cached_property
@@ -164,9 +121,9 @@ class ReducedKinematics(UsesKernel):
         if self._rates is not None:
             return self._rates["E_dot"]
         data = self._data
-        if self.configuration.factorization.kept is None:
+        if self.factorization.kept is None:
             return data.stack.jacobian_dot(self.rates)
-        kept = self.configuration.kept_rows[..., None]
+        kept = self.kept_rows[..., None]
         chosen = np.take_along_axis(data.rows.jacobian_dot(self.rates), kept, axis=-2)
         return np.concatenate([chosen, data.reducing.jacobian_dot(self.rates)], axis=-2)
 
@@ -192,7 +149,7 @@ class ReducedKinematics(UsesKernel):
     @cached_property
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-        return self.configuration.A_star if self._rates is None else self._rates["A_star"]
+        return super().A_star if self._rates is None else self._rates["A_star"]
 
     @cached_property
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
@@ -207,7 +164,7 @@ class ReducedKinematics(UsesKernel):
         data = self._data
         if not data.affine:
             return np.zeros_like(self.b)
-        mu_dot = np.take_along_axis(data.rows.rate_dot(self.rates), self.configuration.kept_rows, axis=-1)
+        mu_dot = np.take_along_axis(data.rows.rate_dot(self.rates), self.kept_rows, axis=-1)
         return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
 
     # ------------------------------------------------------------------ measurement

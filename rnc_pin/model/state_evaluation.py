@@ -8,8 +8,6 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 
 from __future__ import annotations
 
-from math import isfinite
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
@@ -17,14 +15,12 @@ from numpy import ndarray as Array
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
-from rnc_pin.model.cached_property import cached_property, forwarded
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import ReducedTerms, StateDerivative
-
-_AT = "configuration"
 
 
 class StateEvaluation(ReducedKinematics):
@@ -32,10 +28,6 @@ class StateEvaluation(ReducedKinematics):
 
     ``ReducedModel.at(q, v2)`` returns one. It does not change when the model is evaluated at other states.
     """
-
-    B = forwarded(ConfigurationEvaluation.B, _AT)
-    H = forwarded(ConfigurationEvaluation.H, _AT)
-    input_matrix = forwarded(ConfigurationEvaluation.input_matrix, _AT)
 
     @classmethod
     def at(cls, data: ReductionData, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
@@ -48,23 +40,10 @@ class StateEvaluation(ReducedKinematics):
 
     def with_velocity(self, v: Array) -> StateEvaluation:
         """The same configurations with other full velocities (..., nv)."""
-        return StateEvaluation(self.configuration, v=v)
+        return StateEvaluation(self, v=v)
 
     as_seen_by = former_name("in_reduction")
     moving = former_name("with_velocity")
-
-    @property
-    def M(self) -> Float[Array, "*batch nv nv"]:
-        """Inertia matrix H* before reduction."""
-        return self.configuration.M
-
-    def allocate(self, F: ArrayInput) -> Float[Array, "*batch p"]:
-        """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
-
-        Raises:
-            ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
-        """
-        return self.configuration.allocate(F)
 
     # ------------------------------------------------------------------ dynamics
 
@@ -82,7 +61,7 @@ class StateEvaluation(ReducedKinematics):
     @cached_property
     def bias(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*``."""
-        return self.motion.bias if self.compiled is None else self.compiled.biases["bias"]
+        return self.motion.bias if self.compiled_motion is None else self.compiled_motion.biases["bias"]
 
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
@@ -129,16 +108,16 @@ class StateEvaluation(ReducedKinematics):
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
-        return apply(self.configuration.R, v2_dot) - self._E_inverse_gamma
+        return apply(self.R, v2_dot) - self._E_inverse_gamma
 
     @cached_property
     def _E_inverse_gamma(self) -> Array:
-        if self.compiled is not None:
-            return self.compiled.biases["E_inverse_gamma"]
-        return apply(self.configuration.E_inverse, self.gamma)
+        if self.compiled_motion is not None:
+            return self.compiled_motion.biases["E_inverse_gamma"]
+        return apply(self.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
-        force = apply(self.configuration.B, T)
+        force = apply(self.B, T)
         return force if damping is None else force - damping * self.v
 
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
@@ -152,12 +131,14 @@ class StateEvaluation(ReducedKinematics):
 
     def _accelerated(self, force: Array) -> Array:
         # H v2dot = R^T (force - bias + H* E^-1 gamma).
-        found = None if self.compiled is None else self.compiled.acceleration(force)
+        found = None if self.compiled_motion is None else self.compiled_motion.acceleration(force)
         if found is not None:
             return found
-        at, free = self.configuration, force + self._unforced
-        v2_dot = solve_positive_definite(at.H, apply_transposed(at.R, free))
-        if not (isfinite(sum(v2_dot.tolist())) if v2_dot.ndim == 1 else np.isfinite(v2_dot).all()):
+        free = force + self._unforced
+        v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
+        with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
+            finite = np.isfinite(v2_dot.sum(axis=-1)).all()
+        if not finite:
             raise DivergenceError("reduced acceleration is not finite: H is nearly singular or a force is too large")
         return v2_dot
 
@@ -184,8 +165,8 @@ class StateEvaluation(ReducedKinematics):
         """
         force = self._total_force(T, external)
         found = self._multipliers(force, self._accelerated(force))
-        if self.configuration.factorization.kept is not None:
-            other = self.configuration.kept_rows != np.array(self._data.kept, dtype=int)
+        if self.factorization.kept is not None:
+            other = self.kept_rows != np.array(self._data.kept, dtype=int)
             found[other.any(axis=-1)] = np.nan
         return found
 

@@ -60,7 +60,7 @@ def kinematic_rollout(
 
     def velocity(here: StateEvaluation, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         desired = target.step(t, here.measure(integrals), state)[0].v2
-        return here.configuration.velocity(desired), desired
+        return here.velocity(desired), desired
 
     def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return velocity(reduced.at(p, v2), integrals)
@@ -71,7 +71,7 @@ def kinematic_rollout(
             here = reduced.at(q, v2)
             command, next_state = target.step(t, here.measure(y), state)
             v2 = vector(command.v2, r, "v2")
-            first = velocity(StateEvaluation(here.configuration, v2=v2), y)
+            first = velocity(StateEvaluation(here, v2=v2), y)
             q, y = integrator.step(rate, q, y, dt, first)
             q = reduced.assembly.project(q)
             state, t = next_state, sample * dt

@@ -62,7 +62,7 @@ class RolloutEvaluation:
         model, path = self._reduced.robot.model, self._path
         change = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
         by_differences = self._reduced.at(path[1:-1], v=change / (2 * self._dt))
-        return StateEvaluation(by_differences.configuration, v2=by_differences.v2)
+        return StateEvaluation(by_differences, v2=by_differences.v2)
 
     @cached_property
     def v2_dot(self) -> Float[Array, "N-2 r"]:
@@ -88,7 +88,7 @@ class RolloutEvaluation:
         Raises:
             ConstraintError: the actuators cannot produce these accelerations.
         """
-        states = StateEvaluation(self.states.configuration, v2=self.states.v2 / time_scale)
+        states = StateEvaluation(self.states, v2=self.states.v2 / time_scale)
         return states, states.allocate(states.inverse_dynamics(self.v2_dot / time_scale**2))
 
     def stack_margin(self) -> Margin:
