@@ -75,7 +75,7 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
     state, T = reduced.at(q, v2), vector(T, reduced.p, "T")
     states = state.q.shape[:-1]
     if not states and T.ndim == 1:
-        return _at_one_state(reduced, state, T)
+        return _read_only(_at_one_state(reduced, state, T))
     try:
         batch = np.broadcast_shapes(states, T.shape[:-1])
     except ValueError:
@@ -84,7 +84,16 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
     found = _compiled(reduced, *flat)
     if found is None:
         found = _stacked([state_derivatives(reduced, *each) for each in zip(*flat, strict=True)], reduced)
-    return StateDerivatives(**{name: value.reshape(*batch, *value.shape[1:]) for name, value in _values(found).items()})
+    whole = {name: value.reshape(*batch, *value.shape[1:]) for name, value in _values(found).items()}
+    return _read_only(StateDerivatives(**whole))
+
+
+def _read_only(found: StateDerivatives) -> StateDerivatives:
+    """The same arrays, which nobody can change, as those of the kernel."""
+    for value in _values(found).values():
+        if isinstance(value, Array):
+            value.setflags(write=False)
+    return found
 
 
 def _compiled(reduced: ReducedModel, q: object, v2: object, T: object) -> StateDerivatives | None:
