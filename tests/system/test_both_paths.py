@@ -1,0 +1,47 @@
+"""Built-in scenarios run alike with the compiled kernel and with NumPy, and repeat themselves to the bit."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.scenario.files import built_in_names
+
+OPTIONS = {"simulation.duration": 0.4, "comparisons": {}, "plots": {}}
+COLUMNS = ("q", "v", "v2", "T", "energy", "multipliers")
+BOTH = 1e-9  # difference of the two paths, relative to the largest value
+SCRIPT = f"""
+import numpy as np
+from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.scenario.files import built_in_names
+import rnc_pin
+runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in built_in_names()}}
+columns = {{f"{{name}}/{{of}}": getattr(run, of) for name, run in runs.items() for of in {COLUMNS!r}}}
+np.savez("runs.npz", kernel=rnc_pin.kernel, **columns)
+"""
+
+
+@pytest.fixture(scope="module")
+def by_numpy(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("numpy")
+    subprocess.run(
+        [sys.executable, "-c", SCRIPT], check=True, cwd=folder, env={**os.environ, "RNC_PIN_KERNEL": "numpy"}
+    )
+    with np.load(folder / "runs.npz") as found:
+        assert str(found["kernel"]) == "numpy"
+        return dict(found)
+
+
+@pytest.mark.skipif(rnc.kernel == "numpy", reason="there is one path only")
+@pytest.mark.parametrize("name", built_in_names())
+def test_both_paths_agree_and_the_kernel_repeats_itself(name, by_numpy):
+    run, again = (execute(plan(name, OPTIONS)).trajectory for _ in range(2))
+    assert np.abs(run.v - run.v[0]).max() > 1e-4  # it moves
+    for column in COLUMNS:
+        expected, found = by_numpy[f"{name}/{column}"], getattr(run, column)
+        np.testing.assert_array_equal(getattr(again, column), found)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=BOTH * max(1.0, np.abs(expected).max(initial=0.0)))
