@@ -20,7 +20,12 @@ from rnc_pin.control import (
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.scenario.controllers import over_position_tracker, over_state_feedback, over_velocity_tracker  # noqa: F401
+from rnc_pin.scenario.controllers import (  # noqa: F401
+    over_position_tracker,
+    over_state_feedback,
+    over_velocity_tracker,
+    whole_body_builder,
+)
 from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key, build_type
 from rnc_pin.scenario.schema.controllers import AdaptationSettings, ControllerSettings
 from rnc_pin.scenario.schema.unknown_parameters import UnknownMasses

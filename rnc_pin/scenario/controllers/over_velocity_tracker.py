@@ -61,12 +61,12 @@ def _redundancy(settings: RedundancySettings, context: ControllerContext) -> Bui
             secondary = _secondary(settings.secondary, context)
         except RncError as error:
             raise ConfigurationError(f"controller.secondary: {error}") from None
-    return _track(settings, context, _class_1(settings, context, secondary), context.task)
+    return track(settings, context, _class_1(settings, context, secondary), context.task)
 
 
 @build_type.register
 def _uncertain_redundancy(settings: UncertainRedundancySettings, context: ControllerContext) -> BuiltController:
-    return _track(settings, context, _class_1(settings, context), context.task)
+    return track(settings, context, _class_1(settings, context), context.task)
 
 
 @build_type.register
@@ -81,7 +81,7 @@ def _steering(settings: SteeringSettings, context: ControllerContext) -> BuiltCo
         k21=_outer_gain(settings, "k21", len(context.task.primary)),
         monitored=context.monitored,
     )
-    return _track(settings, context, kinematic)
+    return track(settings, context, kinematic)
 
 
 @build_type.register
@@ -92,7 +92,7 @@ def _reducing_outputs(settings: ReducingOutputsSettings, context: ControllerCont
     )
     gain = sized_gain("k21", settings.k21, task.r)
     k2 = {} if gain is None else {"k2": gain}
-    return _track(
+    return track(
         settings, context, ReducingOutputController(context.reduced, reference, **k2, monitored=context.monitored)
     )
 
@@ -123,11 +123,12 @@ def _outer_gain(settings: VelocityTrackerSettings, name: str, size: int) -> floa
     return cast(float, getattr(OUTER_GAINS[settings.preset], name)) if given is None else given
 
 
-def _track(
+def track(
     settings: VelocityTrackerSettings,
     context: ControllerContext,
     kinematic: KinematicController,
     task: Task | None = None,
+    horizon: float | None = None,
 ) -> BuiltController:
     """Check the reference and build the velocity tracker under a kinematic controller.
 
@@ -136,12 +137,14 @@ def _track(
         context: inputs for building the controller.
         kinematic: computes the rates of the reducing outputs.
         task: task whose A4 the kinematic controller inverts, if any.
+        horizon: duration of the motion to check [s]; by default that of the references of the scenario.
 
     Raises:
         InfeasibleError: no gains fit the motion, or it is near a singular configuration and preflight refuses that.
     """
     reduced, q0 = context.reduced, context.q0
-    margins = margins_along(reduced, kinematic, q0, context.horizon, _ROLLOUT_STEP, task, context.grip)
+    horizon = context.horizon if horizon is None else horizon
+    margins = margins_along(reduced, kinematic, q0, horizon, _ROLLOUT_STEP, task, context.grip)
     time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
     passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
     complaints = (

@@ -17,6 +17,7 @@ from rnc_pin.scenario.schema.base import Numbers, Positive, Strict, wrong
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
 from rnc_pin.scenario.schema.unknown_parameters import Unknown
+from rnc_pin.scenario.schema.whole_body_settings import LimitSettings, TaskItem
 
 GainSetting = float | Numbers | None
 """One number, one for each output, or None for the value of the preset."""
@@ -268,6 +269,24 @@ class TwoPhaseSettings(AdaptationSettings):
     """Goal pose and start time of the platform: position, to, begin."""
 
 
+class WholeBodySettings(VelocityTrackerSettings):
+    """Whole-body control: tasks within limits as a quadratic program, over a velocity tracker."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+    advice: ClassVar[str] = "; each task has its own reference"
+
+    type: Literal["qp"]
+    """Tasks within limits as a quadratic program in the reduced velocities, over a velocity tracker."""
+    tasks: Annotated[list[TaskItem], Field(min_length=1)]
+    """Tasks, each with weight, gain and priority. References start at the initial values."""
+    limits: LimitSettings = LimitSettings()
+    """Limits; by default the position and velocity limits of the robot's file."""
+    damping: Annotated[float, Field(ge=0)] = 0.0
+    """Cost of the velocity at every level, which bounds it near singular configurations."""
+    solver: str = "daqp"
+    """Solver of the quadratic program: "daqp", or another solver of qpsolvers."""
+
+
 _AnyType = (
     RedundancySettings
     | ReducingOutputsSettings
@@ -275,6 +294,7 @@ _AnyType = (
     | UncertainRedundancySettings
     | SteeringSettings
     | StateFeedbackSettings
+    | WholeBodySettings
     | TwoPhaseSettings
 )
 

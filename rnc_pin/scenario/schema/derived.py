@@ -25,7 +25,7 @@ from rnc_pin.errors import RncError
 from rnc_pin.scenario.schema.base import BY_KIND, NAME, Strict
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
 class Entry:
     """Reader of a dataclass from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
 
@@ -167,9 +167,10 @@ def summary(kind: type) -> str:
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """Descriptions of the fields of a dataclass, from the ``Args`` or ``Attributes`` of its docstring."""
+    """Descriptions of the fields of a dataclass, from ``Args`` or ``Attributes`` of its docstring and its bases'."""
     found: dict[str, str] = {}
-    for section in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(kind) or "", re.MULTILINE):
+    own = [inspect.getdoc(each) or "" for each in reversed(kind.__mro__) if dataclasses.is_dataclass(each)]
+    for section in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", "\n\n".join(own), re.MULTILINE):
         for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):
             sentence = re.sub(r"\bNone\b", "null", " ".join(text.split()))
             found |= dict.fromkeys(names.split(", "), sentence[0].upper() + sentence[1:])

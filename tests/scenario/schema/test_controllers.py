@@ -25,6 +25,7 @@ NEEDED = {
     "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
     "state_feedback": {"state_cost": 1.0},
+    "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
@@ -42,6 +43,13 @@ VALUES = {  # of every setting that some type has
     "v2": {"joint_1": 0.1},
     "hold": ["joint_1"],
     "cyclic": ["joint_1"],
+    "limits": {
+        "joint_velocity": {"limit": 2.0},
+        "joint_position": None,
+        "regions": [{"frame": "tip", "box": {"x": [0, 1]}}],
+    },
+    "damping": 0.1,
+    "solver": "daqp",
     **{name: values[name] for values in NEEDED.values() for name in values},
     **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
 }

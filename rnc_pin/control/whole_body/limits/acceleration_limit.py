@@ -22,7 +22,7 @@ class AccelerationLimit(ControlLimit):
     Args:
         limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry.
         joints: names of joints; by default the limit is on the reduced velocities v2.
-        priority: as for all limits.
+        priority: order in which soft limits give way; the largest number first.
     """
 
     limit: float | Numbers

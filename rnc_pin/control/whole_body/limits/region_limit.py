@@ -27,7 +27,7 @@ class RegionLimit(ControlLimit):
         polygon: corners (x, y) [m] of a convex polygon, in order.
         half_spaces: normal and offset (n_x, n_y, n_z, c) of half-spaces ``n . p <= c`` [m].
         gain: rate of approach [1/s]; below 1 over the sampling interval.
-        priority: as for all limits.
+        priority: order in which soft limits give way; the largest number first.
     """
 
     frame: str

@@ -22,7 +22,7 @@ class WheelSpeedLimit(ControlLimit):
     Args:
         limit: largest speed of the rim about the axle [m/s]; the speed over the ground of a wheel without rollers.
         wheels: frames of the wheels, as in their ``RollingWheel`` constraints; by default all of them.
-        priority: as for all limits.
+        priority: order in which soft limits give way; the largest number first.
     """
 
     limit: Positive

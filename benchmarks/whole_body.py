@@ -1,0 +1,85 @@
+"""Processor time of one sample of whole-body control: 10 tasks, 14 joints, all limits of the file.
+
+Run it by ``python -m benchmarks.whole_body``.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.planning import Harmonic, Hold
+
+SAMPLES, ROUNDS, DT = 200, 5, 0.002
+
+
+def model() -> rnc.ReducedModel:
+    """TIAGo with two wheels, torso, arm and head: 12 reduced velocities, 14 joints without its planar base."""
+    robot = rnc.Robot.from_example("tiago_no_hand", base="planar")
+    wheels = ["wheel_left_joint", "wheel_right_joint"]
+    arm = [name for name in robot.joint_names if name not in ("root_joint", *wheels)]
+    rolling = [rnc.RollingWheel(f"wheel_{side}_link", 0.0985) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(robot, rolling, [*wheels, *arm])
+    return system.reduce([rnc.FrameSpeed("base_link"), rnc.FrameYaw("base_link"), *map(rnc.JointPosition, arm)])
+
+
+def wanted(start: np.ndarray) -> list[tasks.ControlTask]:
+    """Ten tasks of the common kinds."""
+    swing = Harmonic(start, [0.3, 0.3, 0.2], 0.4)
+    hand = "arm_7_link"
+    return [
+        tasks.OutputTask(rnc.FramePosition(hand), swing, gain=5.0),
+        tasks.OutputTask(rnc.FrameOrientation(hand), Hold(np.zeros(3)), weight=0.1),
+        tasks.LookAtTask("head_2_link", hand, weight=0.2),
+        tasks.OutputTask(rnc.FrameYaw("base_link"), Hold([0.0]), weight=0.1),
+        tasks.OutputTask(rnc.FrameSpeed("base_link"), Hold([0.0]), weight=0.1),
+        tasks.OutputTask(rnc.Distance("base_link", hand), Hold([0.8]), weight=0.1),
+        tasks.CenterOfMassTask(Hold([0.0, 0.0]), "xy", weight=0.05),
+        tasks.PostureTask({"torso_lift_joint": 0.15}, weight=0.1),
+        tasks.PostureTask({f"arm_{k}_joint": 0.5 for k in range(1, 8)}, weight=0.02, priority=1),
+        tasks.DampingTask(weight=0.01, priority=1),
+    ]
+
+
+def stepped(program: VelocityQP, reduced: rnc.ReducedModel, q0: np.ndarray, warm: bool = True) -> float:
+    """Processor time of a sample [s], along a run of the ideal robot: the measurement does not count."""
+    q, used = q0, 0.0
+    state = program.initial_state(reduced.at(q, np.zeros(reduced.r)).measure())
+    for sample in range(SAMPLES):
+        here = reduced.at(q, state.v2)
+        measurement = here.measure()
+        given = state if warm else state._replace(multipliers=np.zeros_like(state.multipliers))
+        begin = time.process_time()
+        target, state = program.step(sample * DT, measurement, given)
+        used += time.process_time() - begin
+        q = pin.integrate(reduced.robot.model, q, DT * (here.R @ target.v2))
+    return used / SAMPLES
+
+
+def main() -> None:
+    """Print the time of a sample with each solver, cold and warm."""
+    reduced = model()
+    q0 = reduced.robot.configuration({"arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.0})
+    start = reduced.at(q0).position.placement(reduced.robot.frame_id("arm_7_link")).translation.copy()
+    box = [limits.JointPositionLimit(), limits.JointVelocityLimit(), limits.AccelerationLimit(5.0)]
+    near = limits.CollisionAvoidance(q0=q0)
+    cases = {"daqp": (box, "daqp", True), "daqp, cold": (box, "daqp", False)}
+    cases |= {name: (box, name, True) for name in ("piqp", "quadprog", "proxqp", "osqp", "clarabel")}
+    cases["daqp, with collisions"] = ([*box, near], "daqp", True)
+    for label, (given, solver, warm) in cases.items():
+        try:
+            program = VelocityQP(reduced, wanted(start), given, solver=solver, dt=DT)
+        except ConfigurationError as error:
+            print(f"{label}: {error}")
+            continue
+        best = min(stepped(program, reduced, q0, warm) for _ in range(ROUNDS))
+        print(f"{label}: {1e6 * best:.0f} us a sample, {len(program.limit_names)} rows of limits")
+
+
+if __name__ == "__main__":
+    main()
