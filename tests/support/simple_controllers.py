@@ -1,4 +1,4 @@
-"""Controllers that look at nothing."""
+"""Controllers of tests: given inputs, none, or another controller that is told less."""
 
 import numpy as np
 
@@ -29,3 +29,17 @@ class Idle:
 
     def step(self, t, measurement, state):
         return Command(T=self.T), state
+
+
+class WithoutDeficit:
+    """Controller that does not learn that its actuators are saturated, so that it has no anti-windup."""
+
+    def __init__(self, controller):
+        self._controller = controller
+
+    def initial_state(self, measurement):
+        return self._controller.initial_state(measurement)
+
+    def step(self, t, measurement, state):
+        unaware = measurement._replace(force_deficit=None, input_deficit=None)
+        return self._controller.step(t, unaware, state)
