@@ -16,12 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 OWN_AXES = pin.ReferenceFrame.LOCAL
-
-_BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
 
 Components = slice | list[int]
 ALL = slice(0, 6)
@@ -77,7 +76,7 @@ class Kinematics:
 
         Pinocchio's derivatives and the kernel assume it. Universal, ZYX and composite joints are different.
         """
-        return all(joint.nv <= 1 or joint.shortname().endswith(_BODY_FIXED) for joint in self.model.joints)
+        return not joints_with_moving_axes(self.model)
 
     def position(self, q: np.ndarray) -> PositionKinematics:
         """Kinematics at configurations (..., nq)."""

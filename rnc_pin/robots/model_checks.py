@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError
+from rnc_pin.errors import ModelError, ModelWarning, few
 from rnc_pin.robots.inertias import check_inertias, check_model_size
+
+_BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
 
 
 def check_model(model: pin.Model) -> None:
-    """Raise an error if a model cannot be simulated; warn about inertias that no body can have.
+    """Raise an error if a model cannot be simulated; warn about inertias that no body can have, and moving axes.
 
     Raises:
         ModelError: no joints or too many, duplicate joint names, interleaved branches, or invalid inertias.
@@ -23,6 +27,21 @@ def check_model(model: pin.Model) -> None:
             raise ModelError(f"robot '{model.name}' has two joints named '{name}'")
     _check_order(model)
     check_inertias(model)
+    moving = joints_with_moving_axes(model)
+    if moving:
+        warnings.warn(
+            f"robot '{model.name}': axes of {few(moving)} depend on the joint's own position. Pinocchio's Jacobian "
+            "rates and Coriolis matrix are wrong for such joints, so R_dot, V and A_star_dot are; accelerations are "
+            "right. Use joints of one degree of freedom instead",
+            ModelWarning,
+            stacklevel=2,
+        )
+
+
+def joints_with_moving_axes(model: pin.Model) -> list[str]:
+    """Joints whose axes are not constant in the body that they move: universal, ZYX and composite joints."""
+    joints = zip(model.names, model.joints, strict=True)
+    return [name for name, joint in joints if joint.nv > 1 and not joint.shortname().endswith(_BODY_FIXED)]
 
 
 def _check_order(model: pin.Model) -> None:
