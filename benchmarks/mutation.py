@@ -41,6 +41,7 @@ TESTS = (
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
 START_UP = 60.0  # [s] that pytest and its imports may take
+TIMED_OUT = "timeout"  # Cosmic Ray's output of tests that were ended
 
 
 def modules(paths: list[str]) -> list[Path]:
@@ -137,6 +138,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, help="number of random mutants; all by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--patience", type=float, default=60.0, help="duration of the tests of one mutant [s]")
+    parser.add_argument("--timeout", type=float, help="duration that kills a mutant [s]; 60 s + 3 patience by default")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--tests", nargs="*", default=TESTS, help="files and folders of tests")
     given = parser.parse_args()
@@ -161,18 +163,22 @@ def main() -> None:
             for each in random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
         ]
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
-        for mutant, result in outcomes(drawn, tree, 3.0 * given.patience + START_UP, given.jobs):
+        endless = []
+        for mutant, result in outcomes(drawn, tree, given.timeout or 3.0 * given.patience + START_UP, given.jobs):
             if result.test_outcome is TestOutcome.INCOMPETENT:
                 raise SystemExit(f"{mutant.module_path}:{mutant.start_pos[0]}: {result.output}")
             survived = result.test_outcome is TestOutcome.SURVIVED
             for name in (mutant.module_path.parent.name, "all"):
                 score[name][0] += not survived
                 score[name][1] += 1
+            if result.output == TIMED_OUT:
+                endless.append(f"{mutant.module_path}:{mutant.start_pos[0]} ({mutant.operator_name})")
             if survived:
                 print(f"survives:\n{result.diff}\n", flush=True)
             print("{} of {} killed".format(*score["all"]), file=sys.stderr)
     for name, (killed, count) in sorted(score.items()):
         print(f"{name}: {killed} of {count} killed, {100 * killed / count:.1f} %")
+    print(f"of these, {len(endless)} by the timeout: {', '.join(sorted(endless))}" if endless else "none by the timeout")
     print(f"all {len(every)} mutants: at least {100 * lower_bound(*score['all']):.1f} %, with 95 % confidence")
 
 
