@@ -178,7 +178,7 @@ def main() -> None:
             print("{} of {} killed".format(*score["all"]), file=sys.stderr)
     for name, (killed, count) in sorted(score.items()):
         print(f"{name}: {killed} of {count} killed, {100 * killed / count:.1f} %")
-    print(f"of these, {len(endless)} by the timeout: {', '.join(sorted(endless))}" if endless else "none by the timeout")
+    print(f"of these, {len(endless)} by the timeout:", *sorted(endless), sep="\n  ")
     print(f"all {len(every)} mutants: at least {100 * lower_bound(*score['all']):.1f} %, with 95 % confidence")
 
 
