@@ -9,6 +9,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Mapping
+from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, get_args
 
@@ -70,7 +71,8 @@ def _hint(model: type[BaseModel], key: str) -> str:
     return nearest(key, model.model_fields)
 
 
-def _docstrings(kind: type) -> dict[str, str]:
+@cache
+def _docstrings(kind: type) -> Mapping[str, str]:
     """Text below each annotated attribute in the source of a class; empty if the class has no source."""
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,6 +60,11 @@ def scenario(controller):
     return with_options(read_yaml(find_scenario("space-robot")), {"controller": controller, "comparisons": {}})
 
 
+@cache
+def validator():
+    return jsonschema.Draft202012Validator(schema())
+
+
 def test_every_setting_is_tried():
     assert set(TYPES) == set(NEEDED)
     assert set(VALUES) == {name for each in TYPES.values() for name in each.model_fields} - {"type"}
@@ -72,7 +78,7 @@ def test_a_type_takes_its_own_settings_and_no_other(kind, name):
     needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
     raw = scenario({"type": kind, **NEEDED[kind], **needed, name: VALUES[name]})
     own = name in TYPES[kind].model_fields
-    assert jsonschema.Draft202012Validator(schema()).is_valid(raw) == own
+    assert validator().is_valid(raw) == own
     if own:
         assert getattr(validate(raw, "mine").controller, name) is not None
         return
