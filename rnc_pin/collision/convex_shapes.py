@@ -7,11 +7,14 @@ distance of hulls is never larger than that of the meshes.
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import product
+
 import coal
 import numpy as np
 
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull
+from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull
 
 _THICKNESS = 1e-3  # thickness of the hull of a flat mesh over its extent
 _LARGEST = 1e3  # [m]; no finite bounding sphere is of use beyond it
@@ -39,16 +42,30 @@ def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeom
 def hull_of(points: np.ndarray, name: str) -> coal.Convex:
     """Return the convex hull of points (n, 3) [m]. Points in a plane get a small thickness.
 
+    coal takes at most 255 edges at a corner. Flat faces are triangulated anew if a corner has more; if that does not
+    help, as at the tip of a fine cone, the box around the points takes the place of their hull.
+
     Raises:
         ModelError: the points have no hull.
     """
     try:
         mesh = convex_hull(points)
     except MeshError:
+        points = _thickened(points)
         try:
-            mesh = convex_hull(_thickened(points))
+            mesh = convex_hull(points)
         except MeshError as error:
             raise ModelError(f"mesh '{name}': {error}") from None
+    corners = np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
+    for attempt in (partial(convex_hull, points, joggled=True), partial(convex_hull, corners)):
+        try:
+            return _convex(mesh)
+        except RuntimeError:  # too many edges at a corner
+            mesh = attempt()
+    return _convex(mesh)
+
+
+def _convex(mesh: Mesh) -> coal.Convex:
     vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     for vertex in mesh.vertices:
         vertices.append(vertex)

@@ -77,7 +77,7 @@ class Result:
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
     limits: LimitReplay | None = None
-    """Use of joint limits and distances over time; None if the run has no samples."""
+    """Use of joint limits and distances over time; None if they were not measured."""
 
     @property
     def interrupted(self) -> bool:
@@ -124,7 +124,11 @@ def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
 
 
 def execute(
-    plan: Plan, observer: Observer | None = None, progress: Callable[[float, str], None] | None = None
+    plan: Plan,
+    observer: Observer | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    *,
+    measure_limits: bool = False,
 ) -> Result:
     """Run a plan.
 
@@ -132,6 +136,7 @@ def execute(
         plan: what to run.
         observer: called with every ``Sample`` of the run itself.
         progress: called with the simulated time so far [s], of all runs together, and the name of the one under way.
+        measure_limits: replay the run against joint limits and collisions; this reads the meshes of the robot.
 
     Returns:
         The result; a run that failed keeps what it reached, with ``error`` set.
@@ -147,17 +152,20 @@ def execute(
         return call
 
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-        return _executed(plan, watch, observer)
+        return _executed(plan, watch, observer, measure_limits)
 
 
 def _executed(
-    plan: Plan, watch: Callable[[str, float, Observer | None], Observer], observer: Observer | None
+    plan: Plan,
+    watch: Callable[[str, float, Observer | None], Observer],
+    observer: Observer | None,
+    measure_limits: bool,
 ) -> Result:
     # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
     trajectory, error = _simulate(plan, plan.experiment, watch(plan.name, 0.0, observer))
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
-    limits = _replay(plan.experiment, trajectory)
+    limits = _replay(plan.experiment, trajectory) if measure_limits else None
     if limits is not None:
         add_limits(summary, limits)
     others: dict[str, Trajectory] = {}

@@ -172,8 +172,8 @@ def obstacles_passed(
         q: configurations (N, nq).
         obstacles: bodies in the world.
     """
-    model = robot.collision_model
-    if not obstacles or model is None or not len(model.geometryObjects):
+    model = robot.collision_model if obstacles else None  # reading meshes takes time
+    if model is None or not len(model.geometryObjects):
         return ()
     checked = CollisionDistances(robot, obstacles, PairSelection(links=False))
     over_time = np.array([checked.smallest(q_k, t) for t, q_k in zip(time.tolist(), q, strict=True)])

@@ -8,7 +8,7 @@ from rnc_pin.errors import DivergenceError, SingularityError
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 
-_STEPS = 4
+_STEPS = 5
 _NOTHING_ELSE = np.zeros(0)
 
 

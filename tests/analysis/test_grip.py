@@ -204,7 +204,6 @@ class TwoCasters(Rows):
     def bind(self, robot):
         self.parts = [rnc.Caster(name, WHEEL).bind(robot) for name in ("nose", "tail")]
         self.names = ("front", "back")
-        self.joints = tuple({joint for part in self.parts for joint in part.joints})
         return self
 
     def jacobian(self, at):

@@ -90,7 +90,7 @@ def test_run_writes_what_the_manual_says(first_run):
     written = {path.name for path in folder.iterdir()} - {".rnc_pin"}
     assert written == {
         "trajectory.npz", "trajectory_platform_uncontrolled.npz", "summary.json", "scenario.yaml",
-        "figure_4a.png", "figure_4b.png", "overview.png", "top_view.png", "animation.html",
+        "figure_4a.png", "figure_4b.png", "overview.png", "limits.png", "top_view.png", "animation.html",
     }  # fmt: skip
     assert all(name in process.stdout for name in written)
     for picture in folder.glob("*.png"):
@@ -168,7 +168,7 @@ def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
     assert [line for line in lines if line.endswith(" ...")] == [
         "space-robot: reading the scenario ...",
         "space-robot: simulating 0.2 s and 1 comparison ...",
-        "space-robot: drawing 5 pictures ...",
+        "space-robot: drawing 6 pictures ...",
     ]
     assert lines[0] == "space-robot: reading the scenario ..."
     elapsed = float(lines[-1].removeprefix("done in ").split(" s,")[0])
@@ -248,6 +248,7 @@ def test_a_run_into_its_own_folder_replaces_the_one_before(first_run, call, tmp_
         "trajectory.npz",
         "summary.json",
         "scenario.yaml",
+        "limits.png",
         "overview.png",
         "top_view.png",
         "animation.html",

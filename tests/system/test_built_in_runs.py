@@ -38,14 +38,14 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},
 }
-FAST = {"free-flying-arm": 0.002, "tiago": 0.004}
+FAST = {"free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004}
 """Sampling periods [s] of scenarios whose gains do not suit a slower one."""
 
 
 def summary_of(name, compared=False, **options):
     prepared = plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}})
     its_gains_are_recorded(prepared)
-    result = execute(prepared)
+    result = execute(prepared, measure_limits=True)
     assert result.error is None
     assert result.summary["outcome"] == "completed"
     assert result.summary["constraint_residual_max"] < 1e-8

@@ -90,7 +90,7 @@ def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str
         others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
         text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
         with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
-            return execute(prepared, live, advance)
+            return execute(prepared, live, advance, measure_limits=True)
     finally:
         if live is not None:
             close(live)

@@ -119,8 +119,13 @@ def numbers(text: str | bytes | None, kind: type = float) -> np.ndarray:
             raise ValueError("not a number") from None
 
 
-def convex_hull(points: ArrayLike) -> Mesh:
+def convex_hull(points: ArrayLike, joggled: bool = False) -> Mesh:
     """Convex hull of points (n, 3).
+
+    Args:
+        points: the points.
+        joggled: triangulate as if rounding moved each point. A flat face is then not a fan about one corner, and no
+            corner of it has many edges.
 
     Raises:
         MeshError: too few points, or points in a plane.
@@ -133,7 +138,7 @@ def convex_hull(points: ArrayLike) -> Mesh:
         raise MeshError(f"a coordinate is not finite, or beyond {FARTHEST:g}")
     check_thickness(corners)
     try:
-        hull = ConvexHull(corners)
+        hull = ConvexHull(corners, qhull_options="QJ" if joggled else None)
     except QhullError:
         raise MeshError("its points have no convex hull") from None
     first, second, third = (corners[hull.simplices[:, k]] for k in range(3))
