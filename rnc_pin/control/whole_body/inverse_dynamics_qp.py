@@ -16,15 +16,13 @@ from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, TaskStack, solve_cascade
+from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, TaskStack, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.velocity_qp import LimitReport, describe_settings, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
-
-_EXCEEDED = 1e-8  # excess of a limit above which it gave way
 
 
 class InverseDynamicsState(NamedTuple):
@@ -177,15 +175,9 @@ class InverseDynamicsQP(ReprMixin):
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
         levels = self._levels(now, sample, offset, gain)
         bounds = self._bounds(sample, offset, gain, contacts.rows, contacts.upper)
-        found = solve_cascade(levels, bounds, 0.0, self._solver, multipliers)
-        if found is None:
-            wider = self._limits.relaxed(bounds, self._solver, self._forces)
-            found = solve_cascade(levels, wider, 0.0, self._solver)
-        k = len(self.limit_names)
-        x = np.zeros(gain.shape[1]) if found is None else found.v2  # rounding may leave no room: inputs of zero
-        excess = bounds.excess(x)
-        excess[excess < _EXCEEDED] = 0.0
-        flags = np.zeros((len(levels), k)) if found is None else found.multipliers
+        x, flags, excess = solve_within(
+            levels, bounds, self._limits, self._solver, multipliers=multipliers, before=self._forces
+        )
         return InputSolution(x[:p], offset + gain @ x, flags, excess)
 
     def _levels(self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array) -> list[TaskLevel]:

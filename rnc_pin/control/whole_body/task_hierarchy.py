@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import ProgramBounds
+from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -24,6 +24,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 _RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
 _FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
 _TOUCHING = 1e-12  # relative excess of a limit that is rounding
+_EXCEEDED = 1e-8  # excess of a limit above which it gave way
 
 
 class TaskLevel(NamedTuple):
@@ -82,6 +83,43 @@ class TaskStack:
                 rate = rate - J @ sample.end.b
             found.append(TaskLevel(J @ sample.end.R, rate))
         return found
+
+
+class RelaxedSolution(NamedTuple):
+    """Solution of all levels within limits that may have given way."""
+
+    unknowns: Float[Array, " n"]
+    multipliers: Float[Array, "levels k"]
+    excess: Float[Array, " k"]
+    """Amount by which each limit gave way; zero if it did not."""
+
+
+def solve_within(
+    levels: Sequence[TaskLevel],
+    bounds: ProgramBounds,
+    limits: LimitStack,
+    solver: LeastDistanceSolver,
+    damping: float = 0.0,
+    multipliers: Array | None = None,
+    before: Sequence[Array] = (),
+) -> RelaxedSolution:
+    """Solve the levels; limits that exclude each other give way.
+
+    Args:
+        levels, bounds, damping, solver, multipliers: as for ``solve_cascade``.
+        limits: the limits, in the order in which they give way.
+        before: groups of further rows of the bounds that come before the limits.
+    """
+    k = len(bounds.lower)
+    found = solve_cascade(levels, bounds, damping, solver, multipliers)
+    if found is not None:
+        return RelaxedSolution(found.v2, found.multipliers, np.zeros(k))
+    found = solve_cascade(levels, limits.relaxed(bounds, solver, before), damping, solver)
+    if found is None:  # rounding: even the wider limits exclude each other
+        found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), k)))
+    excess = bounds.excess(found.v2)
+    excess[excess < _EXCEEDED] = 0.0
+    return RelaxedSolution(found.v2, found.multipliers, excess)
 
 
 def solve_cascade(

@@ -16,15 +16,13 @@ from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import CascadeSolution, TaskStack, solve_cascade
+from rnc_pin.control.whole_body.task_hierarchy import TaskStack, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
-
-_EXCEEDED = 1e-8  # excess of a limit above which it gave way
 
 
 class ProgramState(NamedTuple):
@@ -181,16 +179,7 @@ class VelocityQP(ReprMixin):
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        found = solve_cascade(levels, bounds, self.damping, self._solver, multipliers)
-        if found is not None:
-            return ProgramSolution(found.v2, found.multipliers, np.zeros(len(bounds.lower)))
-        wider = self._limits.relaxed(bounds, self._solver)
-        found = solve_cascade(levels, wider, self.damping, self._solver)
-        if found is None:  # rounding: even the wider limits exclude each other
-            found = CascadeSolution(np.zeros(self._reduced.r), np.zeros((max(len(levels), 1), len(bounds.lower))))
-        excess = bounds.excess(found.v2)
-        excess[excess < _EXCEEDED] = 0.0
-        return ProgramSolution(found.v2, found.multipliers, excess)
+        return ProgramSolution(*solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers))
 
     def report(self, state: ProgramState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
