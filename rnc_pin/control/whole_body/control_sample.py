@@ -20,7 +20,7 @@ class ControlSample:
         time: time of the start [s].
         q: measured configuration at the start, (nq,).
         v2: reduced velocity commanded at the start, (r,).
-        dt: duration of the sample [s].
+        dt: duration of the sample [s]; zero for the start itself.
 
     Attributes:
         time: time of the end [s].
@@ -36,5 +36,6 @@ class ControlSample:
     def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
         self.time, self.dt = time + dt, dt
         self.start: StateEvaluation = reduced.at(q, v2)
-        ahead = pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v)
-        self.end: StateEvaluation = reduced.at(ahead, v2)
+        self.end: StateEvaluation = self.start
+        if dt:
+            self.end = reduced.at(pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v), v2)
