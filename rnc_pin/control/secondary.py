@@ -24,8 +24,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
+from rnc_pin.robots.joint_values import NO_LIMIT
 
-_NO_LIMIT = 1e10  # [rad or m]; Pinocchio writes the largest float for a joint without a limit
 _STEP = 2e-5  # [rad or m]; step of a central difference along the motion
 
 Secondary = Callable[[float, Measurement], tuple[np.ndarray, np.ndarray]]
@@ -213,4 +213,4 @@ def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:
 
 def _has_ends(model: pin.Model, index: int) -> bool:
     low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    return -_NO_LIMIT < low < high < _NO_LIMIT
+    return -NO_LIMIT < low < high < NO_LIMIT

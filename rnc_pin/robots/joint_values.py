@@ -11,6 +11,9 @@ from rnc_pin.errors import ModelError, nearest
 
 JointValue = float | Sequence[float] | np.ndarray
 
+NO_LIMIT = 1e10
+"""Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
+
 
 def joint_index(model: pin.Model, name: str) -> int:
     """Index of a joint. An unknown name raises ModelError with the nearest name."""

@@ -10,11 +10,10 @@ import numpy as np
 
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import InputError
+from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.trajectory import Trajectory
 
-_NO_LIMIT = 1e10
-"""Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
@@ -209,7 +208,7 @@ def _positions(robot: Robot, run: Trajectory) -> list[_Use]:
             continue  # coordinates on a circle or a sphere, or those of a base
         for k in range(joint.idx_q, joint.idx_q + joint.nq):
             low, high = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-            if not (-_NO_LIMIT < low < high < _NO_LIMIT):
+            if not (-NO_LIMIT < low < high < NO_LIMIT):
                 continue
             excess = np.maximum(run.q[:, k] - high, low - run.q[:, k]) / (high - low)
             at = int(excess.argmax())
@@ -225,7 +224,7 @@ def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
     return [
         _symmetric("velocity", name, run.time, run.v[:, k], float(limits[k]))
         for k, name in enumerate(robot.velocity_names)
-        if 0 < limits[k] < _NO_LIMIT
+        if 0 < limits[k] < NO_LIMIT
     ]
 
 
@@ -234,7 +233,7 @@ def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
     for column, name in enumerate(run.info.outputs.T):
         if name in robot.joint_names:
             place = robot.velocity_indices(name)
-            if place.stop - place.start == 1 and 0 < limits[place.start] < _NO_LIMIT:
+            if place.stop - place.start == 1 and 0 < limits[place.start] < NO_LIMIT:
                 uses.append(_symmetric("effort", name, run.time, run.T[:, column], float(limits[place.start])))
     return uses
 

@@ -13,10 +13,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
-from rnc_pin.control.whole_body.limits.limited_joints import NO_LIMIT, limited_positions, selection_rows
+from rnc_pin.control.whole_body.limits.limited_joints import limited_positions, selection_rows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
 _CROSSING_TIME = 1.0  # [s] for the range of a joint without a velocity limit

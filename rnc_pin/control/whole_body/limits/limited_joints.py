@@ -8,10 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
-
-NO_LIMIT = 1e10
-"""Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
 
 
 class LimitedPositions(NamedTuple):
