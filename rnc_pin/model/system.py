@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
 from rnc_pin.model.system_summary import system_headline, system_lines
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
+
+_Kind = TypeVar("_Kind", ConstraintKind, OutputKind)
 
 _SAMPLES = 12
 _THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
@@ -77,6 +80,7 @@ class NonholonomicSystem(SummaryMixin):
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
+        constraints = _kinds(constraints, "constraints")
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
@@ -143,10 +147,10 @@ class NonholonomicSystem(SummaryMixin):
         Raises:
             ConstraintError: not n - m reducing outputs, a duplicate output, or outputs that are dependent everywhere.
         """
-        x1 = OutputStack([kind.bind(self.robot) for kind in vertical])
+        x1 = OutputStack([kind.bind(self.robot) for kind in _kinds(vertical, "vertical outputs")])
         if reducing is None:
             return self._reduced(self._entries(), x1, singularity_limit, free=True)
-        x2 = OutputStack([kind.bind(self.robot) for kind in reducing])
+        x2 = OutputStack([kind.bind(self.robot) for kind in _kinds(reducing, "reducing outputs")])
         if x2.size != self.r:
             _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
@@ -197,6 +201,17 @@ class NonholonomicSystem(SummaryMixin):
             "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
             f"{', '.join(failures[0].rows)} are dependent"
         )
+
+
+def _kinds(kinds: Sequence[_Kind], what: str) -> Sequence[_Kind]:
+    """Return the kinds; raise an error for a single kind, and for an entry that is none."""
+    if hasattr(kinds, "bind") or not isinstance(kinds, Iterable):
+        raise ConstraintError(f"{what}: expected a list, found {kinds!r}")
+    kinds = tuple(kinds)
+    for place, kind in enumerate(kinds):
+        if not hasattr(kind, "bind") or isinstance(kind, type):
+            raise ConstraintError(f"{what}[{place}]: expected an object with bind(robot), found {kind!r}")
+    return kinds
 
 
 def _bound(kind: ConstraintKind, robot: Robot) -> Rows:

@@ -628,3 +628,25 @@ def test_an_actuator_that_drives_what_is_conserved_is_named():
         rnc.NonholonomicSystem(
             single, [rnc.MomentumConservation("platform"), rnc.JointCoupling("joint_1", "platform", 1.0)]
         )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda robot: rnc.NonholonomicSystem(robot, rnc.NoSideSlip("chassis")), "constraints: expected a list, found"),
+        (lambda robot: rnc.NonholonomicSystem(robot, [rnc.NoSideSlip]), r"constraints\[0\]: expected an object with"),
+        (
+            lambda robot: rnc.NonholonomicSystem(robot).reduce(rnc.JointPosition("left_wheel_joint")),
+            "reducing outputs: expected a list, found JointPosition",
+        ),
+        (
+            lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.JointPosition("left_wheel_joint"), "yaw"]),
+            r"reducing outputs\[1\]: expected an object with bind\(robot\), found 'yaw'",
+        ),
+        (lambda robot: rnc.NonholonomicSystem(robot).reduce(vertical=3), "vertical outputs: expected a list, found 3"),
+    ],
+)
+def test_what_is_no_list_of_kinds_is_refused_in_one_line(make, words):
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    with pytest.raises(rnc.ConstraintError, match=words):
+        make(robot)
