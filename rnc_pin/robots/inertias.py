@@ -29,7 +29,6 @@ HEAVIEST = 1e15
 
 MOVES_NONE = "moves no mass"
 NOT_POSITIVE = "rotational inertia is not positive"
-NO_MASS = "rotational inertia but zero mass"
 NEGATIVE = "negative mass"
 SINGULAR = "moves without moving mass"
 
@@ -83,6 +82,9 @@ def check_model_size(model: pin.Model) -> None:
 def check_inertias(model: pin.Model) -> None:
     """Raise an error for inertias that cannot be simulated; warn about inertias that no body can have.
 
+    The literature idealises bodies: a rotor without mass, or a moment larger than the sum of the others. Their
+    equations of motion are sound as long as the inertia matrix of the robot is positive definite.
+
     Raises:
         ModelError: an inertia or mass is not finite.
         UselessInertia: ``massless`` finds a joint.
@@ -90,18 +92,18 @@ def check_inertias(model: pin.Model) -> None:
     found = massless(model, {})
     if found:
         raise UselessInertia(_summary(found), found)
-    impossible = []
+    impossible, weightless = [], []
     for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
         moments = np.linalg.eigvalsh(inertia.inertia)
         if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
             impossible.append(name)
-    if impossible:
-        warnings.warn(
-            f"robot '{model.name}': impossible rotational inertia behind {few(impossible)}: "
-            "the largest principal moment exceeds the sum of the others",
-            ModelWarning,
-            stacklevel=2,
-        )
+        if inertia.mass == 0 and moments.any():
+            weightless.append(name)
+    unreal = "impossible rotational inertia behind {}: the largest principal moment exceeds the sum of the others"
+    rotors = "rotational inertia but zero mass behind {}: such bodies are idealised, so check the file"
+    for names, fault in ((impossible, unreal), (weightless, rotors)):
+        if names:
+            warnings.warn(f"robot '{model.name}': {fault.format(few(names))}", ModelWarning, stacklevel=2)
 
 
 def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ...]:
@@ -177,9 +179,6 @@ def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Mass
     if not _is_positive(tensor):
         message = f"rotational inertia behind joint '{name}' is not positive"
         return [_massless(model, joint, NOT_POSITIVE, message, bodies)]
-    if inertia.mass == 0 and tensor.any():
-        message = f"body behind joint '{name}' has rotational inertia but zero mass"
-        return [_massless(model, joint, NO_MASS, message, bodies)]
     return []
 
 
@@ -203,9 +202,7 @@ def _is_wrong(body: Body, why: str) -> bool:
     """True if the link itself has the fault of the body to which it belongs."""
     if why == NEGATIVE:
         return body.mass < 0
-    if why == NOT_POSITIVE:
-        return not _is_positive(body.inertia)
-    return bool(why == NO_MASS and body.mass == 0 and body.inertia.any())
+    return why == NOT_POSITIVE and not _is_positive(body.inertia)
 
 
 def _mass(body: Body) -> float:

@@ -209,11 +209,6 @@ FILES = {
         {"robot.urdf": urdf(LEFT, wheel("right", -0.2, axis="y"))},
         ["robot.urdf", "wheel_right_joint"],
     ),
-    "zero mass": (
-        scenario(),
-        {"robot.urdf": urdf(LEFT, wheel("right", -0.2, inertial(0)))},
-        ["wheel_right_joint", "zero mass"],
-    ),
     "no mass": (
         scenario(),
         {"robot.urdf": urdf(LEFT, wheel("right", -0.2, ""))},

@@ -14,6 +14,43 @@ GRAVITY = (0.0, 0.0, -9.81)
 # ---------------------------------------------------------------------- what is in the files
 
 
+def rotor_on_a_pendulum(mass, rotor_mass="0", rotor_moment="0.02"):
+    body = '<inertial><origin xyz="{} 0 0"/><mass value="{}"/><inertia ixx="{m}" iyy="{m}" izz="{m}"'
+    body += ' ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    joint += '<axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
+    return (
+        '<robot name="pendulum"><link name="ground"/>'
+        f'<link name="rod">{body.format("0.5", mass, m="0.1")}</link>'
+        f'<link name="rotor">{body.format("0", rotor_mass, m=rotor_moment)}</link>'
+        f"{joint.format('hinge', 'ground', 'rod', 0)}{joint.format('motor', 'rod', 'rotor', 0.5)}</robot>"
+    )
+
+
+def test_a_massless_rotor_has_the_equations_of_the_reaction_wheel_pendulum(tmp_path):
+    """Spong, Corke and Lozano (2001): the inertia matrix is [[m l^2 + I + J, J], [J, J]]."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(rotor_on_a_pendulum(2.0))
+    with pytest.warns(rnc.ModelWarning, match="rotational inertia but zero mass behind motor"):
+        robot = rnc.Robot.from_urdf(path)
+    reduced = rnc.NonholonomicSystem(robot, [], ["motor"]).reduce(
+        [rnc.JointPosition("hinge"), rnc.JointPosition("motor")]
+    )
+    state = reduced.at([0.4, 1.0])
+    matrix = np.array([[2 * 0.25 + 0.1 + 0.02, 0.02], [0.02, 0.02]])
+    weight = np.array([-2 * 9.81 * 0.5 * np.cos(0.4), 0.0])  # a positive angle about y lowers the rod
+    np.testing.assert_allclose(state.H, matrix, atol=1e-14)
+    found = reduced.forward_dynamics([0.4, 1.0], [0.3, -2.0], [0.7])
+    assert found == pytest.approx(np.linalg.solve(matrix, [0, 0.7] - weight), rel=1e-12)
+
+
+def test_a_rotor_of_no_inertia_is_refused(tmp_path):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(rotor_on_a_pendulum(2.0, rotor_moment="0"))
+    with pytest.raises(rnc.ModelError, match="joint 'motor' moves no mass"):
+        rnc.Robot.from_urdf(path)
+
+
 @pytest.mark.parametrize(
     ("file", "base", "nq", "nv"),
     [
@@ -269,7 +306,6 @@ BAD_FILES = {
     "NaN origin": (urdf(origin="0 nan 0"), ["nan", "hinge"]),
     "negative mass": (urdf(inertial(mass="-2")), ["mass behind joint 'hinge' is negative: -2 kg"]),
     "negative inertia": (urdf(inertial(moment="-1")), ["inertia behind joint 'hinge' is not positive"]),
-    "inertia without mass": (urdf(inertial(mass="0")), ["behind joint 'hinge'", "zero mass"]),
     "joint that moves no mass": (urdf(arm=""), ["joint 'hinge' moves no mass"]),
     "last joint moves no mass": (urdf(more=SECOND_HINGE), ["joint 'wrist' moves no mass"]),
     "two joints move one mass": (

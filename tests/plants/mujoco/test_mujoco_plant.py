@@ -50,6 +50,17 @@ def floating_panda():
     return satellite.attach(rnc.Robot.from_example("panda", lock=fingers), "mount")
 
 
+def massless_rotor():
+    """A reaction wheel pendulum, its rotor idealised to a moment of inertia without mass."""
+    model = pin.Model()
+    hinge = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
+    model.appendBodyToJoint(hinge, pin.Inertia(2.0, np.array([0.5, 0, 0]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    motor = model.addJoint(hinge, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.5, 0, 0])), "motor")
+    model.inertias[motor] = pin.Inertia(0.0, np.zeros(3), np.diag([0.01, 0.02, 0.03]))
+    with pytest.warns(rnc.ModelWarning, match="zero mass behind motor"):
+        return rnc.Robot(model)
+
+
 def differential_drive():
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
@@ -63,6 +74,7 @@ ROBOTS = {
     "floating arm": floating_panda,
     "TIAGo": lambda: rnc.Robot.from_example("tiago_no_hand", base="planar"),
     "every kind of joint": every_kind_of_joint,
+    "massless rotor": massless_rotor,
 }
 
 

@@ -181,11 +181,17 @@ REFUSED = {
     "nothing_has_a_mass.urdf": "joints 'shoulder', 'elbow' move no mass: give 2 links masses with masses={'upper'",
     "inertia_not_positive.urdf": "rotational inertia behind joint 'shoulder' is not positive: give link 'tool' a mass "
     "with masses={'tool': 0.7}",
-    "inertia_without_mass.urdf": "body behind joint 'shoulder' has rotational inertia but zero mass: give link 'arm' a "
-    "mass with masses={'arm': 0.1}",
     "negative_mass.urdf": "mass of link 'tool' is negative: -0.1 kg; give it another with masses={'tool': 0.1}",
     "point_masses.urdf": "can move without moving mass: give link 'base' a mass with masses={'base': 0.1}",
 }
+
+
+def test_inertia_without_mass_is_idealised_and_loads():
+    robot, said = loaded("inertia_without_mass.urdf", base="fixed")
+    assert said == [
+        "robot 'cart': rotational inertia but zero mass behind shoulder: such bodies are idealised, so check the file"
+    ]
+    assert pin.crba(robot.model, robot.model.createData(), pin.neutral(robot.model)) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("name", REFUSED)
