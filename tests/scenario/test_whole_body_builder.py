@@ -96,3 +96,90 @@ def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
         plan(written(tmp_path, **controller))
     assert "\n" not in str(caught.value)
+
+
+POINT_URDF = """<robot name="point">
+  <link name="world"/>
+  <link name="slide"><inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="ball"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="world"/><child link="slide"/><axis xyz="1 0 0"/>
+    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
+  <joint name="y" type="prismatic"><parent link="slide"/><child link="ball"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
+</robot>"""
+# A ball drives 1 m ahead. One obstacle stands beside its way; another crosses the way from the side.
+POINT = """
+robot: {urdf: point.urdf}
+actuators: [x, y]
+outputs: {reducing: [{joint: x}, {joint: y}]}
+obstacles:
+  - sphere: {name: post, radius: 0.2, position: [0.5, 0.12, 0]}
+  - sphere:
+      {name: walker, radius: 0.2, position: [1.15, -1.5, 0], motion: {minimum_jerk: {by: [0, 3, 0, 0], duration: 6}}}
+controller:
+  tasks:
+    - output: {output: {frame_position: {frame: ball, axes: x}}, reference: {minimum_jerk: {by: [1.0], duration: 2}}, gain: 3}
+    - posture: {joints: {y: 0}, gain: 2}
+simulation: {duration: 7, dt: 0.01}
+"""
+PROGRAMS = [{"type": "qp", "tracker": "computed_torque", "k": 60}, {"type": "inverse_dynamics"}]
+
+
+def point(folder, **changes):
+    (folder / "point.urdf").write_text(POINT_URDF)
+    raw = yaml.safe_load(POINT)
+    raw["controller"] |= changes.pop("controller", {})
+    path = folder / "point.yaml"
+    path.write_text(yaml.safe_dump(raw | changes))
+    return str(path)
+
+
+def gaps(trajectory):
+    """Distances (N,) of the ball to the post and to the walker, by their motion in closed form."""
+    s = np.clip(trajectory.time / 6, 0, 1)
+    walker = np.stack([np.full_like(s, 1.15), -1.5 + 3 * (10 * s**3 - 15 * s**4 + 6 * s**5)], axis=1)
+    return np.linalg.norm(trajectory.q - [0.5, 0.12], axis=1) - 0.3, np.linalg.norm(trajectory.q - walker, axis=1) - 0.3
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, program):
+    run = execute(plan(point(tmp_path, controller=program)))
+    assert run.error is None
+    post, walker = gaps(run.trajectory)
+    assert 0.015 < post.min() < 0.05
+    assert 0.015 < walker.min() < 0.15
+    np.testing.assert_allclose(run.trajectory.q[-1], [1.0, 0.0], atol=0.01)
+    hit = execute(plan(point(tmp_path, controller={**program, "limits": {"collision": None}}))).trajectory
+    assert gaps(hit)[0].min() < -0.1
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path, program):
+    behind = {"controller": {**program, "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}}
+    behind["obstacles"] = []
+    with pytest.raises(rnc.InfeasibleError, match=r"task 0 \(ball_x\) misses its goal .*: error 0.3 at t = 7.00 s"):
+        plan(point(tmp_path, preflight="refuse", **behind))
+    (warning,) = plan(point(tmp_path, **behind)).experiment.warnings
+    assert "misses its goal" in warning
+    assert plan(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
+
+
+def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
+    fast = {"type": "inverse_dynamics", "velocity_gain": 40.0}
+    steps = [
+        {"output": {"output": {"joint": name}, "reference": {"hold": {"value": [1.0]}}, "gain": 4}} for name in "xy"
+    ]
+    run = execute(plan(point(tmp_path, controller={**fast, "tasks": steps}, obstacles=[]))).trajectory
+    assert np.abs(run.T).max() == pytest.approx(60.0, abs=1e-8)
+    np.testing.assert_allclose(run.q[-1], [1.0, 1.0], atol=1e-3)
+    assert np.abs(run.v).max() <= 1.5
+
+
+def test_a_robot_with_fewer_actuators_than_motions_needs_no_roll_out(tmp_path):
+    program = {"type": "inverse_dynamics", "tasks": [{"posture": {"joints": {"x": 0.5}, "gain": 2}}]}
+    prepared = plan(point(tmp_path, controller=program, actuators=["x"], obstacles=[]))
+    assert prepared.experiment.warnings == ()
+    assert execute(prepared).trajectory.q[-1, 0] == pytest.approx(0.5, abs=1e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -47,7 +48,10 @@ from rnc_pin.scenario.schema.controllers import (
     VelocityTrackerSettings,
 )
 from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
-from rnc_pin.simulation import margins_along, obstacles_passed
+from rnc_pin.simulation import Margins, margins_along, obstacles_passed
+
+MissedGoals = Callable[[float, np.ndarray], tuple[str, ...]]
+"""Complaints about goals that a motion misses, from its last time [s] and configuration (nq,)."""
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
 
@@ -129,6 +133,7 @@ def track(
     kinematic: KinematicController,
     task: Task | None = None,
     horizon: float | None = None,
+    missed: MissedGoals | None = None,
 ) -> BuiltController:
     """Check the reference and build the velocity tracker under a kinematic controller.
 
@@ -138,21 +143,14 @@ def track(
         kinematic: computes the rates of the reducing outputs.
         task: task whose A4 the kinematic controller inverts, if any.
         horizon: duration of the motion to check [s]; by default that of the references of the scenario.
+        missed: finds the goals that the motion does not reach, for controllers that may give goals up.
 
     Raises:
-        InfeasibleError: no gains fit the motion, or it is near a singular configuration and preflight refuses that.
+        InfeasibleError: no gains fit the motion, or preflight refuses it.
     """
     reduced, q0 = context.reduced, context.q0
-    horizon = context.horizon if horizon is None else horizon
-    margins = margins_along(reduced, kinematic, q0, horizon, _ROLLOUT_STEP, task, context.grip)
+    margins, complaints = check_motion(context, kinematic, task, horizon, missed)
     time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
-    passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
-    complaints = (
-        *margins.complaints(MIN_SINGULAR_VALUE),
-        *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
-    )
-    if complaints and context.preflight == "refuse":
-        raise InfeasibleError("; ".join(complaints))
     if settings.tracker == "computed_torque":
         gain = sized_gain("k", settings.k, reduced.r)
         k = {} if gain is None else {"k": gain}
@@ -176,6 +174,35 @@ def track(
         )
     tracker = VelocityTracker(kinematic, gains, holding_force(settings, context))
     return BuiltController(tracker, complaints, time_scale=time_scale)
+
+
+def check_motion(
+    context: ControllerContext,
+    kinematic: KinematicController,
+    task: Task | None = None,
+    horizon: float | None = None,
+    missed: MissedGoals | None = None,
+) -> tuple[Margins, tuple[str, ...]]:
+    """Roll out a kinematic controller, and return the margins of the motion and the complaints about it.
+
+    Args:
+        context: inputs for building the controller.
+        kinematic, task, horizon, missed: as for ``track``.
+
+    Raises:
+        InfeasibleError: there are complaints, and preflight refuses such a motion.
+    """
+    reduced, horizon = context.reduced, context.horizon if horizon is None else horizon
+    margins = margins_along(reduced, kinematic, context.q0, horizon, _ROLLOUT_STEP, task, context.grip)
+    passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
+    complaints = (
+        *margins.complaints(MIN_SINGULAR_VALUE),
+        *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
+        *(() if missed is None or margins.singular is not None else missed(float(margins.time[-1]), margins.q[-1])),
+    )
+    if complaints and context.preflight == "refuse":
+        raise InfeasibleError("; ".join(complaints))
+    return margins, complaints
 
 
 def _secondary(settings: SecondarySettings, context: ControllerContext) -> Secondary:

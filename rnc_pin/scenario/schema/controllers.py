@@ -269,22 +269,39 @@ class TwoPhaseSettings(AdaptationSettings):
     """Goal pose and start time of the platform: position, to, begin."""
 
 
-class WholeBodySettings(VelocityTrackerSettings):
-    """Whole-body control: tasks within limits as a quadratic program, over a velocity tracker."""
+class WholeBodySettings(ControllerSettings):
+    """Tasks and limits of whole-body control."""
 
     follows: ClassVar[frozenset[str]] = frozenset()
     advice: ClassVar[str] = "; each task has its own reference"
 
-    type: Literal["qp"]
-    """Tasks within limits as a quadratic program in the reduced velocities, over a velocity tracker."""
     tasks: Annotated[list[TaskItem], Field(min_length=1)]
     """Tasks, each with weight, gain and priority. References start at the initial values."""
     limits: LimitSettings = LimitSettings()
-    """Limits; by default the position and velocity limits of the robot's file."""
-    damping: Annotated[float, Field(ge=0)] = 0.0
-    """Cost of the velocity at every level, which bounds it near singular configurations."""
+    """Limits; by default position and velocity limits of the robot's file, and distances to obstacles."""
     solver: str = "daqp"
     """Solver of the quadratic program: "daqp", or another solver of qpsolvers."""
+
+
+class VelocityProgramSettings(WholeBodySettings, VelocityTrackerSettings):
+    """Whole-body control: tasks within limits as a quadratic program, over a velocity tracker."""
+
+    type: Literal["qp"]
+    """Tasks within limits as a quadratic program in the reduced velocities, over a velocity tracker."""
+    damping: Annotated[float, Field(ge=0)] = 0.0
+    """Cost of the velocity at every level, which bounds it near singular configurations."""
+
+
+class InverseDynamicsSettings(WholeBodySettings):
+    """Whole-body control with efforts: tasks within limits as a quadratic program in the inputs, with the model."""
+
+    type: Literal["inverse_dynamics"]
+    """Tasks within limits of motion, effort and grip as a quadratic program in the inputs. It uses the model."""
+    velocity_gain: Positive = 20.0
+    """Rate at which velocity errors of tasks decay [1/s]; the rest of the motion comes to rest at the same rate."""
+    friction: Positive | None = None
+    """Coefficient of friction of the ground, for the friction cone of each contact; without it, only normal forces
+    have a limit."""
 
 
 _AnyType = (
@@ -294,7 +311,8 @@ _AnyType = (
     | UncertainRedundancySettings
     | SteeringSettings
     | StateFeedbackSettings
-    | WholeBodySettings
+    | VelocityProgramSettings
+    | InverseDynamicsSettings
     | TwoPhaseSettings
 )
 

@@ -84,7 +84,7 @@ TaskItem = Annotated[
 
 
 class CollisionSettings(Strict):
-    """Distances between links of the robot."""
+    """Distances between links of the robot, and to the obstacles of the scenario."""
 
     clearance: NotNegative = 0.02
     """Distance that remains [m]."""
@@ -92,6 +92,8 @@ class CollisionSettings(Strict):
     """Distance from which a pair is slowed down [m]."""
     rate: Positive = 5.0
     """Largest rate of approach over remaining distance [1/s]."""
+    links: bool = True
+    """True for distances between links of the robot too; those to obstacles always count."""
 
 
 class LimitSettings(Strict):
@@ -108,4 +110,4 @@ class LimitSettings(Strict):
     regions: list[Annotated[RegionLimit, Entry(RegionLimit)]] = []
     """Convex regions in which frames stay."""
     collision: CollisionSettings | None = None
-    """Distances between links of the robot; none by default."""
+    """Distances between links of the robot, and to obstacles; by default they count if the scenario has obstacles."""

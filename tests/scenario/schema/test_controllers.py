@@ -27,6 +27,7 @@ NEEDED = {
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
     "state_feedback": {"state_cost": 1.0},
     "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
+    "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
@@ -50,6 +51,8 @@ VALUES = {  # of every setting that some type has
         "regions": [{"frame": "tip", "box": {"x": [0, 1]}}],
     },
     "damping": 0.1,
+    "velocity_gain": 10.0,
+    "friction": 0.6,
     "solver": "daqp",
     **{name: values[name] for values in NEEDED.values() for name in values},
     **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
