@@ -121,7 +121,8 @@ obstacles:
       {name: walker, radius: 0.2, position: [1.15, -1.5, 0], motion: {minimum_jerk: {by: [0, 3, 0, 0], duration: 6}}}
 controller:
   tasks:
-    - output: {output: {frame_position: {frame: ball, axes: x}}, reference: {minimum_jerk: {by: [1.0], duration: 2}}, gain: 3}
+    - output:
+        {output: {frame_position: {frame: ball, axes: x}}, reference: {minimum_jerk: {by: [1.0], duration: 2}}, gain: 3}
     - posture: {joints: {y: 0}, gain: 2}
 simulation: {duration: 7, dt: 0.01}
 """
