@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 6 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 7 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -778,7 +778,7 @@ static void coriolis(Evaluator *ev, const double *P, const double *F, const doub
 
 /* Arrays of one call. Each is a contiguous block of doubles: count states of a given size. */
 typedef struct {
-    Py_buffer views[12];
+    Py_buffer views[24];
     int open;
     Py_ssize_t count;
 } Arrays;
@@ -1443,84 +1443,9 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
     return result(&all, ok);
 }
 
-/* Rates of class 1, (12), over one sample; see redundancy.py. A_star, A_star_dot (k, r), indices of the vertical, primary
-   and redundant outputs (as many as a, b, c), v21, v21_dot (b), rates wanted of the vertical outputs and their rates (a),
-   cost^-1 (c), secondary rates and theirs (c) or None, a, record of v2 and v2_dot (r). False if the arrays need the other
-   path, or A4 is nearly singular. */
-static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *x[10] = {NULL}, *out = NULL, *work = NULL;
-    long *places;
-    (void)module;
-    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: spread takes 12 arguments"), NULL;
-    Py_ssize_t r = PyObject_Size(args[2]), b = PyObject_Size(args[3]), a = PyLong_AsSsize_t(args[10]);
-    if (r < 0 || b < 0 || PyErr_Occurred()) return NULL;
-    r -= a; /* vertical, primary and redundant outputs */
-    Py_ssize_t c = r - b, k = PyObject_Size(args[0]), sizes[10] = {k * r, k * r, r + a, b, b, a, a, c, c, c};
-    int ok = a > 0 && c >= a && k >= 0 && k < 1 << 15 && r < 1 << 15, wide = c > a, free_rates = args[8] != Py_None;
-    for (int i = 0; i < 10 && ok; i++) {
-        if (i == 2 || (i > 7 && args[i] == Py_None)) continue;
-        ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
-    }
-    if (!ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly) return result(&all, 0);
-    Arrays table = {.count = 1};
-    if (!take(&table, args[2], r + a, READ, (double **)&places) || !(work = malloc((size_t)(a * (4 * c + 3 * a + 3)) * 8))) {
-        if (!PyErr_Occurred()) PyErr_NoMemory();
-        close_arrays(&table);
-        return result(&all, -1);
-    }
-    const long *vertical = places, *primary = places + a, *redundant = primary + b;
-    for (Py_ssize_t i = 0; i < r + a; i++)
-        if (!within(places[i], i < a ? k : r)) ok = 0;
-    double *A4 = work, *A4_dot = A4 + a * c, *back = A4_dot + a * c, *back_dot = back + a * c, *S = back_dot + a * c;
-    double *inverse = S + a * a, *right = inverse + 2 * a * a, *y = right + a, *y_dot = y + a, *rates[2] = {out, out + r};
-    for (Py_ssize_t i = 0; i < a && ok; i++)
-        for (Py_ssize_t j = 0; j < c; j++) {
-            A4[i * c + j] = x[0][vertical[i] * r + redundant[j]];
-            A4_dot[i * c + j] = x[1][vertical[i] * r + redundant[j]];
-            back[i * c + j] = x[7][j] * A4[i * c + j]; /* columns of W^-1 A4^T */
-            back_dot[i * c + j] = x[7][j] * A4_dot[i * c + j];
-        }
-    for (Py_ssize_t i = 0; i < a && ok; i++)
-        for (Py_ssize_t j = 0; j < a; j++) S[i * a + j] = wide ? dot(A4 + i * c, back + j * c, c) : A4[i * c + j];
-    if (ok) ok = invert(S, inverse, inverse + a * a, a);
-    for (int rate = 0; rate < 2 && ok; rate++) { /* the rates, then their rates, which use y */
-        double largest = 0.0, *solution = rate ? y_dot : y;
-        for (Py_ssize_t i = 0; i < a; i++) {
-            const double *A3 = x[0] + vertical[i] * r, *A3_dot = x[1] + vertical[i] * r;
-            right[i] = x[5 + rate][i];
-            for (Py_ssize_t j = 0; j < b; j++) {
-                right[i] -= A3[primary[j]] * x[3 + rate][j];
-                if (rate) right[i] -= A3_dot[primary[j]] * x[3][j];
-            }
-            if (wide && free_rates) right[i] -= dot(A4 + i * c, x[8 + rate], c);
-            if (rate && wide && free_rates) right[i] -= dot(A4_dot + i * c, x[8], c);
-            if (rate && wide)
-                for (Py_ssize_t j = 0; j < a; j++)
-                    right[i] -= (dot(A4_dot + i * c, back + j * c, c) + dot(A4 + i * c, back_dot + j * c, c)) * y[j];
-            if (rate && !wide) right[i] -= dot(A4_dot + i * c, y, c);
-            largest = fmax(largest, fabs(right[i]));
-        }
-        for (Py_ssize_t i = 0; i < a; i++) {
-            solution[i] = dot(inverse + i * a, right, a);
-            if (!(fabs(solution[i]) < STEEP * (1.0 + largest))) ok = 0;
-        }
-        for (Py_ssize_t j = 0; j < b; j++) rates[rate][primary[j]] = x[3 + rate][j];
-        for (Py_ssize_t j = 0; j < c; j++) {
-            double sum = wide ? (free_rates ? x[8 + rate][j] : 0.0) : solution[j];
-            for (Py_ssize_t i = 0; i < a && wide; i++) {
-                sum += back[i * c + j] * solution[i];
-                if (rate) sum += back_dot[i * c + j] * y[i];
-            }
-            rates[rate][redundant[j]] = sum;
-        }
-    }
-    free(work);
-    close_arrays(&table);
-    return result(&all, ok);
-}
+#include "laws.h"
 #include "derivatives.h"
+#include "sampling.h"
 
 /* ------------------------------------------------------------------ creation */
 
@@ -1732,6 +1657,7 @@ static PyMethodDef methods[] = {
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
+    {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
@@ -1749,6 +1675,8 @@ static PyType_Spec spec = {
 
 static PyMethodDef functions[] = {
     {"spread", (PyCFunction)(void (*)(void))spread, METH_FASTCALL, NULL},
+    {"pursue", (PyCFunction)(void (*)(void))pursue, METH_FASTCALL, NULL},
+    {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
     {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

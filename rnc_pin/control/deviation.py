@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin import _kernel
 from rnc_pin.errors import InputError
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.planning.references import ReferencePoint
 
 
@@ -45,3 +47,32 @@ def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
             "pass it to measure(q, v2, integrals)"
         )
     return np.asarray(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, product))
+
+
+class Feedback:
+    """``xd_dot + gain (xd - x)`` and ``xd_ddot + gain (xd - x)_dot`` of k outputs.
+
+    Args:
+        coordinates: coordinate types of the outputs.
+        gain: a number or one for each output.
+    """
+
+    def __init__(self, coordinates: Coordinates, gain: float | np.ndarray) -> None:
+        self._coordinates, self._gain = coordinates, gain
+
+    @cached_property
+    def _table(self) -> np.ndarray | None:
+        """Gains and mask of angles (2, k) for the kernel, which has no formulas for orientations."""
+        if _kernel.library is None or self._coordinates.rotations:
+            return None
+        angular = self._coordinates.angular
+        return np.stack([np.broadcast_to(self._gain, angular.shape), angular]).astype(float)
+
+    def __call__(self, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
+        if self._table is not None and actual.ndim == 1:
+            found = np.empty(self._table.shape)
+            if _kernel.library.feedback(*desired[:3], actual, rate, self._table, found):
+                return found[0], found[1]
+        seen = deviation(self._coordinates, desired, actual, rate)
+        return seen.velocity + fed_back(self._gain, seen.error), seen.acceleration + self._gain * seen.error_rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
-from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.deviation import Feedback
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -37,7 +37,7 @@ class ReducingOutputController(ReprMixin):
         check_size(reference, reduced.r, "reducing")
         self.monitored = monitored
         self.reference, self.k2 = reference, k2
-        self._coordinates = reduced.reducing.coordinates
+        self._feedback = Feedback(reduced.reducing.coordinates, k2)
 
     watched = former_name("monitored")
 
@@ -56,10 +56,8 @@ class ReducingOutputController(ReprMixin):
         x1 = None
         if self.monitored is not None:
             x1 = goals_at(self.monitored[1].at(t).position, self.monitored[0], measurement.x1.shape)
-        seen = deviation(self._coordinates, desired, measurement.x2, measurement.v2)
-        return VelocityTarget(
-            v2=seen.velocity + fed_back(self.k2, seen.error),
-            v2_dot=seen.acceleration + self.k2 * seen.error_rate,
-            x1=x1,
-            x2=np.broadcast_to(desired.position, measurement.x2.shape),
-        ), None
+        v2, v2_dot = self._feedback(desired, measurement.x2, measurement.v2)
+        x2 = desired.position
+        if x2.shape != measurement.x2.shape:
+            x2 = np.broadcast_to(x2, measurement.x2.shape)
+        return VelocityTarget(v2=v2, v2_dot=v2_dot, x1=x1, x2=x2), None

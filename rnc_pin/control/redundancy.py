@@ -15,10 +15,15 @@ from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import apply, condition_number, solve
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import Reference
+from rnc_pin.planning.references import Reference, ReferencePoint
 from rnc_pin.printing import ReprMixin
 
 _LIMIT = 1e8
+
+
+_Secondary = tuple[np.ndarray | None, np.ndarray | None]
+"""Secondary rates of the redundant outputs and their rates, (..., c) each; None without an objective."""
+_NONE: _Secondary = (None, None)
 
 
 class _Rates(NamedTuple):
@@ -94,9 +99,20 @@ class RedundancyController(ReprMixin):
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
         self._cheap = 1.0 / self._weights
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
+        self._table = self._gains()
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
+
+    def _gains(self) -> np.ndarray | None:
+        """Gains and masks of angles for the kernel; None for orientations, whose errors it does not compute."""
+        task = self.task
+        primary, vertical = task.primary_coordinates, task.vertical_coordinates
+        if primary.rotations or vertical.rotations:
+            return None
+        gains = np.broadcast_to(self.k21, primary.size), np.broadcast_to(self.k3, vertical.size)
+        parts = gains[0], primary.angular, gains[1], vertical.angular, self._cheap
+        return np.concatenate(parts, dtype=float)
 
     def describe(self) -> Description:
         """Return the gains; for a wide A4 also the weights and the secondary objective."""
@@ -111,8 +127,29 @@ class RedundancyController(ReprMixin):
         """Return None: the controller has no state."""
 
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
-        task, m = self.task, measurement
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
+        secondary = _NONE if self.secondary is None else self.secondary(t, measurement)
+        target = self._by_kernel(x21d, x1d, secondary, measurement)
+        return (self._by_numpy(x21d, x1d, secondary, measurement) if target is None else target), None
+
+    def _by_kernel(
+        self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
+    ) -> VelocityTarget | None:
+        """Target from one call of the compiled kernel; None for arrays that it does not take, or a singular A4."""
+        if _kernel.library is None or self._table is None or m.x2.ndim != 1:
+            return None
+        r, k, counts = self.task.r, len(m.x1), (len(self.task.vertical), len(self.task.primary))
+        found = np.empty(3 * r + k)
+        actual = m.x2, m.v2, m.x1, m.v1, self._table, m.v1_offset, m.v1_offset_dot
+        arrays = m.A_star, m.A_star_dot, self._places, *x21d[:3], *x1d[:3], *actual, *secondary
+        if not _kernel.library.pursue(*arrays, *counts, found):
+            return None
+        return VelocityTarget(found[:r], found[r : 2 * r], found[3 * r :], found[2 * r : 3 * r])
+
+    def _by_numpy(
+        self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
+    ) -> VelocityTarget:
+        task = self.task
         first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
         v21 = first.velocity + fed_back(self.k21, first.error)
@@ -123,19 +160,18 @@ class RedundancyController(ReprMixin):
             wanted = wanted - m.v1_offset[..., task.vertical]
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
-        z, z_dot = (None, None) if self.secondary is None else self.secondary(t, m)
-        rates = _Rates(v21, v21_dot, wanted, wanted_dot, z, z_dot)
-        found = self._by_kernel(rates, m)
-        v2, v2_dot = self._by_numpy(rates, m) if found is None else found
+        rates = _Rates(v21, v21_dot, wanted, wanted_dot, *secondary)
+        found = self._spread_by_kernel(rates, m)
+        v2, v2_dot = self._spread(rates, m) if found is None else found
         batch = v2.shape[:-1]
         return VelocityTarget(
             v2=v2,
             v2_dot=v2_dot,
             x1=goals_at(x1d.position, task.vertical, (*batch, m.x1.shape[-1])),
             x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
-        ), None
+        )
 
-    def _by_kernel(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray] | None:
+    def _spread_by_kernel(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray] | None:
         """Rates v2 and v2_dot from the compiled kernel; None for arrays that it does not take, or a singular A4."""
         if _kernel.library is None or m.x2.ndim != 1:
             return None
@@ -144,7 +180,7 @@ class RedundancyController(ReprMixin):
         each = m.A_star, m.A_star_dot, self._places, v21, v21_dot, wanted, wanted_dot, self._cheap, z, z_dot
         return (found[:r], found[r:]) if _kernel.library.spread(*each, len(self.task.vertical), found) else None
 
-    def _by_numpy(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
+    def _spread(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
         """Rates v2 and v2_dot (..., r)."""
         task, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task, rates
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]

@@ -106,6 +106,8 @@ def _numbers(name: str, value: Any, size: int) -> Array:
         raise InvalidMeasurementError(f"{name} is not made of numbers") from None
     if numbers.shape != (size,):
         raise InvalidMeasurementError(f"{name} has shape {numbers.shape}, expected ({size},)")
-    if not isfinite(sum(numbers.tolist())):
-        raise InvalidMeasurementError(f"{name}[{int(np.flatnonzero(~np.isfinite(numbers))[0])}] is not finite")
+    if not isfinite(sum(numbers.tolist())):  # the sum of finite numbers may be too large
+        wrong = np.flatnonzero(~np.isfinite(numbers))
+        if len(wrong):
+            raise InvalidMeasurementError(f"{name}[{int(wrong[0])}] is not finite")
     return numbers

@@ -69,11 +69,15 @@ class CompiledReduction:
         self._terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
         by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
         self._derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
+        stages = {"kinematics": self.kinematics, "inverse": self.inverse, "rates": self.rates}
+        self._measured = np.dtype([*stages.items(), ("x2", float, (r,)), ("x1", float, (k,))])
 
         self.python_values = tuple(
             blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
         )
         """Blocks of reducing and of vertical outputs whose values Python evaluates."""
+        self.measures = not (self.python_rows or any(self.python_values))
+        """True if ``measure`` evaluates all rows and values."""
 
     def refresh(self) -> None:
         """Read the numbers of the constraint rows again, after a parameter of one changed."""
@@ -97,6 +101,22 @@ class CompiledReduction:
         if not self._evaluator.configure(q, record, inverse, external, known):
             return None
         return CompiledConfiguration(self, q, position, record, inverse)
+
+    def measure(self, q: Array, v: Array) -> tuple[CompiledState, Array, Array] | None:
+        """State (q, v) with its rates, and values x1 and x2, in one call; None if the other path has to decide.
+
+        Args:
+            q, v: one configuration (nq,) and one velocity (nv,), contiguous floats.
+        """
+        numbers = np.empty(self._measured.itemsize // 8)
+        if not self._evaluator.measure(q, v, numbers):
+            return None
+        numbers.setflags(write=False)
+        found = np.ndarray((), self._measured, numbers)
+        at = CompiledConfiguration(self, q, None, found["kinematics"], found["inverse"])
+        state = CompiledState(at, v, None)
+        state.rates = found["rates"]
+        return state, found["x1"], found["x2"]
 
     def state_derivative(
         self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None
@@ -286,13 +306,13 @@ class CompiledState:
         v: Array,
         motion: VelocityKinematics | None,
     ) -> None:
-        self._at, self._v, self._motion = at, np.ascontiguousarray(v), motion
+        self.at, self._v, self._motion = at, np.ascontiguousarray(v), motion
         self._evaluator = at._evaluator
 
     @cached_property
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
-        at, reduction = self._at, self._at.reduction
+        at, reduction = self.at, self.at.reduction
         external = _concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion), -1)
         biases = _empty(at.batch, reduction.biases)
         self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, biases)
@@ -300,7 +320,7 @@ class CompiledState:
 
     def acceleration(self, force: Array) -> Array | None:
         """Reduced acceleration under forces (..., nv); None if it is not finite, or if the forces have more axes."""
-        at = self._at
+        at = self.at
         if force.shape[:-1] != at.batch:
             return None
         v2_dot = np.empty((*at.batch, at.reduction._data.r))
@@ -310,7 +330,7 @@ class CompiledState:
     @cached_property
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
-        at, reduction = self._at, self._at.reduction
+        at, reduction = self.at, self.at.reduction
         rows = _concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position), -2)
         stacks = reduction.external, reduction.external_vertical
         at_rates = None if self._motion is None else self._motion

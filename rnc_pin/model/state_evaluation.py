@@ -34,6 +34,17 @@ class StateEvaluation(ReducedKinematics):
         """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv)."""
         return cls(ConfigurationEvaluation.at(data, q), v2, v)
 
+    @classmethod
+    def measured(cls, data: ReductionData, q: Array, v: Array) -> StateEvaluation:
+        """Evaluation at one validated state (nq,), (nv,), with all that a measurement needs from one kernel call."""
+        state, compiled = cls.at(data, q, v=v), data.compiled
+        found = compiled.measure(q, v) if compiled is not None and compiled.measures else None
+        if found is not None:
+            motion, x1, x2 = found
+            state.compiled_motion, state._values = motion, (x1, x2)
+            state.compiled = state.configuration.compiled = motion.at
+        return state
+
     def in_reduction(self, data: ReductionData) -> StateEvaluation:
         """The same states in another reduction of the same system."""
         return StateEvaluation(self.configuration.in_reduction(data), v=self.v, motion=self._motion)

@@ -5,8 +5,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control.controller import check_size, elapsed_time
-from rnc_pin.control.deviation import fed_back
+from rnc_pin.control.deviation import Feedback, fed_back
+from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning import Hold
+from rnc_pin.planning.references import ReferencePoint
 
 
 def test_time_passes_from_sample_to_sample_and_may_stand_still():
@@ -34,3 +36,25 @@ def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
             rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
         ):
             fed_back(gain, error)
+
+
+@pytest.mark.parametrize("gain", [2.0, np.array([1.5, 0.0, 0.7])])
+def test_feedback_of_one_state_is_that_of_a_stack(gain):
+    """The kernel computes one state; angles are compared within a half turn, and zero gains need no values."""
+    generator = np.random.default_rng(3)
+    law = Feedback(Coordinates([False, False, True]), gain)
+    desired = ReferencePoint(*generator.normal(size=(4, 3)))
+    for turns in (-3, -1, 0, 2):
+        x, rate = generator.normal(size=(2, 3))
+        x[2] += 2 * np.pi * turns
+        x[1] = np.nan if np.ndim(gain) else x[1]
+        for one, many in zip(law(desired, x, rate), law(desired, x[None], rate[None]), strict=True):
+            np.testing.assert_array_equal(one, many[0])
+        error = desired.position - x
+        error[2] = np.angle(np.exp(1j * error[2]))
+        expected = desired.velocity + np.where(np.broadcast_to(gain, 3) == 0.0, 0.0, gain * error)
+        np.testing.assert_allclose(law(desired, x, rate)[0], expected, rtol=1e-13, atol=1e-14)
+        expected = desired.acceleration + gain * (desired.velocity - rate)
+        np.testing.assert_allclose(law(desired, x, rate)[1], expected, rtol=1e-14, atol=1e-15)
+    with pytest.raises(rnc.InputError, match="without a value"):
+        law(desired, np.array([np.nan, 0.0, 0.0]), rate)

@@ -296,6 +296,7 @@ BAD = {
     "no velocity": (lambda q, v: (q, None), "v is missing"),
     "a jump": (lambda q, v: (q + np.eye(4)[0] * 5.0, v), "q jumped"),
     "too fast": (lambda q, v: (q, v + 1e4), r"v reaches 1e\+04 rad/s or m/s"),
+    "beyond sums": (lambda q, v: (q, v * 0.0 + 1e308), r"v reaches 1e\+308 rad/s or m/s"),
     "no direction": (lambda q, v: (q * [1, 1, 0.1, 0.1], v), "not of unit length"),
 }
 

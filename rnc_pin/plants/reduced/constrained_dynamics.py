@@ -111,7 +111,7 @@ class ConstrainedDynamics:
         if is_ill_conditioned:
             self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
             y = np.concatenate([self._chart.W @ v, y[self._r :]])
-        return StateEvaluation.at(self.reduced.reduction_data, q, v=v), y
+        return StateEvaluation.measured(self.reduced.reduction_data, q, v), y
 
     # ------------------------------------------------------------------ motion
 

@@ -1,0 +1,190 @@
+/* Laws of controllers over one sample. Included in kernel.c. */
+
+#define HALF_TURN 3.14159265358979323846
+
+/* Angle in (-pi, pi], as wrapped() of coordinates.py */
+static double wrapped(double angle)
+{
+    double rest = fmod(HALF_TURN - angle, 2 * HALF_TURN);
+    if (rest < 0.0) rest += 2 * HALF_TURN;
+    return HALF_TURN - rest;
+}
+
+/* velocity + gain * error and acceleration + gain * error rate of k outputs, which are x[places[i]] (x[i] without places)
+   with these rates. point: position, velocity, acceleration (k each). False if a value is not finite; an output with zero
+   gain needs none. */
+static int feed_back(Py_ssize_t k, double *const point[3], const double *x, const double *rate, const long *places,
+                     const double *gain, const double *angular, double *out, double *out_dot)
+{
+    for (Py_ssize_t i = 0; i < k; i++) {
+        Py_ssize_t at = places ? places[i] : i;
+        double error = point[0][i] - x[at], product = 0.0;
+        if (angular[i] != 0.0) error = wrapped(error);
+        if (gain[i] != 0.0) product = gain[i] * error;
+        if (!isfinite(product)) return 0;
+        out[i] = point[1][i] + product;
+        out_dot[i] = point[2][i] + gain[i] * (point[1][i] - rate[at]);
+    }
+    return 1;
+}
+
+/* Position, velocity and acceleration of a reference (k), values and rates of the outputs (k), table (2, k) of gains and of
+   ones for angles, record of both sums of feed_back (2, k). False if the arrays or the numbers need the other path. */
+static PyObject *feedback(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[7] = {NULL};
+    (void)module;
+    if (given != 7) return PyErr_SetString(PyExc_TypeError, "kernel: feedback takes 7 arguments"), NULL;
+    Py_ssize_t k = PyObject_Size(args[0]);
+    if (k < 0) return NULL;
+    int ok = 1;
+    for (int i = 0; i < 7 && ok; i++) ok = (x[i] = numbers(&all, args[i], i < 5 ? k : 2 * k)) != NULL;
+    if (ok && all.views[all.open - 1].readonly) ok = 0;
+    if (ok) ok = feed_back(k, x, x[3], x[4], NULL, x[5], x[5] + k, x[6], x[6] + k);
+    return result(&all, ok);
+}
+
+/* Outputs of a class-1 task: a vertical, b primary and c redundant ones, in k vertical and r reducing outputs. */
+typedef struct {
+    Py_ssize_t a, b, c, k, r;
+    const long *vertical, *primary, *redundant;
+} Task;
+
+/* True if all indices are within the outputs. */
+static int placed(Task *task, const long *places)
+{
+    task->vertical = places, task->primary = places + task->a, task->redundant = task->primary + task->b;
+    for (Py_ssize_t i = 0; i < task->a + task->b + task->c; i++)
+        if (!within(places[i], i < task->a ? task->k : task->r)) return 0;
+    return 1;
+}
+
+/* Rates of class 1, (12), over one sample; see redundancy.py. A_star and A_star_dot (k, r); first and wanted: rates of the primary
+   outputs (b) and of the vertical ones (a), then their rates; cost^-1 (c); secondary rates and theirs (c each) or NULL;
+   rates[2]: v2 and v2_dot (r). 0: A4 is nearly singular; -1: a Python error. */
+static int spread_out(const Task *task, double *const A[2], double *const first[2], double *const wanted[2],
+                      const double *cost, double *const secondary[2], double *const rates[2])
+{
+    Py_ssize_t a = task->a, b = task->b, c = task->c, r = task->r;
+    const long *vertical = task->vertical, *primary = task->primary, *redundant = task->redundant;
+    int wide = c > a, ok = 1;
+    double *work = malloc((size_t)(a * (4 * c + 3 * a + 3)) * 8);
+    if (!work) return PyErr_NoMemory(), -1;
+    double *A4 = work, *A4_dot = A4 + a * c, *back = A4_dot + a * c, *back_dot = back + a * c, *S = back_dot + a * c;
+    double *inverse = S + a * a, *right = inverse + 2 * a * a, *y = right + a, *y_dot = y + a;
+    for (Py_ssize_t i = 0; i < a; i++)
+        for (Py_ssize_t j = 0; j < c; j++) {
+            A4[i * c + j] = A[0][vertical[i] * r + redundant[j]];
+            A4_dot[i * c + j] = A[1][vertical[i] * r + redundant[j]];
+            back[i * c + j] = cost[j] * A4[i * c + j]; /* columns of W^-1 A4^T */
+            back_dot[i * c + j] = cost[j] * A4_dot[i * c + j];
+        }
+    for (Py_ssize_t i = 0; i < a; i++)
+        for (Py_ssize_t j = 0; j < a; j++) S[i * a + j] = wide ? dot(A4 + i * c, back + j * c, c) : A4[i * c + j];
+    ok = invert(S, inverse, inverse + a * a, a);
+    for (int rate = 0; rate < 2 && ok; rate++) { /* the rates, then their rates, which use y */
+        double largest = 0.0, *solution = rate ? y_dot : y;
+        for (Py_ssize_t i = 0; i < a; i++) {
+            const double *A3 = A[0] + vertical[i] * r, *A3_dot = A[1] + vertical[i] * r;
+            right[i] = wanted[rate][i];
+            for (Py_ssize_t j = 0; j < b; j++) {
+                right[i] -= A3[primary[j]] * first[rate][j];
+                if (rate) right[i] -= A3_dot[primary[j]] * first[0][j];
+            }
+            if (wide && secondary) right[i] -= dot(A4 + i * c, secondary[rate], c);
+            if (rate && wide && secondary) right[i] -= dot(A4_dot + i * c, secondary[0], c);
+            if (rate && wide)
+                for (Py_ssize_t j = 0; j < a; j++)
+                    right[i] -= (dot(A4_dot + i * c, back + j * c, c) + dot(A4 + i * c, back_dot + j * c, c)) * y[j];
+            if (rate && !wide) right[i] -= dot(A4_dot + i * c, y, c);
+            largest = fmax(largest, fabs(right[i]));
+        }
+        for (Py_ssize_t i = 0; i < a; i++) {
+            solution[i] = dot(inverse + i * a, right, a);
+            if (!(fabs(solution[i]) < STEEP * (1.0 + largest))) ok = 0;
+        }
+        for (Py_ssize_t j = 0; j < b; j++) rates[rate][primary[j]] = first[rate][j];
+        for (Py_ssize_t j = 0; j < c; j++) {
+            double sum = wide ? (secondary ? secondary[rate][j] : 0.0) : solution[j];
+            for (Py_ssize_t i = 0; i < a && wide; i++) {
+                sum += back[i * c + j] * solution[i];
+                if (rate) sum += back_dot[i * c + j] * y[i];
+            }
+            rates[rate][redundant[j]] = sum;
+        }
+    }
+    free(work);
+    return ok;
+}
+
+/* A_star, A_star_dot (k, r), indices of the vertical, primary and redundant outputs (as many as a, b, c), v21, v21_dot (b), rates
+   wanted of the vertical outputs and their rates (a), cost^-1 (c), secondary rates and theirs (c) or None, a, record of v2
+   and v2_dot (r). False if the arrays need the other path, or A4 is nearly singular. */
+static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[10] = {NULL}, *out = NULL;
+    long *places = NULL;
+    (void)module;
+    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: spread takes 12 arguments"), NULL;
+    Py_ssize_t r = PyObject_Size(args[2]), b = PyObject_Size(args[3]), a = PyLong_AsSsize_t(args[10]);
+    if (r < 0 || b < 0 || PyErr_Occurred()) return NULL;
+    r -= a; /* vertical, primary and redundant outputs */
+    Task task = {.a = a, .b = b, .c = r - b, .k = PyObject_Size(args[0]), .r = r};
+    Py_ssize_t c = task.c, k = task.k, sizes[10] = {k * r, k * r, r + a, b, b, a, a, c, c, c};
+    int ok = a > 0 && c >= a && k >= 0 && k < 1 << 15 && r < 1 << 15;
+    for (int i = 0; i < 10 && ok; i++)
+        if (i != 2 && (i < 8 || args[i] != Py_None)) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
+    if (!x[8] != !x[9] || !ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly) return result(&all, 0);
+    double *rates[2] = {out, out + r};
+    if (!take(&all, args[2], r + a, READ, (double **)&places)) return result(&all, -1);
+    ok = placed(&task, places) ? spread_out(&task, x, x + 3, x + 5, x[7], x[8] ? x + 8 : NULL, rates) : 0;
+    return result(&all, ok);
+}
+
+/* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and acceleration of the
+   primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of ones for
+   angles of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or
+   None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k).
+   False if the arrays need the other path, or A4 is nearly singular. */
+static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    enum { AT = 2, FIRST = 3, BASE = 6, X2 = 9, V2, X1, V1, TABLE, OFFSET, FREE_RATES = 16, OUT = 18 };
+    Arrays all = {.count = 1};
+    double *x[OUT + 1] = {NULL}, *sums = NULL;
+    long *places = NULL;
+    (void)module;
+    if (given != 21) return PyErr_SetString(PyExc_TypeError, "kernel: pursue takes 21 arguments"), NULL;
+    Py_ssize_t a = PyLong_AsSsize_t(args[18]), b = PyLong_AsSsize_t(args[19]);
+    Py_ssize_t r = PyObject_Size(args[X2]), k = PyObject_Size(args[X1]);
+    if (r < 0 || k < 0 || PyErr_Occurred()) return NULL;
+    Task task = {.a = a, .b = b, .c = r - b, .k = k, .r = r};
+    Py_ssize_t c = task.c, sizes[OUT + 1] = {k * r, k * r, r + a, b, b, b, a, a, a, r, r, k, k, 2 * b + 2 * a + c, k, k, c, c, 3 * r + k};
+    int ok = a > 0 && b >= 0 && c >= a && k < 1 << 15 && r < 1 << 15;
+    for (int i = 0; i <= OUT && ok; i++) {
+        PyObject *array = args[i == OUT ? 20 : i];
+        if (i != AT && (i < OFFSET || i == OUT || array != Py_None)) ok = (x[i] = numbers(&all, array, sizes[i])) != NULL;
+    }
+    if (!ok || !x[FREE_RATES] != !x[FREE_RATES + 1] || all.views[all.open - 1].readonly) return result(&all, 0);
+    if (!take(&all, args[AT], r + a, READ, (double **)&places) || !(sums = malloc((size_t)(2 * (a + b)) * 8))) {
+        if (!PyErr_Occurred()) PyErr_NoMemory();
+        return result(&all, -1);
+    }
+    const double *gains = x[TABLE];
+    double *first[2] = {sums, sums + b}, *wanted[2] = {sums + 2 * b, sums + 2 * b + a};
+    double *out = x[OUT], *rates[2] = {out, out + r}, *x2 = out + 2 * r, *x1 = x2 + r;
+    ok = placed(&task, places)
+        && feed_back(b, x + FIRST, x[X2], x[V2], task.primary, gains, gains + b, first[0], first[1])
+        && feed_back(a, x + BASE, x[X1], x[V1], task.vertical, gains + 2 * b, gains + 2 * b + a, wanted[0], wanted[1]);
+    for (int rate = 0; rate < 2 && ok; rate++)
+        for (Py_ssize_t i = 0; i < a && x[OFFSET + rate]; i++) wanted[rate][i] -= x[OFFSET + rate][task.vertical[i]];
+    if (ok) ok = spread_out(&task, x, first, wanted, gains + 2 * (a + b), x[FREE_RATES] ? x + FREE_RATES : NULL, rates);
+    if (ok > 0) {
+        for (Py_ssize_t i = 0; i < r + k; i++) x2[i] = NAN; /* no goal */
+        for (Py_ssize_t i = 0; i < b; i++) x2[task.primary[i]] = x[FIRST][i];
+        for (Py_ssize_t i = 0; i < a; i++) x1[task.vertical[i]] = x[BASE][i];
+    }
+    free(sums);
+    return result(&all, ok);
+}

@@ -1,0 +1,28 @@
+/* All that a sampled controller reads at one state, in one call. Included at the end of kernel.c. */
+
+static Py_ssize_t measured_size(const Evaluator *ev)
+{
+    return kinematics_size(ev) + 2 * ev->n * ev->n + rates_size(ev) + ev->r + ev->k;
+}
+
+/* q, v, record of kinematics, E and E^-1, rates, and values of the outputs. False if the general way has to decide. */
+static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *q, *v, *P;
+    int ok = -1;
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
+        && take(&all, args[2], measured_size(ev), WRITE, &P)) {
+        double *F = P + kinematics_size(ev), *D = F + 2 * ev->n * ev->n, *x = D + rates_size(ev);
+        ok = !ev->external && !ev->external_vertical;
+        if (ok && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        if (ok > 0) {
+            take_state(ev, q, v);
+            if (!called(ev, ev->rates_need_C ? P_C : P_DJ, 1)) ok = -1; /* dJ comes with C */
+        }
+        if (ok > 0) ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch);
+        if (ok > 0) values(ev, q, P, x);
+    }
+    return result(&all, ok);
+}
