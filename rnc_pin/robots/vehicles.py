@@ -56,11 +56,21 @@ def _tractor() -> list[str]:
         *(_box("0.14 0.1 0.05", f"0 {side * 0.3} 0.17", "orange") for side in (-1, 1)),
         *_wheels(0.0, 0.13, 0.3, 0.1),
         _cylinder(0.05, 0.1, "-0.02 0 0.12", "chrome"),
+        _solid_box("1.32 0.3 0.08", "0.5 0 0.04"),
+        _solid_box("0.635 0.36 0.26", "0.8675 0 0.21"),
+        _solid_box("0.5 0.5 0.3", "0.22 0 0.24"),
+        _solid_box("0.44 0.46 0.32", "0.2 0 0.55"),
+        _solid_box("0.5 0.52 0.04", "0.2 0 0.72"),
+        _solid_cylinder(0.025, 0.34, "0.98 0.12 0.45"),
+        *(_solid_box("0.14 0.1 0.05", f"0 {side * 0.3} 0.17") for side in (-1, 1)),
+        *_solid_wheels(0.0, 0.13, 0.3, 0.1),
+        _solid_cylinder(0.05, 0.1, "-0.02 0 0.12"),
         "</link>",
         *_fixed("tractor_axle", "tractor"),
         '<link name="front_axle">',
         _inertia(2.0, "0 0 0", (0.05, 0.02, 0.06)),
         *_wheels(0.0, 0.11, 0.24, 0.07),
+        *_solid_wheels(0.0, 0.11, 0.24, 0.07),
         "</link>",
         '<joint name="front_steering" type="revolute">',
         '  <parent link="tractor"/><child link="front_axle"/><origin xyz="1 0 -0.02" rpy="0 0 0"/><axis xyz="0 0 1"/>',
@@ -81,6 +91,10 @@ def _trailer(number: int) -> list[str]:
         _box("0.8 0.48 0.03", "-0.85 0 0.44", "chrome"),
         *_wheels(-1.0, 0.13, 0.29, 0.07),
         _cylinder(0.05, 0.1, "-1 0 0.06", "chrome"),
+        _solid_box("0.5 0.05 0.05", "-0.23 0 0.06"),
+        _solid_box("0.8 0.48 0.385", "-0.85 0 0.2625"),
+        *_solid_wheels(-1.0, 0.13, 0.29, 0.07),
+        _solid_cylinder(0.05, 0.1, "-1 0 0.06"),
         "</link>",
         *_fixed(f"axle_{number}", f"trailer_{number}", "-1 0 0"),
         f'<joint name="hitch_{number}" type="revolute">',
@@ -115,6 +129,18 @@ def _cylinder(radius: float, length: float, place: str, color: str, turn: str = 
     return _visual(f'<cylinder radius="{radius:g}" length="{length:g}"/>', place, turn, color)
 
 
+def _solid(shape: str, place: str, turn: str = "0 0 0") -> str:
+    return f'  <collision><origin xyz="{place}" rpy="{turn}"/><geometry>{shape}</geometry></collision>'
+
+
+def _solid_box(size: str, place: str) -> str:
+    return _solid(f'<box size="{size}"/>', place)
+
+
+def _solid_cylinder(radius: float, length: float, place: str, turn: str = "0 0 0") -> str:
+    return _solid(f'<cylinder radius="{radius:g}" length="{length:g}"/>', place, turn)
+
+
 def _wheels(x: float, radius: float, half_track: float, width: float) -> list[str]:
     """Two wheels, their hubs and the axle between them."""
     across = "1.5708 0 0"
@@ -123,3 +149,10 @@ def _wheels(x: float, radius: float, half_track: float, width: float) -> list[st
         parts.append(_cylinder(radius, width, f"{x:g} {y:g} 0", "dark", across))
         parts.append(_cylinder(0.5 * radius, width + 0.01, f"{x:g} {y:g} 0", "chrome", across))
     return parts
+
+
+def _solid_wheels(x: float, radius: float, half_track: float, width: float) -> list[str]:
+    """The same for collisions: a wheel is as wide as its hub."""
+    across = "1.5707963 0 0"
+    wheels = [_solid_cylinder(radius, width + 0.01, f"{x:g} {y:g} 0", across) for y in (half_track, -half_track)]
+    return [_solid_cylinder(0.025, 2 * half_track, f"{x:g} 0 0", across), *wheels]

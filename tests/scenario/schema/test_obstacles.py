@@ -1,5 +1,8 @@
 """Obstacles of a scenario: from the file to the check before the run, the summary and the pictures."""
 
+import re
+from pathlib import Path
+
 import coal
 import numpy as np
 import pytest
@@ -101,7 +104,10 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path):
 
 
 def test_obstacles_without_collision_geometry_are_reported(tmp_path):
-    ready = plan("unicycle", {"obstacles": [{"sphere": {"radius": 0.1}}], "comparisons": {}})
+    text = (Path(__file__).parents[3] / "urdf" / "unicycle.urdf").read_text()
+    (tmp_path / "bare.urdf").write_text(re.sub("<collision>.*</collision>", "", text))
+    given = {"robot.urdf": str(tmp_path / "bare.urdf"), "obstacles": [{"sphere": {"radius": 0.1}}], "comparisons": {}}
+    ready = plan("unicycle", given)
     assert any("no collision geometry" in each for each in ready.experiment.warnings)
 
 
