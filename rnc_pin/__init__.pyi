@@ -40,7 +40,7 @@ from .errors import (
     SingularityError,
 )
 from .loop import ControlLoop, VelocityLoop
-from .model.actuation import FrameForce, FrameTorque
+from .model.actuation import FrameForce, FrameTorque, OutputForce
 from .model.measurement import Measurement
 from .model.reduced_model import ReducedModel
 from .model.system import NonholonomicSystem
@@ -55,6 +55,8 @@ from .outputs import (
     FrameYaw,
     JointPosition,
     Output,
+    RelativeAngle,
+    RelativeAngularVelocity,
 )
 from .planning import IkResult, solve_ik
 from .plants import Faults, ReducedPlant
@@ -108,9 +110,12 @@ __all__ = [
     "NonholonomicSystem",
     "Outcome",
     "Output",
+    "OutputForce",
     "Pfaffian",
     "ReducedModel",
     "ReducedPlant",
+    "RelativeAngle",
+    "RelativeAngularVelocity",
     "Report",
     "RncError",
     "Robot",

@@ -246,7 +246,7 @@ def _velocity_controller(reduced: ReducedModel, target: Any, limits: bool | Arra
 
 def _driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
     """Return the joints of one degree of freedom on which actuators act directly."""
-    robot, frames = reduced.robot, {column for column, *_ in reduced.actuation.frames}
+    robot, frames = reduced.robot, reduced.actuation.configured
     columns = [column for column in range(reduced.p) if column not in frames]
     moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
     joints = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]

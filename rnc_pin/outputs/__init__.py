@@ -10,6 +10,8 @@ from rnc_pin.outputs.frame_speed import FrameSpeed
 from rnc_pin.outputs.frame_tilt import FrameTilt
 from rnc_pin.outputs.frame_yaw import FrameYaw
 from rnc_pin.outputs.joint_position import JointPosition
+from rnc_pin.outputs.relative_angle import RelativeAngle
+from rnc_pin.outputs.relative_angular_velocity import RelativeAngularVelocity
 
 __all__ = [
     "Distance",
@@ -21,4 +23,6 @@ __all__ = [
     "FrameYaw",
     "JointPosition",
     "Output",
+    "RelativeAngle",
+    "RelativeAngularVelocity",
 ]

@@ -41,14 +41,13 @@ class FrameYaw:
     axis: Axis = "x"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _YawRow(self, robot)
+        return _FrameYawRow(self, robot)
 
 
-class _YawRow(DirectionAngleRow):
-    def __init__(self, kind: FrameYaw, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, kind.axis)
-        self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
-        self.angular = (True,)
+class YawRow(DirectionAngleRow):
+    """Angle of a direction in the plane of the first two axes."""
+
+    angular = (True,)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, _ = np.moveaxis(self._direction(at), -1, 0)
@@ -71,6 +70,12 @@ class _YawRow(DirectionAngleRow):
         square, twice = x * x + y * y, 2 * (x * first[0] + y * first[1])
         area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
         return area_rate / square - area * twice / (square * square)
+
+
+class _FrameYawRow(YawRow):
+    def __init__(self, kind: FrameYaw, robot: Robot) -> None:
+        super().__init__(robot, kind.frame, kind.axis)
+        self.names = (f"{kind.frame}_yaw" + ("" if kind.axis == "x" else f"_{kind.axis}"),)
 
     def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5

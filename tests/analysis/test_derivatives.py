@@ -264,6 +264,18 @@ def test_every_built_in_kind_is_in_closed_form(name):
         check_differences(reduced, found, q, v2, T)
 
 
+def test_forces_conjugate_to_outputs_are_in_closed_form():
+    robot = two_wheeler([]).robot
+    outputs = [rnc.Distance("front", "rear"), rnc.RelativeAngle("front", "rear", "x", "y")]
+    drives = [*map(rnc.OutputForce, outputs), rnc.OutputForce(rnc.RelativeAngularVelocity("front", "frame", "z"))]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("rear")], [*drives, "steer"]).reduce()
+    for q, v2 in random_states(reduced, 2, condition=50.0):
+        T = np.linspace(-1.0, 2.0, reduced.p)
+        found = state_derivatives(reduced, q, v2, T)
+        assert found.difference_error == 0.0
+        check_differences(reduced, found, q, v2, T)
+
+
 @settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(recipes())
 def test_derivatives_of_random_systems(recipe):

@@ -74,7 +74,7 @@ class ActuatorMapping:
         self.wheel_driven = tuple(self._actuation.names[column] for column in wheeled)
         self._direct = np.setdiff1d(np.arange(reduced.p), wheeled)
         fixed = self._actuation.constant
-        if fixed is None and set(wheeled) == {column for column, *_ in self._actuation.frames}:
+        if fixed is None and set(wheeled) == self._actuation.configured:
             at = self._kinematics.position(q)  # the other actuators act on joints
             fixed = self._actuation.matrix(at) if wheeled else None
         self._constant = None if fixed is None else fixed[:, self._direct].copy()

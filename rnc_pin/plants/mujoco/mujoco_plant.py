@@ -187,7 +187,7 @@ class MuJoCoPlant:
         On single joints it is MuJoCo's ``frictionloss``, with stiction. On frames, and on actuators of several joints,
         it is regularized: it is evaluated at every step and grows with speed below 0.01 m/s or rad/s.
         """
-        matrix, frames = self._reduced.actuation.constant, {column for column, *_ in self._reduced.actuation.frames}
+        matrix, frames = self._reduced.actuation.constant, self._reduced.actuation.configured
         self._actuator_friction, self._regularized = limit, []
         B = self._reduced.at(self._reduced.robot.configuration()).B if matrix is None else matrix
         for column, entries in enumerate(B.T):

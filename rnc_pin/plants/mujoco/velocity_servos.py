@@ -61,7 +61,7 @@ class VelocityServos:
         assert settings.servo_time is not None
         self._reduced, self._settings, self._integral_time = reduced, settings, _INTEGRAL * settings.servo_time
         at = reduced.at(q)
-        matrix, frames = at.B, {column for column, *_ in reduced.actuation.frames}
+        matrix, frames = at.B, reduced.actuation.configured
         columns = [k for k in range(reduced.p) if k not in frames and np.count_nonzero(matrix[:, k]) == 1]
         self._wheel_columns = [k for k in mapping.joint_driven if k not in columns]
         self._force_columns = np.array(

@@ -1,10 +1,19 @@
-"""Actuators in a scenario file: the name of a joint, or a force or torque on a frame."""
+"""Actuators in a scenario file: a joint, a force or torque on a frame, or a force conjugate to an output."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from rnc_pin.model.actuation import Actuator, FrameForce, FrameTorque
-from rnc_pin.scenario.schema.derived import one_of
+from rnc_pin.model.actuation import Actuator, FrameForce, FrameTorque, OutputForce
+from rnc_pin.scenario.schema.derived import Entry, one_of
+from rnc_pin.scenario.schema.outputs import OutputItem
 
-ActuatorItem = Annotated[Actuator, one_of(True, force=FrameForce, torque=FrameTorque)]
+ActuatorItem = Annotated[
+    Actuator,
+    one_of(
+        True,
+        force=FrameForce,
+        torque=FrameTorque,
+        output_force=Entry(OutputForce, forms={"output": OutputItem}),
+    ),
+]

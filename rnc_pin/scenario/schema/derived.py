@@ -35,6 +35,7 @@ class Entry:
         only: a field whose value always replaces the mapping.
         keys: field name to key in the file, where the two differ.
         required: fields that a file must give although the dataclass has a default.
+        forms: field name to its type in the file, where the two differ.
     """
 
     kind: type
@@ -42,6 +43,7 @@ class Entry:
     only: str | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
     required: tuple[str, ...] = ()
+    forms: Mapping[str, object] = field(default_factory=dict)
 
     def build(self, said: object) -> object:
         """Build the dataclass from the values of a file. Missing values take the defaults of the dataclass."""
@@ -67,7 +69,7 @@ class Entry:
     @cached_property
     def model(self) -> type[Strict]:
         """Pydantic model of the mapping in a file."""
-        types, texts = get_type_hints(self.kind, include_extras=True), descriptions(self.kind)
+        types, texts = {**get_type_hints(self.kind, include_extras=True), **self.forms}, descriptions(self.kind)
         fields = {
             self._key(each.name): self._field(each, types[each.name], texts.get(each.name, "")) for each in self._fields
         }

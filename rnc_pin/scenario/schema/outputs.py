@@ -16,6 +16,8 @@ from rnc_pin.outputs import (
     FrameTilt,
     FrameYaw,
     JointPosition,
+    RelativeAngle,
+    RelativeAngularVelocity,
 )
 from rnc_pin.outputs.frame_angular_velocity import FrameSpin
 from rnc_pin.scenario.schema.base import Strict
@@ -32,6 +34,8 @@ OutputItem = Annotated[
         frame_speed=FrameSpeed,
         frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
         frame_tilt=Entry(FrameTilt, required=("axis",)),
+        relative_angle=RelativeAngle,
+        relative_angular_velocity=RelativeAngularVelocity,
         frame_spin=Entry(FrameSpin, required=("axis",)),
     ),
 ]

@@ -17,6 +17,7 @@ from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.json_schema import schema
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.saved_run import view_of
+from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
 from rnc_pin.visualization.view import View
 
@@ -141,3 +142,12 @@ def test_an_entry_tells_what_a_file_says_otherwise():
     assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
     with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
         momentum.validate_python(3)
+
+
+def test_a_field_may_have_another_form_in_files():
+    """The output of an actuator is written like any output."""
+    reader = TypeAdapter(ActuatorItem)
+    said = {"output_force": {"output": {"distance": {"frame_a": "boom", "frame_b": "foot"}}, "limit": 20}}
+    assert reader.validate_python(said) == rnc.OutputForce(rnc.Distance("boom", "foot"), 20.0)
+    with pytest.raises(ValidationError, match=r"output_force.*output"):
+        reader.validate_python({"output_force": {"output": "boom"}})
