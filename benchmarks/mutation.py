@@ -2,8 +2,9 @@
 
 Cosmic Ray makes and tests the mutants, in copies of the tree. One run without a mutant measures the duration of each
 test and the lines that it executes (pytest-cov). Each mutant meets the tests that execute its line: first those of its
-module, then those of its package, the shortest first, for at most ``--patience`` seconds. The survivors are printed as
-differences. Assertions should kill them, unless a reader finds them equivalent.
+module, then those of its package, the shortest first, for at most ``--patience`` seconds. A second stage tries the
+survivors again: with tests of five times this duration, with and without the compiled kernel. What survives both is
+printed as differences. Assertions should kill it, unless a reader finds it equivalent.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from xml.etree import ElementTree
@@ -41,6 +42,8 @@ TESTS = (
 )  # fmt: skip
 IN_ANNOTATIONS = "core/ReplaceBinaryOperator_BitOr_"  # nothing evaluates these
 START_UP = 60.0  # [s] that pytest and its imports may take
+MORE = 5.0  # times the patience, for survivors of the first stage
+KERNELS = ("numpy", "c")
 TIMED_OUT = "timeout"  # Cosmic Ray's output of tests that were ended
 
 
@@ -99,21 +102,44 @@ def tests_of(
     return chosen
 
 
+Drawn = list[tuple[MutationSpec, list[str]]]
+"""Mutants and the tests that each meets."""
+
+
 def outcomes(
-    drawn: list[tuple[MutationSpec, list[str]]], tree: Path, timeout: float, jobs: int
+    drawn: Drawn, tree: Path, timeout: float, jobs: int, kernel: str | None = None
 ) -> Iterator[tuple[MutationSpec, WorkResult]]:
-    """Test mutants, ``jobs`` at a time, each process in its own copy of the tree."""
-    with ProcessPoolExecutor(jobs, initializer=_enter_copy, initargs=(tree,)) as pool:
+    """Test mutants, ``jobs`` at a time, each process in its own copy of the tree.
+
+    Raises:
+        SystemExit: a mutant cannot be tested.
+    """
+    with ProcessPoolExecutor(jobs, initializer=_enter_copy, initargs=(tree, kernel)) as pool:
         running = {pool.submit(_test, mutant, tests, timeout): mutant for mutant, tests in drawn}
         for each in as_completed(running):
-            yield running[each], each.result()
+            mutant, result = running[each], each.result()
+            if result.test_outcome is TestOutcome.INCOMPETENT:
+                raise SystemExit(f"{mutant.module_path}:{mutant.start_pos[0]}: {result.output}")
+            yield mutant, result
 
 
-def _enter_copy(tree: Path) -> None:
+def survivors(drawn: Drawn, tree: Path, timeout: float, jobs: int) -> list[tuple[MutationSpec, WorkResult]]:
+    """Mutants that survive their tests with the compiled kernel and without it."""
+    left: list[tuple[MutationSpec, WorkResult]] = []
+    for kernel in KERNELS:
+        tested = list(outcomes(drawn, tree, timeout, jobs, kernel))
+        left = [(mutant, result) for mutant, result in tested if result.test_outcome is TestOutcome.SURVIVED]
+        drawn = [(mutant, tests) for mutant, tests in drawn if any(mutant is other for other, _ in left)]
+    return left
+
+
+def _enter_copy(tree: Path, kernel: str | None) -> None:
     own = tree.parent / str(os.getpid())
     shutil.copytree(tree, own)
     os.chdir(own)
     os.environ["PYTHONPATH"] = str(own)
+    if kernel:
+        os.environ["RNC_PIN_KERNEL"] = kernel
 
 
 def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> WorkResult:
@@ -123,6 +149,24 @@ def _test(mutant: MutationSpec, tests: list[str], timeout: float) -> WorkResult:
         )
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no:cov", *tests]
     return mutate_and_test([mutant], shlex.join(command), timeout)
+
+
+def measure(tree: Path, tests: Iterable[str], jobs: int) -> None:
+    """Copy this tree, enter the copy, and run tests without a mutant: tests.xml and .coverage are written there.
+
+    Raises:
+        SystemExit: a test fails.
+    """
+    for name in COPIED:
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, tree / name)
+    os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
+    os.chdir(tree)
+    options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
+    workers = ["-n", str(jobs)] if jobs > 1 else []
+    command = [sys.executable, "-m", "pytest", *options.split(), *workers, *tests]
+    if subprocess.run(command, check=False).returncode:
+        raise SystemExit("the tests fail without a mutant")
 
 
 def lower_bound(killed: int, drawn: int) -> float:
@@ -145,28 +189,21 @@ def main() -> None:
     paths = modules(given.paths)
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder).resolve() / "tree"
-        for name in COPIED:
-            (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            (shutil.copytree if (ROOT / name).is_dir() else shutil.copy2)(ROOT / name, tree / name)
-        os.environ.update({"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"})
-        os.chdir(tree)
-        options = "-q -x -p no:cacheprovider --cov=rnc_pin --cov-context=test --cov-report= --junitxml=tests.xml"
-        workers = ["-n", str(given.jobs)] if given.jobs > 1 else []
-        command = [sys.executable, "-m", "pytest", *options.split(), *workers, *given.tests]
-        if subprocess.run(command, check=False).returncode:
-            raise SystemExit("the tests fail without a mutant")
+        measure(tree, given.tests, given.jobs)
         seconds, data, every = durations(tree / "tests.xml"), CoverageData(str(tree / ".coverage")), mutants(paths)
         data.read()
         contexts = {path: data.contexts_by_lineno(str(tree / path)) for path in paths}
-        drawn = [
-            (each, tests_of(each.module_path, each.start_pos[0], contexts[each.module_path], seconds, given.patience))
-            for each in random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
-        ]
+
+        def meeting(some: Iterable[MutationSpec], patience: float) -> Drawn:
+            """Mutants with their tests."""
+            places = ((each, each.module_path, each.start_pos[0]) for each in some)
+            return [(each, tests_of(path, line, contexts[path], seconds, patience)) for each, path, line in places]
+
+        sample = random.Random(given.seed).sample(every, min(given.sample or len(every), len(every)))
         score: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
-        endless = []
-        for mutant, result in outcomes(drawn, tree, given.timeout or 3.0 * given.patience + START_UP, given.jobs):
-            if result.test_outcome is TestOutcome.INCOMPETENT:
-                raise SystemExit(f"{mutant.module_path}:{mutant.start_pos[0]}: {result.output}")
+        endless, tried_again = [], []
+        timeout = given.timeout or 3.0 * given.patience + START_UP
+        for mutant, result in outcomes(meeting(sample, given.patience), tree, timeout, given.jobs):
             survived = result.test_outcome is TestOutcome.SURVIVED
             for name in (mutant.module_path.parent.name, "all"):
                 score[name][0] += not survived
@@ -174,8 +211,17 @@ def main() -> None:
             if result.output == TIMED_OUT:
                 endless.append(f"{mutant.module_path}:{mutant.start_pos[0]} ({mutant.operator_name})")
             if survived:
-                print(f"survives:\n{result.diff}\n", flush=True)
+                tried_again.append(mutant)
             print("{} of {} killed".format(*score["all"]), file=sys.stderr)
+        first = score["all"][0]
+        more = meeting(tried_again, MORE * given.patience)
+        left = survivors(more, tree, timeout + 3.0 * (MORE - 1.0) * given.patience, given.jobs) if more else []
+        for mutant in tried_again:
+            for name in (mutant.module_path.parent.name, "all"):
+                score[name][0] += not any(mutant is other for other, _ in left)
+        for _, result in left:
+            print(f"survives:\n{result.diff}\n", flush=True)
+        print(f"first stage: {first} of {len(sample)} killed; second stage: {len(tried_again) - len(left)} more")
     for name, (killed, count) in sorted(score.items()):
         print(f"{name}: {killed} of {count} killed, {100 * killed / count:.1f} %")
     print(f"of these, {len(endless)} by the timeout:", *sorted(endless), sep="\n  ")

@@ -68,6 +68,39 @@ def test_rows_that_hardly_take_part_are_not_named(part, rows):
     assert found.rows == rows
 
 
+def test_samples_and_ways_where_an_output_is_undefined_are_left_out():
+    """Beyond q0 = 2 the first output is undefined: samples there and ways across count for nothing, others do."""
+
+    def rows(q):
+        if q[0] > 2.0:
+            raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=())
+        return [[1, 0, 0], [1, np.sin(q[1]), 0], [0, 0, 1]]
+
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce([rates_of(rows, ["a", "b", "c"])])
+    beyond, left, right = (3.0, 0.2, 0.0), (0.0, 0.4, 0.0), (0.0, -0.7, 0.0)
+    for samples in ([beyond, left, right], [left, beyond, right], [left, right, beyond]):
+        (found,) = stack_singularities(reduced, np.array(samples))
+        assert (found.rows, found.located) == (("a", "b"), True)
+        assert abs(found.configuration["s1"]) < 1e-9
+    assert stack_singularities(reduced, np.array([beyond, beyond])) == []
+
+
+def test_a_way_that_meets_an_undefined_output_does_not_end_the_search():
+    """Of two samples of one sign each has its own nearest of the other; between the first two there is a wall."""
+
+    def rows(q):
+        if abs(q[0] - 0.5) < 0.1:
+            raise rnc.SingularityError("undefined", q=q, condition=np.inf, rows=())
+        return [[1, 0], [1, np.sin(q[1])]]
+
+    reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce([rates_of(rows, ["a", "b"])])
+    samples = [(0.2, 0.4), (5.0, 0.3), (0.8, -0.5), (5.1, -0.2), (5.2, -0.4)]
+    (found,) = stack_singularities(reduced, np.array(samples))
+    assert found.located
+    assert found.configuration["s0"] > 4.9
+    assert abs(found.configuration["s1"]) < 1e-9
+
+
 def test_of_two_sets_that_share_a_row_the_one_with_most_is_told():
     """a and b agree where q1 is zero, and c lies in their plane where q2 is."""
     reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(

@@ -183,6 +183,28 @@ def test_rows_are_the_rate_of_their_residual(make):
             np.testing.assert_allclose(rows @ v, (residuals[0] - residuals[1]) / (2 * h), atol=1e-7)
 
 
+def test_a_loop_closes_with_the_orientation_and_offsets_that_it_is_given():
+    """The placement of b in a is that of roll, pitch and yaw; of a point only the offsets matter."""
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    rpy, offset_a, offset_b = (0.3, -0.5, 0.8), (0.1, 0.0, -0.2), (0.0, 0.05, 0.1)
+    loop = rnc.LoopClosure("panda_link2", "panda_hand", "frame", offset_a, offset_b, rpy).bind(robot)
+    point = rnc.LoopClosure("panda_link2", "panda_hand", "point", offset_a, offset_b).bind(robot)
+    model, data = robot.model, robot.model.createData()
+    q = robot.random_configuration(np.random.default_rng(3))
+    pin.framesForwardKinematics(model, data, q)
+    a, b = (data.oMf[robot.frame_id(name)] for name in ("panda_link2", "panda_hand"))
+    wanted = a * pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(offset_a))
+    gap = wanted.actInv(b * pin.SE3(np.eye(3), np.array(offset_b)))
+    position = Kinematics(robot).position(q)
+    np.testing.assert_allclose(point.residual(position), a.actInv(b.act(np.array(offset_b))) - offset_a, atol=ROUNDING)
+    distance = np.linalg.norm(gap.translation)
+    residual = loop.residual(position)
+    assert distance == pytest.approx(np.linalg.norm(pin.exp6(residual).translation), rel=1e-10)
+    # The orientation of the closed loop: no rotation is left where b has the given one.
+    turned = pin.log3(pin.exp6(residual).rotation)
+    assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(pin.log3(gap.rotation)), rel=1e-10)
+
+
 def test_loops_that_cannot_close_are_refused():
     robot = four_bar_robot()
     model = robot.model.copy()
@@ -198,6 +220,12 @@ def test_loops_that_cannot_close_are_refused():
         (rnc.LoopClosure("coupler_tp", "rocker_tip"), rnc.ModelError, "did you mean 'coupler_tip'"),
         (rnc.LoopClosure("coupler_tip", "rocker_tip", "pint"), rnc.ConfigurationError, "did you mean 'point'"),
         (rnc.LoopClosure("rocker_tip", "aside"), rnc.ConstraintError, "are on one body"),
+        (
+            rnc.LoopClosure("coupler_tip", "rocker_tip", "point", rpy=(0.0, 0.1, 0.0)),
+            rnc.ConfigurationError,
+            "'coupler_tip' and 'rocker_tip' with kind 'point' has no orientation: omit rpy",
+        ),
+        (rnc.LoopClosure("coupler_tip", "rocker_tip", rpy=(0.0, 0.1)), rnc.ConfigurationError, "rpy of the loop"),
     ):
         with pytest.raises(error, match=words):
             rnc.NonholonomicSystem(rnc.Robot(model), [loop])

@@ -57,6 +57,24 @@ def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(tmp_path
     assert chosen(4, of={}) == []
 
 
+def test_survivors_meet_both_paths(tmp_path, monkeypatch):
+    """One mutant dies on the NumPy path only, one on the compiled path only, one on neither."""
+    tree = tmp_path / "tree"
+    tree.mkdir()
+    (tree / "one.py").write_text("def f():\n    return 3\n\ndef g():\n    return 5\n\ndef h():\n    return 7\n")
+    (tree / "test_one.py").write_text(
+        "import os\nimport one\n\n"
+        "def test_paths():\n    kernel = os.environ['RNC_PIN_KERNEL']\n"
+        "    assert (one.f() if kernel == 'numpy' else one.g()) == {'numpy': 3, 'c': 5}[kernel]\n"
+    )
+    monkeypatch.chdir(tree)
+    made = mutation.mutants([Path("one.py")])
+    first = [next(each for each in made if each.start_pos[0] == line) for line in (2, 5, 8)]
+    left = mutation.survivors([(each, ["test_one.py"]) for each in first], tree, 60.0, 1)
+    assert [mutant.start_pos[0] for mutant, _ in left] == [8]
+    assert "return 7" in left[0][1].diff
+
+
 def test_mutants_are_tested_in_copies_of_the_tree(tmp_path, monkeypatch):
     tree = tmp_path / "tree"
     tree.mkdir()

@@ -466,6 +466,22 @@ def test_the_row_of_a_car_is_that_of_its_oracle():
             np.testing.assert_allclose(getattr(ours, method)(rates), expected, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("first", ["left", "right"])
+def test_the_linkage_as_a_coupler_has_its_angle_and_slope(first):
+    """``cot(r) - cot(l) = w / L``, so ``dl / dr = sin(l)^2 / sin(r)^2``; the right axis points down."""
+    joints = ("left_steer", "right_steer") if first == "left" else ("right_steer", "left_steer")
+    (coupler,) = rnc.AckermannSteering(*joints, "bl").bind(ackermann_robot()).mechanisms()
+    assert (coupler.joint, coupler.driver, coupler.period) == (*joints, np.pi)
+    sign, k = (1.0 if first == "left" else -1.0), TRACK / WHEELBASE
+    for position in (-0.9, -0.2, 0.3, 0.8):
+        angle, slope = coupler.function(position)
+        # To the left: the joint that leads turns by -sign * position, the one that follows by sign * angle.
+        driver, follower = -sign * position, sign * angle
+        left, right = (follower, driver) if first == "left" else (driver, follower)
+        assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(k, rel=1e-12)
+        assert slope == pytest.approx(-((np.sin(follower) / np.sin(driver)) ** 2), rel=1e-12)
+
+
 def test_a_car_on_a_free_base_stands_and_steers():
     robot = ackermann_robot(base="free")
     wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]

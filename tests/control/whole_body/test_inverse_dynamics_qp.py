@@ -6,6 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
+from rnc_pin.control.whole_body.contact_cones import ContactCones
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 from systems import four_bar, free_flying_panda, mobile_manipulator, random_states, space_robot, tiago
@@ -135,6 +136,36 @@ def test_the_ground_pushes_only():
     start = reduced.at(q0, np.zeros(1)).measure()
     state = controller.step(0.5, start, controller.initial_state(start))[1]
     assert controller.report(state).active == ("front normal force",)
+
+
+@pytest.mark.parametrize("omega", [0.0, 0.7, -0.7])
+@pytest.mark.parametrize("wheeled", [True, False])
+def test_friction_bounds_the_input_to_both_sides(wheeled, omega):
+    """One contact below the mass: a wheel of inertia J that drives slips above ``mu g (m r + J / r)`` either way.
+
+    A blade carries the push from the side and what the curve takes, m v omega, up to mu m g.
+    """
+    mass, J, radius, friction, v = 10.0, 0.4, 0.2, 0.3, 1.5
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(mass, np.array([0.0, 0.0, 0.5]), 0.5 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("base", base, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    contact, drive, push, level = rnc.NoSideSlip("base"), rnc.FrameForce("base", "y"), mass * v * omega, mass
+    if wheeled:
+        axle = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "axle")
+        model.appendBodyToJoint(axle, pin.Inertia(2.0, np.zeros(3), np.diag([0.3, J, 0.3])), pin.SE3.Identity())
+        model.addFrame(pin.Frame("wheel", axle, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        contact, drive = rnc.RollingWheel("wheel", radius, lateral=False), "axle"
+        push, level = 0.0, (mass + 2.0) * radius + J / radius
+    x2 = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")] + ([rnc.FrameSpeed("base", "y")] if wheeled else [])
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [contact], [drive]).reduce(x2)
+    cones = ContactCones(reduced, friction)
+    state = reduced.at(reduced.robot.configuration(), np.array([v, omega, 0.0][: reduced.r]))
+    bounds = cones.at(state)
+    np.testing.assert_allclose(bounds.rows[:, 1:], 0.0, atol=1e-12)  # a couple that carries the height changes nothing
+    assert [name.rsplit(" ", 1)[1] for name in cones.names] == ["force", "friction", "friction"]
+    sides = np.sort(bounds.upper[1:] / bounds.rows[1:, 0])
+    np.testing.assert_allclose(sides, push + friction * 9.81 * level * np.array([-1.0, 1.0]), rtol=1e-9)
 
 
 def test_fewer_actuators_than_motions_need_nothing_special():

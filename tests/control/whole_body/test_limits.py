@@ -105,6 +105,31 @@ def test_a_joint_that_runs_at_its_limit_stops_there_at_its_deceleration():
     assert not program.report(run.states[-1]).worst
 
 
+@pytest.mark.parametrize(("fastest", "deceleration"), [(2.0, 8.0), (0.0, 1.5), (np.inf, 1.5)])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_joint_stops_before_its_margin_at_its_own_deceleration(fastest, deceleration, way):
+    """From the velocity limit in 0.25 s; without one, the range of 1.5 rad per second squared. A tenth stays unused."""
+    model = space_robot_in_joints().robot.model.copy()
+    joint = model.joints[model.getJointId("joint_1")]
+    low, high = sorted((-0.5 * way, 1.0 * way))
+    model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
+    model.upperVelocityLimit[joint.idx_v] = fastest
+    robot, joints = rnc.Robot(model), ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+    reduced = system.reduce([rnc.JointPosition(name) for name in joints])
+    to_limit = tasks.PostureTask({"joint_1": 3.0 * way}, gain=1.0)
+    limit = limits.JointPositionLimit(joints=["joint_1"], margin=0.1)
+    program = VelocityQP(reduced, [to_limit, tasks.DampingTask(weight=1e-6)], [limit], dt=DT)
+    run = drive(reduced, program, robot.configuration(), 2.0, DT)
+    q, v = way * run.q[:, joint.idx_q], way * run.v2[:, 0]
+    assert q.max() <= 0.85 + 1e-12
+    assert q[-1] == pytest.approx(0.85, abs=1e-4)
+    slower = -np.diff(v) / DT
+    assert np.median(slower[(v[:-1] < 0.8 * v.max()) & (v[:-1] > 0.2 * v.max())]) == pytest.approx(
+        deceleration, rel=1e-6
+    )
+
+
 def test_the_velocity_to_stop_solves_its_equation():
     """Simulated stop: whole samples at full deceleration, the last one at what is left."""
     generator = np.random.default_rng(0)

@@ -1,0 +1,115 @@
+"""Velocity commands of actuators: closed forms of wheels, limits that scale a motion, and motions that drift."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.control import ActuatorVelocityController
+from rnc_pin.control.actuator_velocity import admissible_scale, velocity_from_actuators, velocity_limits
+from rnc_pin.control.controller import VelocityTarget
+from systems import random_states, spinning_space_robot
+from textbook_systems import differential_drive, sliders
+
+STATES = random_states(spinning_space_robot(), 4, seed=4)
+
+
+class Wanted:
+    """Kinematic controller of one constant v2d."""
+
+    def __init__(self, v2):
+        self.v2 = np.array(v2)
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return VelocityTarget(self.v2, 0 * self.v2, x1=self.v2 + 1, x2=self.v2 + 2), 7
+
+
+def wheeled():
+    robot = differential_drive()
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_wheels_are_scaled_together(way):
+    """At 0.4 m/s the wheels turn at 4 rad/s; a limit of 3 of one of them slows both, and only above it."""
+    reduced = wheeled()
+    measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+    limits = np.full(5, np.inf)
+    for limit, speed in ((3.0, 0.3), (4.0, 0.4), (5.0, 0.4)):
+        limits[4] = limit
+        controller = ActuatorVelocityController(reduced, Wanted([0.4 * way, 0.0]), limits)
+        command, state = controller.step(0.0, measurement, None)
+        np.testing.assert_allclose(command.T, np.full(2, 10 * speed * way), rtol=1e-12)
+        np.testing.assert_allclose(command.v2_desired, [speed * way, 0.0], atol=1e-15)
+        np.testing.assert_array_equal(
+            [command.x1_desired, command.x2_desired], [controller.target.v2 + k for k in (1, 2)]
+        )
+        assert state == 7
+
+
+@pytest.mark.parametrize("part", [0.25, 1.5])
+@pytest.mark.parametrize("index", range(len(STATES)))
+def test_only_what_is_commanded_is_scaled(part, index):
+    """With angular momentum, bodies turn at v2d = 0 too: a limit leaves the motion of a joint the rest of its room."""
+    reduced, (q, v2) = spinning_space_robot(), STATES[index]
+    at = reduced.at(q, v2)
+    along, offset = at.R @ v2, at.b
+    joint = int(np.argmax(np.abs(offset)))
+    side = np.sign(along[joint])
+    limits = np.full(reduced.n, np.inf)
+    limits[joint] = side * offset[joint] + part * abs(along[joint])
+    if limits[joint] <= 0:  # the drift alone is towards the other side
+        along, v2, side = -along, -v2, -side
+        limits[joint] = side * offset[joint] + part * abs(along[joint])
+    command, _ = ActuatorVelocityController(reduced, Wanted(v2), limits).step(0.0, at.measure(), None)
+    scale = min(part, 1.0)
+    np.testing.assert_allclose(command.v2_desired, scale * v2, rtol=1e-10)
+    np.testing.assert_allclose(command.T, at.B.T @ (scale * along + offset), rtol=1e-10)
+    np.testing.assert_allclose(velocity_from_actuators(reduced.at(q), command.T), scale * along + offset, atol=1e-9)
+
+
+def test_the_scale_is_the_largest_that_keeps_every_limit():
+    along, offset, limits = np.array([[2.0, -3.0, 0.0]]), np.array([[0.5, 1.0, 9.0]]), np.array([2.0, 2.0, 1.0])
+    # 0.5 + 2 s <= 2 and 1 - 3 s >= -2: s = 0.75; what does not move with s counts for nothing.
+    np.testing.assert_allclose(admissible_scale(along, offset, limits), [[0.75]])
+    np.testing.assert_allclose(admissible_scale(-along, offset, limits), [[1 / 3]])  # 1 + 3 s <= 2
+    np.testing.assert_allclose(admissible_scale(along, np.array([[2.5, 0.0, 0.0]]), limits), [[0.0]])
+    np.testing.assert_allclose(admissible_scale(along, None, limits), [[2 / 3]])
+    np.testing.assert_allclose(admissible_scale(0.1 * along, None, limits), [[1.0]])
+    assert admissible_scale(np.zeros((4, 3)), None, limits).shape == (4, 1)
+
+
+def test_limits_are_those_of_the_file_where_it_has_any():
+    robot = sliders()
+    robot.model.upperVelocityLimit = np.array([0.7, 0.0, np.inf])
+    reduced = rnc.NonholonomicSystem(robot, [], ["a", "b", "c"]).reduce()
+    np.testing.assert_array_equal(velocity_limits(reduced, True), [0.7, np.inf, np.inf])
+    np.testing.assert_array_equal(velocity_limits(reduced, False), np.full(3, np.inf))
+    described = ActuatorVelocityController(reduced, Wanted(np.ones(3))).describe()
+    assert described["limits"] == {"a": 0.7}
+    for wrong in ([1.0, 2.0], [1.0, 0.0, 1.0], [1.0, -1.0, 1.0], "fast", 3.0):
+        with pytest.raises(rnc.ConfigurationError, match="3 positive numbers"):
+            velocity_limits(reduced, wrong)
+
+
+def test_actuators_that_leave_a_motion_open_are_counted():
+    robot = sliders()
+    for names, words in ((["a", "c"], r"\(a, c\) determine 2 of 3"), ([], r"\(none\) determine 0 of 3")):
+        reduced = rnc.NonholonomicSystem(robot, [], names).reduce()
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            ActuatorVelocityController(reduced, Wanted(np.ones(3)))
+
+
+def test_targets_that_are_none_are_refused():
+    reduced = wheeled()
+    measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+    for wanted, error, words in (
+        ([1.0, 2.0, 3.0], rnc.InputError, r"shape \(3,\), expected \(..., 2\)"),
+        ([1.0, np.nan], rnc.DivergenceError, "not finite"),
+    ):
+        with pytest.raises(error, match=words):
+            ActuatorVelocityController(reduced, Wanted(wanted)).step(0.0, measurement, None)
