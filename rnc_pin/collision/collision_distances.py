@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape
+from rnc_pin.collision.flat_contacts import FlatParts, common_corners
 from rnc_pin.collision.obstacle import Obstacle
 from rnc_pin.collision.pair_distances import PairDistances
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
@@ -81,6 +82,7 @@ class CollisionDistances:
         ]
         self._placed = self._geometry.createData()
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
+        self._flat: dict[int, FlatParts] = {}
         self._poses = [coal.Transform3s() for _ in self._shapes]
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._request.gjk_tolerance, self._request.epa_tolerance = _GJK, _EPA
@@ -91,13 +93,15 @@ class CollisionDistances:
         self.omitted = (*omitted, *touching.values())
         self._use([pair for k, pair in enumerate(kept) if k not in touching])
 
-    def at(self, q: ArrayLike, t: float = 0.0, within: float = np.inf) -> PairDistances:
+    def at(self, q: ArrayLike, t: float = 0.0, within: float = np.inf, *, corners: bool = False) -> PairDistances:
         """Distances of the pairs that are nearer than a distance.
 
         Args:
             q: configuration (nq,).
             t: time, for obstacles that move [s].
             within: only pairs that may be nearer than this are evaluated [m].
+            corners: True for further entries of pairs with parallel faces or edges: the gap along the normal at each
+                corner of their common region. Such a pair is in ``pairs`` several times, its nearest points first.
         """
         q = self._validator.validate(q)
         if q.ndim != 1:
@@ -109,6 +113,8 @@ class CollisionDistances:
         if within < np.inf:
             inside = found[:, 0] < within
             near, found = near[inside], found[inside]
+        if corners:
+            near, found = self._with_corners(near, found)
         return self._with_rates(near, found, t)
 
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
@@ -193,6 +199,23 @@ class CollisionDistances:
             raise SimulationError(f"coal found no penetration depth of {self.pairs[pair].label}")
         a, b = result.getNearestPoint1().tolist(), result.getNearestPoint2().tolist()
         return (distance, *a, *b, *result.normal.tolist())
+
+    def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
+        pairs, rows = [near], [found]
+        for pair, row in zip(near.tolist(), found, strict=True):
+            normal, sides = row[7:10], []
+            for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
+                pose = self._placed.oMg[k]
+                if k not in self._flat:
+                    self._flat[k] = FlatParts(self._shapes[k])
+                sides.append(self._flat[k].towards(pose.rotation.T @ direction) @ pose.rotation.T + pose.translation)
+            extra = common_corners(sides[0], sides[1], normal)
+            pairs.append(np.full(len(extra), pair))
+            rows.append(np.hstack([extra, np.broadcast_to(normal, (len(extra), 3))]))
+        whole, order = np.concatenate(pairs), np.concatenate(rows)
+        by_pair = np.argsort(whole, kind="stable")
+        return whole[by_pair], order[by_pair]
 
     def _with_rates(self, near: np.ndarray, found: np.ndarray, t: float) -> PairDistances:
         distance, a, b, normal = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]

@@ -201,6 +201,8 @@ class InverseDynamicsQP(ReprMixin):
             np.vstack([motion.rows @ gain, efforts, contact_rows]),
             np.concatenate([motion.lower - moved, -self._efforts, np.full(len(contact_upper), -np.inf)]),
             np.concatenate([motion.upper - moved, self._efforts, contact_upper]),
+            np.concatenate([motion.places, *self._forces]),
+            len(self.limit_names),
         )
 
     def report(self, state: InverseDynamicsState) -> LimitReport:

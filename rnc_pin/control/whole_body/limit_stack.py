@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
@@ -21,11 +21,21 @@ _ROUNDING = 1e-9  # [of a row] by which bounds are widened after they gave way
 
 
 class ProgramBounds(NamedTuple):
-    """Limits on the reduced velocity: ``lower <= rows v2 <= upper``."""
+    """Limits on the reduced velocity, without idle rows: ``lower <= rows v2 <= upper``."""
 
     rows: Float[Array, "k r"]
     lower: Float[Array, " k"]
     upper: Float[Array, " k"]
+    places: Int[Array, " k"]
+    """Indices of the rows among the names of all limits."""
+    total: int
+    """Number of names."""
+
+    def spread(self, values: Array) -> Float[Array, "*levels total"]:
+        """Values of the rows (..., k), at the places of all names; zero for idle rows."""
+        found = np.zeros((*values.shape[:-1], self.total))
+        found[..., self.places] = values
+        return found
 
     def excess(self, v2: Array) -> Float[Array, " k"]:
         """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
@@ -54,22 +64,31 @@ class LimitStack:
         sizes = [len(each.names) for each in self._bound]
         self.names = _distinct([name for each in self._bound for name in each.names])
         stops = np.cumsum([0, *sizes])
-        self._places = [slice(int(stop - size), int(stop)) for stop, size in zip(stops[1:], sizes, strict=True)]
+        self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
-        self._nv, self._affine = reduced.n, reduced.affine
+        self._r, self._affine = reduced.r, reduced.affine
 
     def bounds(self, sample: ControlSample) -> ProgramBounds:
         """Return the limits at the end of a sample: ``J v`` with ``v = R v2 + b``."""
-        k = len(self.names)
-        J, lower, upper = np.empty((k, self._nv)), np.empty(k), np.empty(k)
+        J, lower, upper, places = [], [], [], []
         for limit, where in zip(self._bound, self._places, strict=True):
-            J[where], lower[where], upper[where] = limit.rows(sample)
+            rows = limit.rows(sample)
+            J.append(rows.jacobian)
+            lower.append(rows.lower)
+            upper.append(rows.upper)
+            places.append(where if rows.places is None else where[rows.places])
+        if not J:
+            return ProgramBounds(np.zeros((0, self._r)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int), 0)
+        whole, low, high, chosen = (np.concatenate(each) for each in (J, lower, upper, places))
+        used = np.isfinite(low) | np.isfinite(high)
+        if not used.all():
+            whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
         if self._affine:
-            offset = J @ sample.end.b
-            lower, upper = lower - offset, upper - offset
-        return ProgramBounds(J @ sample.end.R, lower, upper)
+            offset = whole @ sample.end.b
+            low, high = low - offset, high - offset
+        return ProgramBounds(whole @ sample.end.R, low, high, chosen, len(self.names))
 
     def relaxed(
         self, bounds: ProgramBounds, solver: LeastDistanceSolver, before: Sequence[Array] = ()
@@ -80,22 +99,23 @@ class LimitStack:
         before it allow.
 
         Args:
-            bounds: the bounds; their first rows are those of the limits.
+            bounds: the bounds; their first places are those of the limits.
             solver: solver of the programs.
-            before: groups of further rows that come before the limits.
+            before: groups of further places that come before the limits.
         """
         rows, lower, upper = bounds.rows, bounds.lower.copy(), bounds.upper.copy()
         r = rows.shape[1]
         fixed = np.zeros(0, dtype=int)
-        for group in (*before, *self._groups):
+        for members in (*before, *self._groups):
+            group = np.flatnonzero(np.isin(bounds.places, members))
             both = np.concatenate([fixed, group])
             if solver.solve(np.zeros(r), rows[both], lower[both], upper[both]) is None:
-                v2 = self._least_excess(ProgramBounds(rows, lower, upper), fixed, group, solver)
+                v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group, solver)
                 values, room = rows[group] @ v2, _ROUNDING * (1.0 + np.abs(rows[group]).sum(axis=1))
                 lower[group] = np.where(values < lower[group], values - room, lower[group])
                 upper[group] = np.where(values > upper[group], values + room, upper[group])
             fixed = both
-        return ProgramBounds(rows, lower, upper)
+        return bounds._replace(lower=lower, upper=upper)
 
     @staticmethod
     def _least_excess(bounds: ProgramBounds, fixed: Array, group: Array, solver: LeastDistanceSolver) -> Array:

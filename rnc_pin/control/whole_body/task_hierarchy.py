@@ -37,7 +37,8 @@ class TaskLevel(NamedTuple):
 class CascadeSolution(NamedTuple):
     """Solution of all levels."""
 
-    v2: Float[Array, " r"]
+    unknowns: Float[Array, " n"]
+    """Reduced velocities, or inputs and contact forces."""
     multipliers: Float[Array, "levels k"]
     """Multipliers of the limits at each level; zero at a level that touches no limit."""
 
@@ -106,20 +107,21 @@ def solve_within(
     """Solve the levels; limits that exclude each other give way.
 
     Args:
-        levels, bounds, damping, solver, multipliers: as for ``solve_cascade``.
+        levels, bounds, damping, solver: as for ``solve_cascade``.
+        multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
-        before: groups of further rows of the bounds that come before the limits.
+        before: groups of further places of the bounds that come before the limits.
     """
-    k = len(bounds.lower)
-    found = solve_cascade(levels, bounds, damping, solver, multipliers)
+    start = None if multipliers is None else multipliers[:, bounds.places]
+    found = solve_cascade(levels, bounds, damping, solver, start)
     if found is not None:
-        return RelaxedSolution(found.v2, found.multipliers, np.zeros(k))
+        return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total))
     found = solve_cascade(levels, limits.relaxed(bounds, solver, before), damping, solver)
     if found is None:  # rounding: even the wider limits exclude each other
-        found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), k)))
-    excess = bounds.excess(found.v2)
+        found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), len(bounds.lower))))
+    excess = bounds.excess(found.unknowns)
     excess[excess < _EXCEEDED] = 0.0
-    return RelaxedSolution(found.v2, found.multipliers, excess)
+    return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), bounds.spread(excess))
 
 
 def solve_cascade(
@@ -143,7 +145,7 @@ def solve_cascade(
     found = np.zeros((len(levels), k))
     room = _TOUCHING * (1.0 + np.abs(bounds.rows).sum(axis=1))
     kept, Z = np.zeros(r), np.eye(r)  # what higher levels determine, and the null space that they leave
-    v2 = None
+    unknowns = None
     for index, level in enumerate(levels):
         J = level.jacobian @ Z
         left, values, right = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
@@ -154,7 +156,7 @@ def solve_cascade(
         ahead = kept + Z @ (determined.T @ (goal / scales))
         reached = bounds.rows @ ahead
         if (reached <= bounds.upper + room).all() and (reached >= bounds.lower - room).all():
-            v2, kept = ahead, ahead
+            unknowns, kept = ahead, ahead
         else:
             cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
             T = Z @ np.hstack([determined.T / scales, free.T / cheap])
@@ -169,9 +171,9 @@ def solve_cascade(
             )
             if nearest is None:
                 break  # at a lower level: rounding left no room
-            v2, found[index] = kept + T @ nearest.point, nearest.multipliers
+            unknowns, found[index] = kept + T @ nearest.point, nearest.multipliers
             kept = kept + T[:, :rank] @ nearest.point[:rank]
         Z = Z @ free.T
         if not Z.shape[1]:
             break
-    return None if v2 is None else CascadeSolution(v2, found)
+    return None if unknowns is None else CascadeSolution(unknowns, found)

@@ -190,19 +190,14 @@ def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst:
     """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
     active = np.any(multipliers, axis=0).tolist()
     return LimitReport(
-        tuple(dict.fromkeys(name for name, flag in zip(names, active, strict=True) if flag)),
+        tuple(name for name, flag in zip(names, active, strict=True) if flag),
         _nonzero(names, excess),
         _nonzero(names, worst),
     )
 
 
 def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
-    """Values that are not zero, by name; links with several shapes have rows of one name, and the largest counts."""
-    found: dict[str, float] = {}
-    for name, value in zip(names, values.tolist(), strict=True):
-        if value:
-            found[name] = max(value, found.get(name, value))
-    return found
+    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
 
 
 def describe_settings(description: object) -> Json:

@@ -155,7 +155,13 @@ def _limits(settings: LimitSettings, context: ControllerContext) -> list[Control
         selection = PairSelection(links=wanted.links)
         found.append(
             CollisionAvoidance(
-                wanted.clearance, wanted.influence, wanted.rate, context.obstacles, selection, q0=context.q0
+                wanted.clearance,
+                wanted.influence,
+                wanted.rate,
+                context.obstacles,
+                selection,
+                q0=context.q0,
+                corners=wanted.corners,
             )
         )
     return found

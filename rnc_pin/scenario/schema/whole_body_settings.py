@@ -94,6 +94,8 @@ class CollisionSettings(Strict):
     """Largest rate of approach over remaining distance [1/s]."""
     links: bool = True
     """True for distances between links of the robot too; those to obstacles always count."""
+    corners: bool = False
+    """True for rows at the corners of parallel faces: a body that turns beside a wall loses no clearance."""
 
 
 class LimitSettings(Strict):

@@ -39,13 +39,12 @@ def damped_run(reduced, limit, q, desired, duration):
     bound, v2, path = limit.bind(reduced), np.zeros(reduced.r), [q]
     for k in range(round(duration / DT)):
         sample = ControlSample(reduced, k * DT, q, v2, DT)
-        rows, lower, _ = bound.rows(sample)
-        active = np.isfinite(lower)
+        rows, lower, _, _ = bound.rows(sample)
         R, b = sample.end.R, sample.end.b
         wanted = desired(sample.time)
         ahead = wanted
-        if active.any():
-            ahead = nearest_allowed(wanted, rows[active] @ R, lower[active] - rows[active] @ b)
+        if len(rows):
+            ahead = nearest_allowed(wanted, rows @ R, lower - rows @ b)
         for share in (0.125, 0.375, 0.625, 0.875):
             state = reduced.at(q, v2 + share * (ahead - v2))
             q = pin.integrate(reduced.robot.model, q, 0.25 * DT * state.v)
@@ -60,16 +59,16 @@ def test_rows_are_the_damper():
     person = Obstacle(coal.Cylinder(0.2, 1.6), name="person", motion=towards)
     limit = CollisionAvoidance(clearance=0.03, influence=0.4, rate=4.0, obstacles=[person], q0=q0)
     bound, sample = limit.bind(reduced), ControlSample(reduced, 1.0, q0, np.full(reduced.r, 0.1), DT)
-    rows, lower, upper = bound.rows(sample)
-    assert len(rows) == len(bound.names) == len(bound.clearances)
+    rows, lower, upper, places = bound.rows(sample)
+    assert len(bound.names) == len(bound.clearances)
     assert np.isinf(upper).all()
     exact = CollisionDistances(reduced.robot, [person], q0=q0).at(sample.end.q, 1.0 + DT)
-    active, v = np.isfinite(lower), sample.end.v
-    np.testing.assert_array_equal(active, exact.distance < 0.4)
+    active, v = exact.distance < 0.4, sample.end.v
+    np.testing.assert_array_equal(places, exact.pairs[active])
     rates = exact.rates(v)[active]
     wanted = -4.0 * (exact.distance - bound.clearances)[active]
-    np.testing.assert_allclose(rows[active] @ v - lower[active], rates - wanted, atol=1e-12)
-    assert any("person" in name for name, used in zip(bound.names, active, strict=True) if used)
+    np.testing.assert_allclose(rows @ v - lower, rates - wanted, atol=1e-12)
+    assert any("person" in bound.names[place] for place in places)
 
 
 def test_neighbours_keep_half_of_their_distance():
@@ -109,6 +108,46 @@ def test_sampled_control_keeps_the_clearance(seed):
     nothing = CollisionAvoidance(selection=PairSelection(links=False))
     assert smallest(nothing) < -0.04
     assert -1e-4 < smallest(limit) < 5e-3  # normals turn within a sample
+
+
+SOLIDS = {
+    "box": (coal.Box(1.0, 0.6, 0.4), 0.0),
+    "side of a cylinder": (coal.Cylinder(0.3, 0.4), 0.0),
+    "end of a cylinder": (coal.Cylinder(0.3, 0.4), 0.5 * np.pi),
+    "capsule": (coal.Capsule(0.2, 0.4), 0.0),
+}
+
+
+def slider(solid, pitch, turn):
+    """Body that moves along x and turns about an axis through its centre: configurations add up exactly."""
+    model = pin.Model()
+    along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
+    angle = model.addJoint(along, turn, pin.SE3.Identity(), "angle")
+    model.appendBodyToJoint(angle, pin.Inertia.FromSphere(1.0, 0.2), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("body", angle, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry = pin.GeometryModel()
+    placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, pitch, 0.0), np.zeros(3))
+    geometry.addGeometryObject(pin.GeometryObject("body_0", angle, frame, placed, solid))
+    return rnc.NonholonomicSystem(rnc.Robot(model, geometry, geometry), []).reduce()
+
+
+@pytest.mark.parametrize("turn", [pin.JointModelRY(), pin.JointModelRZ()], ids=["pitch", "yaw"])
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_turning_beside_a_parallel_wall_loses_no_clearance(solid, turn):
+    reduced = slider(*SOLIDS[solid], turn)
+    wall = Obstacle(coal.Box(0.2, 6.0, 6.0), position=(1.0, 0.0, 0.0), name="wall")
+    check = CollisionDistances(reduced.robot, [wall])
+    q0 = np.array([check.at([0.0, 0.0]).distance[0] - 0.05, 0.0])  # a face or side is 0.05 m from the wall
+
+    def lost(corners):
+        limit = CollisionAvoidance(0.05, 0.4, 50.0, obstacles=[wall], corners=corners)
+        path = damped_run(reduced, limit, q0, lambda t: np.array([0.3, 2.0 * np.sin(9.0 * t)]), 0.5)
+        assert np.ptp(path[:, 1]) > 0.1  # it turns
+        return 0.05 - min(check.at(q).distance[0] for q in path)
+
+    if not (isinstance(turn, pin.JointModelRZ) and solid in ("side of a cylinder", "capsule")):  # these just spin
+        assert lost(corners=False) > 1e-4
+    assert lost(corners=True) < 1e-9
 
 
 def test_unusable_settings_are_refused():

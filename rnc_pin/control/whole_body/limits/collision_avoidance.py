@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision.flat_contacts import MOST_CORNERS
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError
@@ -29,6 +30,9 @@ class CollisionAvoidance(ControlLimit):
     Pairs of links that are nearer than twice the clearance at ``q0`` keep half of that distance instead, because
     neighbours in a wrist are near by design.
 
+    Between parallel faces the nearest points are not unique: a body that turns can lose clearance within a sample. With
+    ``corners``, such pairs have a row for each corner of the common region of both faces.
+
     Args:
         clearance: distance that remains [m].
         influence: distance from which a pair is slowed down [m]; larger than the clearance.
@@ -36,6 +40,7 @@ class CollisionAvoidance(ControlLimit):
         obstacles: bodies in the world.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         q0: configuration (nq,) without collisions; by default the neutral one.
+        corners: True for rows at the corners of parallel faces and edges.
     """
 
     clearance: NotNegative = 0.02
@@ -44,6 +49,7 @@ class CollisionAvoidance(ControlLimit):
     obstacles: Sequence[Obstacle] = ()
     selection: PairSelection = field(default_factory=PairSelection)
     q0: Sequence[float] | np.ndarray | None = None
+    corners: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.clearance < self.influence < np.inf or not 0 < self.rate < np.inf:
@@ -68,21 +74,26 @@ class BoundCollisionAvoidance(BoundLimit):
         robot = reduced.robot
         q0 = robot.configuration() if limit.q0 is None else np.asarray(limit.q0, dtype=float)
         self.distances = CollisionDistances(robot, limit.obstacles, limit.selection, q0)
-        self.names = tuple(f"{pair.label} distance" for pair in self.distances.pairs)
+        labels = [pair.label for pair in self.distances.pairs]
+        further = [f"{label} corner {k + 1}" for k in range(MOST_CORNERS if limit.corners else 0) for label in labels]
+        self.names = (*(f"{label} distance" for label in labels), *further)
         self._influence, self._rate = limit.influence, limit.rate
-        self.clearances = np.full(len(self.names), limit.clearance)
+        self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
         for k, distance in zip(at_start.pairs.tolist(), at_start.distance.tolist(), strict=True):
             if self.distances.pairs[k].second < links:
                 self.clearances[k] = _SHARE * distance
         self.clearances.setflags(write=False)
-        self._size = reduced.n
 
     def rows(self, sample: ControlSample) -> LimitRows:
-        near = self.distances.at(sample.end.q, sample.time, self._influence)
-        jacobian = np.zeros((len(self.names), self._size))
-        lower = np.full(len(self.names), -np.inf)
-        jacobian[near.pairs] = near.jacobian
-        lower[near.pairs] = -self._rate * (near.distance - self.clearances[near.pairs]) - near.drift
-        return LimitRows(jacobian, lower, np.full(len(self.names), np.inf))
+        near = self.distances.at(sample.end.q, sample.time, self._influence, corners=self._corners)
+        lower = -self._rate * (near.distance - self.clearances[near.pairs]) - near.drift
+        places = near.pairs
+        if self._corners:
+            # Within the sample the gap of a corner is convex: this keeps the clearance at its end.
+            room = near.distance - self.clearances[near.pairs]
+            lower = np.maximum(lower, near.jacobian @ sample.end.v - 2.0 / sample.dt * room)
+            number = np.arange(len(places)) - np.searchsorted(places, places)  # of each row among those of its pair
+            places = places + number * len(self.clearances)
+        return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)

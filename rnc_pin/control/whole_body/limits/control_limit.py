@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
@@ -22,6 +22,8 @@ class LimitRows(NamedTuple):
     """Lower bounds; -inf for rows without one."""
     upper: Float[Array, " k"]
     """Upper bounds; inf for rows without one."""
+    places: Int[Array, " k"] | None = None
+    """Indices of these rows among the names of the limit, if the other rows are idle; None if no row is left out."""
 
 
 class BoundLimit(ABC):
@@ -35,7 +37,7 @@ class BoundLimit(ABC):
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:
-        """Return the rows at the end of a sample. Their number is constant; an idle row has infinite bounds."""
+        """Return the rows at the end of a sample. An idle row has infinite bounds, or is not among ``places``."""
 
 
 @dataclass(frozen=True, kw_only=True)
