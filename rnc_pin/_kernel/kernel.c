@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 7 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 8 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1657,6 +1657,7 @@ static PyMethodDef methods[] = {
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
+    {"row_velocities", (PyCFunction)(void (*)(void))row_velocities, METH_FASTCALL, NULL},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
@@ -1676,6 +1677,7 @@ static PyType_Spec spec = {
 static PyMethodDef functions[] = {
     {"spread", (PyCFunction)(void (*)(void))spread, METH_FASTCALL, NULL},
     {"pursue", (PyCFunction)(void (*)(void))pursue, METH_FASTCALL, NULL},
+    {"polynomial", (PyCFunction)(void (*)(void))polynomial, METH_FASTCALL, NULL},
     {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
     {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},

@@ -188,3 +188,23 @@ static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t give
     free(sums);
     return result(&all, ok);
 }
+
+/* Coefficients (count, size) of polynomials, lowest power first, argument, record of their values (size). */
+static PyObject *polynomial(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *terms, *out;
+    (void)module;
+    if (given != 3) return PyErr_SetString(PyExc_TypeError, "kernel: polynomial takes 3 arguments"), NULL;
+    double x = PyFloat_AsDouble(args[1]);
+    if (PyErr_Occurred()) return NULL;
+    Py_ssize_t count = PyObject_Size(args[0]);
+    if (count < 1 || PyObject_GetBuffer(args[2], all.views, PyBUF_WRITABLE) < 0) return PyErr_Occurred() ? NULL : result(&all, 0);
+    all.open = 1, out = all.views->buf;
+    Py_ssize_t size = all.views->len / (Py_ssize_t)sizeof(double);
+    if (!take(&all, args[0], count * size, READ, &terms)) return result(&all, -1);
+    memcpy(out, terms + (count - 1) * size, (size_t)size * sizeof(double));
+    for (Py_ssize_t i = count - 2; i >= 0; i--)
+        for (Py_ssize_t j = 0; j < size; j++) out[j] = out[j] * x + terms[i * size + j];
+    return result(&all, 1);
+}

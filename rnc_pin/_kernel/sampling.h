@@ -26,3 +26,19 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     }
     return result(&all, ok);
 }
+
+/* Record that starts with E (or with J1 if True), True or False, v, record of E v (n) or J1 v (k), with the bits of the rates. */
+static PyObject *row_velocities(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *rows, *v, *out;
+    int ok = -1, of_J1 = given > 1 && args[1] == Py_True;
+    Py_ssize_t n = ev->n, count = of_J1 ? ev->k : n, size = of_J1 ? ev->k * (n + ev->r) : 2 * n * n;
+    if (expect(ev, given, 4) && take(&all, args[0], size, READ, &rows) && take(&all, args[2], n, READ, &v)
+        && take(&all, args[3], count, WRITE, &out)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count; i++, v += n, rows += size)
+            for (Py_ssize_t j = 0; j < count; j++) *out++ = dot(rows + j * n, v, n);
+    }
+    return result(&all, ok);
+}

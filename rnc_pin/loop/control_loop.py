@@ -21,7 +21,7 @@ from rnc_pin.loop.restoring import restore
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.state_checks import check_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -219,9 +219,10 @@ class ControlLoop:
         self.active_component = "the allocation of its command"
         command, own = unpack_step(answer)
         requested = input_of(self.reduced, state, command)
-        T = requested if self._limits is None else np.clip(requested, -self._limits, self._limits)
+        T = requested if self._limits is None else clipped(requested, self._limits)
         deficit = None if T is requested else _input_deficit(requested, T)
-        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own)
+        fields = begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own, None, None, False
+        self.state = LoopState._make(fields)  # without the search for former names
         self.last = Decision(t - begin, state, measurement, command, requested, T)
         return T
 
@@ -267,8 +268,7 @@ class ControlLoop:
 
     def _clipped(self, T: Array) -> Array:
         """Copy of T, clipped to the limits: a stored state may come from another loop."""
-        clipped: Array = np.clip(T, -self._fallback_limits, self._fallback_limits)
-        return clipped
+        return clipped(T, self._fallback_limits)
 
     def _fallback_input(self, v: Any) -> Array:
         """Inputs of the safe command."""

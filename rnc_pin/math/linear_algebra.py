@@ -32,6 +32,11 @@ def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.vecmat(vector, matrix)
 
 
+def clipped(values: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Values (...) within -limits and limits; for few numbers this is faster than ``numpy.clip``."""
+    return np.minimum(np.maximum(values, -limits), limits)
+
+
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of (..., n, n); an exactly singular matrix gives entries that are not finite.
 

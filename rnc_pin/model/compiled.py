@@ -328,6 +328,27 @@ class CompiledState:
         return v2_dot if self._evaluator.accelerate(at.inverse, self.biases, force, v2_dot) else None
 
     @cached_property
+    def row_velocities(self) -> Array:
+        """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
+        if "rates" in vars(self) and self.rates is not None:
+            return self.rates["velocities"]
+        velocities = np.empty(self._v.shape)
+        self._evaluator.row_velocities(self.at.inverse, False, self._v, velocities)
+        return velocities
+
+    @cached_property
+    def v1(self) -> Array | None:
+        """Rates of the vertical outputs ``J1 v``, (..., k); None if a row of J1 is undefined."""
+        if "rates" in vars(self):
+            return None if self.rates is None else self.rates["v1"]
+        rows = self.at.vertical
+        if rows is None:
+            return None
+        v1 = np.empty((*self.at.batch, self.at.reduction._data.vertical.size))
+        self._evaluator.row_velocities(rows, True, self._v, v1)
+        return v1
+
+    @cached_property
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, reduction = self.at, self.at.reduction

@@ -57,10 +57,9 @@ class ReducedKinematics(ConfigurationEvaluation):
         """Rates of the reducing outputs."""
         if self._v2 is not None:
             return self._v2
-        rates = self._rates
-        if rates is None:
+        if self.compiled_motion is None:
             return apply(self.J2, self.v)
-        return np.ascontiguousarray(rates["velocities"][..., self._data.m :])
+        return np.ascontiguousarray(self.compiled_motion.row_velocities[..., self._data.m :])
 
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
@@ -101,14 +100,15 @@ class ReducedKinematics(ConfigurationEvaluation):
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
         """Constraint residual ``A v - mu`` of the velocity."""
-        rates = self._rates
-        residual = apply(self.A, self.v) if rates is None else rates["velocities"][..., : self._data.m]
+        motion = self.compiled_motion
+        residual = apply(self.A, self.v) if motion is None else motion.row_velocities[..., : self._data.m]
         return residual - self.mu if self._data.affine else residual
 
     @cached_property
     def v1(self) -> Float[Array, "*batch k"]:
         """Rates of the vertical outputs, ``J1 v``."""
-        return apply(self.J1, self.v) if self._rates is None else self._rates["v1"]
+        found = None if self.compiled_motion is None else self.compiled_motion.v1
+        return apply(self.J1, self.v) if found is None else found
 
     @cached_property
     def rates(self) -> VelocityKinematics:
@@ -184,16 +184,5 @@ class ReducedKinematics(ConfigurationEvaluation):
         if self._data.affine:
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
-        return Measurement(
-            q=self.q,
-            v=self.v,
-            v2=self.v2,
-            x1=x1,
-            x2=x2,
-            v1=self.v1,
-            A_star=self.A_star,
-            A_star_dot=self.A_star_dot,
-            v1_offset=offset,
-            v1_offset_dot=offset_dot,
-            residual=self.residual,
-        )
+        fields = self.q, self.v, self.v2, x1, x2, self.v1, self.A_star, self.A_star_dot, offset, offset_dot
+        return Measurement._make((*fields, self.residual, None, None))  # without the search for former names

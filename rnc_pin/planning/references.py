@@ -16,6 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
+from rnc_pin import _kernel
 from rnc_pin.errors import InputError
 
 
@@ -86,6 +87,10 @@ class _Polynomial:
         """Value and three derivatives (4, k)."""
         piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
         terms, since = self._pieces[piece], t - self._breaks[piece]
+        if _kernel.library is not None:
+            found = np.empty((4, self.size))
+            _kernel.library.polynomial(terms, since, found)
+            return found
         powers = [1.0]
         for _ in range(len(terms) - 1):
             powers.append(powers[-1] * since)

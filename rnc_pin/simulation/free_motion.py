@@ -163,7 +163,7 @@ def free_motion(
         finally:
             add_all(progress, pending)  # an earlier stop replaces an error of the integration
 
-    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message))
+    return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message, True))
 
 
 def _dynamics(reduced: ReducedModel, plant: ReducedPlant | None) -> ConstrainedDynamics:

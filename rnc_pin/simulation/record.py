@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +27,8 @@ _NOTHING = np.zeros(0)
 _BLOCK = 1000  # largest number of samples in a block
 _ROOM = 16e6  # memory for the matrices of a block [bytes]
 _MATRICES = 8  # temporary (n, n) matrices per sample
+_GOALS = ("v2_desired", "x1_desired", "x2_desired")
+_OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used")
 
 
 class Record:
@@ -44,14 +47,21 @@ class Record:
         self.reduced, self.capacity, self.count, self._contacts = reduced, capacity, 0, contacts
         self._versions = versions()  # before the run, so that an error here loses no results
         k, r = reduced.vertical.size, reduced.r
-        sizes = {
-            "time": (), "q": (reduced.robot.nq,), "v": (reduced.n,), "v2": (r,), "v2_desired": (r,), "x1": (k,),
-            "x1_desired": (k,), "v1": (k,), "x2": (r,), "x2_desired": (r,), "T": (reduced.p,), "work": (),
-            "estimates": (0,), "prediction_error": (0,), "v_measured": (0,), "friction_used": (0,),
+        columns = {
+            "time": 1, "work": 1, "q": reduced.robot.nq, "v": reduced.n, "v2": r, "x1": k, "x2": r, "v1": k,
+            "T": reduced.p, "integrals": r, "v2_desired": r, "x1_desired": k, "x2_desired": r,
         }  # fmt: skip
-        self.arrays = {name: np.full((capacity, *size), np.nan) for name, size in sizes.items()}
+        ends = dict(zip(columns, accumulate(columns.values()), strict=True))
+        # One row for each sample, so that a sample is written at once.
+        self._rows = np.full((capacity, ends["x2_desired"]), np.nan)
+        self.arrays = {name: self._rows[:, end - columns[name] : end] for name, end in ends.items()}
+        self.arrays |= {name: self.arrays[name][:, 0] for name in ("time", "work")}
+        self._integrals = self.arrays.pop("integrals")
+        self._integrals[:] = 0.0
+        self.arrays |= {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
+        self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._first_word: int | None = None  # first sample with a goal, that is with a valid measurement
-        self._integrals, self._carries = np.zeros((capacity, r)), carries
+        self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
@@ -80,31 +90,33 @@ class Record:
         work: float,
         v_measured: np.ndarray = _NOTHING,
         friction_used: np.ndarray = _NOTHING,
+        outputs: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> None:
-        """Add one sample. ``v_measured`` and ``friction_used`` are empty if there is no data."""
-        a, i = self.arrays, self.count
-        a["time"][i], a["q"][i], a["v"][i], a["v2"][i], a["T"][i], a["work"][i] = t, state.q, state.v, state.v2, T, work
-        a["x1"][i], a["x2"][i] = state.outputs(integrals)
-        a["v1"][i] = state.v1
-        self._integrals[i] = integrals
-        for name in ("v2_desired", "x1_desired", "x2_desired"):
-            value = getattr(command, name)
-            if value is not None:
-                _expect(name, value, a[name].shape[1:])
-                a[name][i] = value
-                self._first_word = i if self._first_word is None else self._first_word
-        for name, value in (
-            ("estimates", command.estimates),
-            ("prediction_error", command.prediction_error),
-            ("v_measured", v_measured),
-            ("friction_used", friction_used),
-        ):
+        """Add one sample.
+
+        ``v_measured`` and ``friction_used`` are empty if there is no data; ``outputs`` are x1 and x2, if known.
+        """
+        row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
+        if self._first_word is None and any(goal is not None for goal in given):
+            self._first_word = self.count
+        goals = [
+            none if goal is None else _expect(name, goal, none.shape)
+            for name, goal, none in zip(_GOALS, given, self._no_goals, strict=True)
+        ]
+        x1, x2 = state.outputs(integrals) if outputs is None else outputs
+        row[0], row[1] = t, work
+        np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
+        optional = command.estimates, command.prediction_error, v_measured, friction_used
+        for name, value in zip(_OPTIONAL, optional, strict=True):
             if value is not None and np.size(value):
-                if not a[name].shape[1]:
-                    a[name] = np.full((self.capacity, np.size(value)), np.nan)
-                _expect(name, value, a[name].shape[1:])
-                a[name][i] = value
+                self._add_optional(name, value)
         self.count += 1
+
+    def _add_optional(self, name: str, value: np.ndarray) -> None:
+        """Add an array that not every run has."""
+        if not self.arrays[name].shape[1]:
+            self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
+        self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
 
     def extend(
         self, times: np.ndarray, states: StateEvaluation, integrals: np.ndarray, T: np.ndarray, work: np.ndarray
@@ -122,7 +134,12 @@ class Record:
         self.count += len(times)
 
     def finish(
-        self, dt: float, provenance: Provenance, outcome: Outcome = Outcome.COMPLETED, message: str | None = None
+        self,
+        dt: float,
+        provenance: Provenance,
+        outcome: Outcome = Outcome.COMPLETED,
+        message: str | None = None,
+        deferred: bool = False,
     ) -> Trajectory:
         """Return the trajectory.
 
@@ -131,9 +148,10 @@ class Record:
             provenance: origin of the run.
             outcome: outcome of the run.
             message: reason of an early end, if any.
+            deferred: True to compute forces, energy and residuals of a complete run at their first use.
         """
         reduced = self.reduced
-        a = {name: array[: self.count] for name, array in self.arrays.items()}
+        a = {name: np.ascontiguousarray(array[: self.count]) for name, array in self.arrays.items()}
         x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
         a["x1"] = x1.unwrap(a["x1"], _integrated(a["x1"], a["v1"], a["time"]))
         about = _integrated(a["x2"], a["v2"], a["time"])
@@ -148,24 +166,24 @@ class Record:
             if not np.isnan(column[first:]).any()
         )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
-        return Trajectory(
-            **a,
-            **self._derived(a["q"], a["v"], a["T"], bodies),
-            info=RunInfo(
-                replace(
-                    output_names(reduced),
-                    friction_used=self._contacts,
-                    normal_forces=self._normal_names(),
-                    ground_poses=tuple(body.name for body in bodies),
-                ),
-                goals,
-                dt,
-                self._versions,
-                provenance,
-                outcome,
-                message,
+        info = RunInfo(
+            replace(
+                output_names(reduced),
+                friction_used=self._contacts,
+                normal_forces=self._normal_names(),
+                ground_poses=tuple(body.name for body in bodies),
             ),
+            goals,
+            dt,
+            self._versions,
+            provenance,
+            outcome,
+            message,
         )
+        if deferred and outcome is Outcome.COMPLETED:
+            q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
+            return Trajectory.deferred(a, lambda: self._derived(q, v, T, bodies), info)
+        return Trajectory(**a, **self._derived(a["q"], a["v"], a["T"], bodies), info=info)
 
     def _derived(
         self, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
@@ -251,9 +269,12 @@ def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray
     return np.stack([values[:, columns[name]] if name in columns else nothing for name in wanted], axis=-1)
 
 
-def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
-    if np.shape(value) != shape:
-        raise InputError(f"{name} of a command has shape {np.shape(value)}, expected {shape}")
+def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a value of a command with this shape; raise an error for another one."""
+    value = np.asarray(value)
+    if value.shape != shape:
+        raise InputError(f"{name} of a command has shape {value.shape}, expected {shape}")
+    return value
 
 
 def _blocks(samples: int, numbers: int) -> Iterator[slice]:

@@ -128,7 +128,9 @@ def simulate(
             measurement, command = _last_decision(loop, state)
             integrals = loop.state.integrals if loop.state.integrals is not None else zeros
             record.moves(adapter.model, adapter.external)
-            record.add(t, state, integrals, command, T, adapter.work, adapter.v_measured, adapter.friction_used)
+            outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
+            sensed = adapter.v_measured, adapter.friction_used
+            record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
             if options.observer is not None:
                 progress.active_component = "the observer"
                 options.observer(Sample(t, measurement, command, T))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -106,6 +106,27 @@ class Trajectory(SummaryMixin):
     """Position x, y [m] and heading [rad] of each body that moves on the ground; no columns without such bodies."""
     info: RunInfo
     """Names, units, scenario, versions, seed, outcome."""
+
+    @classmethod
+    def deferred(
+        cls, arrays: Mapping[str, np.ndarray], derive: Callable[[], Mapping[str, np.ndarray]], info: RunInfo
+    ) -> Trajectory:
+        """Return a run whose other arrays are computed at their first use, all by one call of ``derive``."""
+        run = object.__new__(cls)
+        vars(run).update(arrays, info=info, _derive=derive)
+        return run
+
+    if not TYPE_CHECKING:  # only for arrays that are not computed yet
+
+        def __getattr__(self, name: str) -> Any:
+            if "_derive" in vars(self) and name in type(self).__dataclass_fields__:
+                vars(self).update(self._derive())
+                del vars(self)["_derive"]
+                return vars(self)[name]
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
     def meta(self) -> dict[str, Json]:

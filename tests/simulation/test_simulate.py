@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import pickle
 import tracemalloc
 
 import numpy as np
@@ -344,3 +345,20 @@ def test_a_roll_out_keeps_loops_closed():
     _, path = rnc.kinematic_rollout(reduced, Turn(), q0, 1.2, 0.1)
     assert abs(reduced.at(path[-1]).outputs()[1] - crank) > 1.0
     assert np.abs(reduced.assembly.residual(path)).max() < 1e-10
+
+
+def test_forces_of_a_free_motion_are_computed_at_their_first_use():
+    """They are those of the recorded states, also in a copy, and after a change of the caller's arrays."""
+    reduced = space_robot()
+    q0, T = reduced.robot.configuration({"joint_2": 1.0}), np.array([3.0, -1.0, 2.0])
+    run = rnc.free_motion(reduced, q0, [0.2, -0.3, 0.4], 0.4, dt=0.1, inputs=T)
+    assert not {"energy", "multipliers", "F", "slip", "singular_value"} & vars(run).keys()
+    states, copied = reduced.at(run.q, v=run.v), pickle.loads(pickle.dumps(run))
+    run.q[:] = np.nan
+    for each in (run, copied):
+        np.testing.assert_allclose(each.energy, states.energy, rtol=1e-12)
+        np.testing.assert_allclose(each.multipliers, states.multipliers(run.T), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(each.F, [R.T @ B @ T for R, B in zip(states.R, states.B, strict=True)], rtol=1e-12)
+    assert dataclasses.replace(copied, work=copied.energy).energy is copied.energy
+    with pytest.raises(AttributeError, match="no attribute 'power'"):
+        run.power  # noqa: B018

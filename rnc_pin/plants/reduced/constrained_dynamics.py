@@ -8,6 +8,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
+from rnc_pin.math.linear_algebra import clipped
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
@@ -77,6 +78,8 @@ class ConstrainedDynamics:
         blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
         self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
+        self._no_integrals = np.zeros(self._r)
+        self._no_integrals.setflags(write=False)
         self._integrator = LieRungeKutta4(reduced.robot)
         self._chart: VelocityChart
 
@@ -89,6 +92,8 @@ class ConstrainedDynamics:
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
         """Integrals of the reducing velocities, (..., r); zero for those without one."""
+        if not len(self._where) and y.ndim == 1:
+            return self._no_integrals
         integrals = np.zeros((*y.shape[:-1], self._r))
         integrals[..., self._where] = y[..., self._r : -1]
         return integrals
@@ -121,7 +126,7 @@ class ConstrainedDynamics:
 
     def saturate(self, T: np.ndarray) -> np.ndarray:
         """Inputs clipped to the actuator limits."""
-        return T if self._limits is None else np.clip(T, -self._limits, self._limits)
+        return T if self._limits is None else clipped(T, self._limits)
 
     def advance(
         self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int

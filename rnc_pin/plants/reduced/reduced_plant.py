@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 
 from rnc_pin.errors import DivergenceError, InputError
@@ -75,7 +77,7 @@ class ReducedPlant:
             DivergenceError: the state is not finite.
         """
         if self._state is None:
-            if not np.isfinite(self._y).all():
+            if not (isfinite(np.vdot(self._y, self._y)) or np.isfinite(self._y).all()):
                 raise DivergenceError("plant velocities are not finite")
             self._state, self._y = self._dynamics.recentre(self._q, self._y)
         return self._state
