@@ -10,19 +10,24 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
-from rnc_pin.control.whole_body.contact_cones import ContactCones
+from rnc_pin.control.whole_body.contact_cones import ContactBounds, ContactCones
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, TaskStack, solve_within
+from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, TaskStack, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.velocity_qp import LimitReport, describe_settings, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.printing import ReprMixin
+
+_CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
+_BEYOND = 1e-9  # excess over a limit of motion that is rounding
 
 
 class InverseDynamicsState(NamedTuple):
@@ -59,6 +64,9 @@ class InverseDynamicsQP(ReprMixin):
     Two kinds of limits concern forces. Inputs stay within the effort limits of the actuators; these never give way. On
     the ground, normal forces push, and with ``friction`` every contact stays in its friction cone. The ground's
     conditions come next; ``VelocityQP`` has the order of the other limits. ``report`` tells which limits gave way.
+
+    Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if one
+    Runge-Kutta step of the dynamics exceeds them, the program is solved again with the difference.
 
     Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
 
@@ -104,7 +112,7 @@ class InverseDynamicsQP(ReprMixin):
         self._reduced = reduced
         self._solver = LeastDistanceSolver(solver)
         self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
-        self._contacts = ContactCones(reduced, friction)
+        self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         efforts = reduced.actuation.limits
         self._limited = np.flatnonzero(np.isfinite(efforts))
@@ -173,12 +181,47 @@ class InverseDynamicsQP(ReprMixin):
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))  # v2 at the end is offset + gain [T; z]
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        levels = self._levels(now, sample, offset, gain)
-        bounds = self._bounds(sample, offset, gain, contacts.rows, contacts.upper)
-        x, flags, excess = solve_within(
-            levels, bounds, self._limits, self._solver, multipliers=multipliers, before=self._forces
-        )
-        return InputSolution(x[:p], offset + gain @ x, flags, excess)
+        levels, rows = self._levels(now, sample, offset, gain), self._limits.rows(sample)
+        motion = self._limits.bounds(sample, rows)
+
+        def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
+            bounds = self._bounds(limits, offset, gain, contacts)
+            return solve_within(levels, bounds, self._limits, self._solver, multipliers=start, before=self._forces)
+
+        found = best = solved(motion, multipliers)
+        least = np.inf
+        for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
+            reached = rows.jacobian @ self._end_velocity(state, found.unknowns[:p])
+            beyond = np.maximum(reached - rows.upper, rows.lower - reached) - found.excess[motion.places]
+            if not beyond.max() < least:
+                break  # near singular coordinates, corrections need not converge
+            best, least = found, float(beyond.max())
+            if least <= _BEYOND:
+                break
+            error = reached - rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
+            corrected = motion._replace(lower=motion.lower - error, upper=motion.upper - error)
+            found = solved(corrected, found.multipliers)
+        found = best
+        largest = self._reduced.actuation.limits
+        T = np.clip(found.unknowns[:p], -largest, largest)  # the solver's rounding is no effort beyond the file
+        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess)
+
+    def _end_velocity(self, state: StateEvaluation, T: Array) -> Array:
+        """Full velocity (nv,) at the end of the sample under constant inputs, by one Runge-Kutta step."""
+        reduced, found = self._reduced, None
+        compiled = reduced.reduction_data.compiled
+        if compiled is not None:
+            start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
+            found = compiled.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
+        if found is None:
+
+            def rate(q: Array, v2: Array) -> tuple[Array, Array]:
+                here = reduced.at(q, v2)
+                return here.v, here.v2_dot(T)
+
+            found = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
+        q, y = found
+        return reduced.at(q, y[: reduced.r]).v
 
     def _levels(self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array) -> list[TaskLevel]:
         """Tasks on the unknowns; the last level brings the rest of the motion to rest."""
@@ -190,17 +233,14 @@ class InverseDynamicsQP(ReprMixin):
             found.append(TaskLevel(after.jacobian, after.rate + decay * error))
         return [TaskLevel(each.jacobian @ gain, each.rate - each.jacobian @ offset) for each in (*found, rest)]
 
-    def _bounds(
-        self, sample: ControlSample, offset: Array, gain: Array, contact_rows: Array, contact_upper: Array
-    ) -> ProgramBounds:
-        motion = self._limits.bounds(sample)
+    def _bounds(self, motion: ProgramBounds, offset: Array, gain: Array, contacts: ContactBounds) -> ProgramBounds:
         moved = motion.rows @ offset
         efforts = np.zeros((len(self._limited), gain.shape[1]))
         efforts[np.arange(len(self._limited)), self._limited] = 1.0
         return ProgramBounds(
-            np.vstack([motion.rows @ gain, efforts, contact_rows]),
-            np.concatenate([motion.lower - moved, -self._efforts, np.full(len(contact_upper), -np.inf)]),
-            np.concatenate([motion.upper - moved, self._efforts, contact_upper]),
+            np.vstack([motion.rows @ gain, efforts, contacts.rows]),
+            np.concatenate([motion.lower - moved, -self._efforts, np.full(len(contacts.upper), -np.inf)]),
+            np.concatenate([motion.upper - moved, self._efforts, contacts.upper]),
             np.concatenate([motion.places, *self._forces]),
             len(self.limit_names),
         )

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -68,10 +68,10 @@ class LimitStack:
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
         hard = np.repeat([each.hard for each in limits], sizes).astype(bool)
         self._groups = [np.flatnonzero(hard), *(np.flatnonzero(~hard & (ranks == p)) for p in sorted({*ranks[~hard]}))]
-        self._r, self._affine = reduced.r, reduced.affine
+        self._nv, self._affine = reduced.n, reduced.affine
 
-    def bounds(self, sample: ControlSample) -> ProgramBounds:
-        """Return the limits at the end of a sample: ``J v`` with ``v = R v2 + b``."""
+    def rows(self, sample: ControlSample) -> LimitRows:
+        """Return the limits at the end of a sample on the full velocity, without idle rows."""
         J, lower, upper, places = [], [], [], []
         for limit, where in zip(self._bound, self._places, strict=True):
             rows = limit.rows(sample)
@@ -80,15 +80,26 @@ class LimitStack:
             upper.append(rows.upper)
             places.append(where if rows.places is None else where[rows.places])
         if not J:
-            return ProgramBounds(np.zeros((0, self._r)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int), 0)
+            return LimitRows(np.zeros((0, self._nv)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
         whole, low, high, chosen = (np.concatenate(each) for each in (J, lower, upper, places))
         used = np.isfinite(low) | np.isfinite(high)
         if not used.all():
             whole, low, high, chosen = whole[used], low[used], high[used], chosen[used]
+        return LimitRows(whole, low, high, chosen)
+
+    def bounds(self, sample: ControlSample, rows: LimitRows | None = None) -> ProgramBounds:
+        """Return the limits at the end of a sample, with ``v = R v2 + b``.
+
+        Args:
+            sample: the sample.
+            rows: the result of ``rows`` at this sample, if it is known.
+        """
+        J, low, high, places = self.rows(sample) if rows is None else rows
+        assert places is not None
         if self._affine:
-            offset = whole @ sample.end.b
+            offset = J @ sample.end.b
             low, high = low - offset, high - offset
-        return ProgramBounds(whole @ sample.end.R, low, high, chosen, len(self.names))
+        return ProgramBounds(J @ sample.end.R, low, high, places, len(self.names))
 
     def relaxed(
         self, bounds: ProgramBounds, solver: LeastDistanceSolver, before: Sequence[Array] = ()

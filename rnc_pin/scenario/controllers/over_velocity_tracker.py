@@ -20,12 +20,16 @@ from rnc_pin.control import (
     SingularityDistance,
     SteeringController,
     VelocityGains,
+    VelocityQP,
+    VelocityTarget,
     VelocityTracker,
     design_velocity_gains,
 )
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.control.whole_body import ProgramState
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 from rnc_pin.scenario.controllers.context import (
@@ -193,6 +197,8 @@ def check_motion(
         InfeasibleError: there are complaints, and preflight refuses such a motion.
     """
     reduced, horizon = context.reduced, context.horizon if horizon is None else horizon
+    if isinstance(kinematic, VelocityQP):
+        kinematic = _OncePerSample(kinematic)
     margins = margins_along(reduced, kinematic, context.q0, horizon, _ROLLOUT_STEP, task, context.grip)
     passed = obstacles_passed(reduced.robot, margins.time, margins.q, context.obstacles)
     complaints = (
@@ -203,6 +209,22 @@ def check_motion(
     if complaints and context.preflight == "refuse":
         raise InfeasibleError("; ".join(complaints))
     return margins, complaints
+
+
+class _OncePerSample:
+    """Program whose velocity is computed once per sample of a roll-out: within a sample it does not read q."""
+
+    def __init__(self, program: VelocityQP) -> None:
+        self._program = program
+        self._last: tuple[ProgramState, tuple[VelocityTarget, ProgramState]] | None = None
+
+    def initial_state(self, measurement: Measurement) -> ProgramState:
+        return self._program.initial_state(measurement)
+
+    def step(self, t: float, measurement: Measurement, state: ProgramState) -> tuple[VelocityTarget, ProgramState]:
+        if self._last is None or self._last[0] is not state:
+            self._last = state, self._program.step(t, measurement, state)
+        return self._last[1]
 
 
 def _secondary(settings: SecondarySettings, context: ControllerContext) -> Secondary:

@@ -9,7 +9,15 @@ from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body.contact_cones import ContactCones
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
-from systems import four_bar, free_flying_panda, mobile_manipulator, random_states, space_robot, tiago
+from systems import (
+    four_bar,
+    free_flying_panda,
+    mobile_manipulator,
+    random_states,
+    space_robot,
+    space_robot_in_joints,
+    tiago,
+)
 from textbook_systems import wheeled_pendulum
 
 DT, GAIN, RATE = 0.002, 3.0, 15.0
@@ -92,6 +100,16 @@ def test_limits_of_velocity_hold_at_acceleration_level():
     joints = [reduced.robot.velocity_indices(name).start for name in ("joint_1", "joint_2")]
     largest = np.abs(run.v[:, joints]).max()
     assert 0.295 < largest <= 0.3  # the prediction over a sample is of second order
+
+
+def test_limits_of_velocity_hold_to_rounding_at_fast_motion_and_coarse_samples():
+    """The acceleration changes within a sample; a prediction from its start alone exceeds the limit by 0.2 %."""
+    reduced, dt = space_robot_in_joints(), 0.02
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    fast = limits.JointVelocityLimit(joints=["joint_1", "joint_2", "joint_3"], limit=1.5, margin=0.0)
+    controller = InverseDynamicsQP(reduced, [hand("tip", [-1.5, 1.0])], [fast], dt=dt)
+    run = rnc.simulate(reduced, controller, q0, 1.5, dt=dt)
+    assert 1.499 < np.abs(run.v[:, 1:]).max() <= 1.5 * (1 + 1e-7)
 
 
 def test_friction_stays_in_its_cone():
