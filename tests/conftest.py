@@ -46,3 +46,4 @@ def no_pictures(monkeypatch):
     from rnc_pin.scenario.pictures import Drawn
 
     monkeypatch.setattr("rnc_pin.app.commands.run.draw_pictures", lambda *_: Drawn())
+    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)

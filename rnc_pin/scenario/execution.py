@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import TypeAlias, cast
 
 import numpy as np
 import yaml
@@ -17,6 +17,7 @@ from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.simulation import (
     LimitReplay,
     Observer,
@@ -34,7 +35,11 @@ from rnc_pin.simulation.summary import Compared
 
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""
+_REPORTS = 400  # progress reports of a run
 _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
+
+_Run: TypeAlias = tuple[Trajectory, RncError | None]
+"""Motion of a run, and the error that ended it early."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,7 @@ def execute(
     progress: Callable[[float, str], None] | None = None,
     *,
     measure_limits: bool = False,
+    processes: int = 1,
 ) -> Result:
     """Run a plan.
 
@@ -137,49 +143,92 @@ def execute(
         observer: called with every ``Sample`` of the run itself.
         progress: called with the simulated time so far [s], of all runs together, and the name of the one under way.
         measure_limits: replay the run against joint limits and collisions; this reads the meshes of the robot.
+        processes: largest number of processes. With more than one, comparisons run beside the run; results are equal
+            to the bit.
 
     Returns:
         The result; a run that failed keeps what it reached, with ``error`` set.
     """
-
-    def watch(label: str, base: float, inner: Observer | None) -> Observer:
-        def call(sample: Sample) -> None:
-            if progress is not None:
-                progress(base + sample.time, label)
-            if inner is not None:
-                inner(sample)
-
-        return call
-
-    with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-        return _executed(plan, watch, observer, measure_limits)
+    with np.errstate(over="ignore", invalid="ignore"), _Runs(plan, progress, processes) as runs:  # diverged values
+        return _executed(plan, runs, observer, measure_limits)
 
 
-def _executed(
-    plan: Plan,
-    watch: Callable[[str, float, Observer | None], Observer],
-    observer: Observer | None,
-    measure_limits: bool,
-) -> Result:
+class _Runs:
+    """The runs of a plan and their progress. Its comparisons start at once if there are processors for them."""
+
+    def __init__(self, plan: Plan, progress: Callable[[float, str], None] | None, processes: int) -> None:
+        self._plan, self._progress = plan, progress
+        self._experiments = [plan.experiment, *plan.comparisons.values()]
+        self._names = [plan.name, *(f"{plan.name}: {label}" for label in plan.comparisons)]
+        self._times = [0.0] * len(self._names)
+        self._others: SharedTasks[None, _Run] = SharedTasks(
+            self._other, range(1, len(self._names)), processes - 1, ended_early=_interrupted
+        )
+        self._others.begin(None)
+
+    def main(self, observer: Observer | None) -> _Run:
+        """The run itself."""
+        return self._simulated(0, observer, self._report)
+
+    def others(self) -> dict[str, _Run]:
+        """The comparisons by label. Those after an interruption are missing."""
+        found = self._others.results(self._report)
+        return {label: found[k] for k, label in enumerate(self._plan.comparisons, start=1) if k in found}
+
+    def _other(self, number: int, _: None, report: Report) -> _Run:
+        return self._simulated(number, None, report)
+
+    def _simulated(self, number: int, observer: Observer | None, report: Report) -> _Run:
+        experiment = self._experiments[number]
+        last = experiment.simulation.duration * (1.0 - 1e-9)
+        shown = 0.0
+
+        def watch(sample: Sample) -> None:
+            nonlocal shown
+            if sample.time >= min(shown, last):
+                shown = sample.time + last / _REPORTS
+                report(number, sample.time)
+            if observer is not None:
+                observer(sample)
+
+        return _simulate(self._plan, experiment, watch)
+
+    def _report(self, number: int, time: float) -> None:
+        self._others.collect(self._show)
+        self._show(number, time)
+
+    def _show(self, number: int, time: float) -> None:
+        self._times[number] = time
+        if self._progress is not None:
+            self._progress(sum(self._times), self._names[number])
+
+    def __enter__(self) -> _Runs:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._others.close()
+
+
+def _interrupted(run: _Run) -> bool:
+    return run[0].outcome is Outcome.INTERRUPTED
+
+
+def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits: bool) -> Result:
     # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
-    trajectory, error = _simulate(plan, plan.experiment, watch(plan.name, 0.0, observer))
+    trajectory, error = runs.main(observer)
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
     limits = _replay(plan.experiment, trajectory) if measure_limits else None
     if limits is not None:
         add_limits(summary, limits)
     others: dict[str, Trajectory] = {}
-    done = plan.duration
     if error is None and trajectory.outcome is Outcome.COMPLETED:
-        for label, experiment in plan.comparisons.items():
-            others[label], failure = _simulate(plan, experiment, watch(f"{plan.name}: {label}", done, None))
-            done += experiment.simulation.duration
-            compared = _compared(_summary(experiment, others[label]))
+        for label, (other, failure) in runs.others().items():
+            others[label] = other
+            compared = _compared(_summary(plan.comparisons[label], other))
             if failure is not None:
                 compared["message"] = str(failure)
             summary.setdefault("comparisons", {})[label] = compared
-            if others[label].outcome is Outcome.INTERRUPTED:
-                break
     return Result(trajectory, summary, error, others, limits)
 
 
@@ -204,7 +253,7 @@ def _compared(summary: Summary) -> Compared:
     return cast(Compared, {key: value for key, value in summary.items() if key in Compared.__annotations__})
 
 
-def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
+def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> _Run:
     settings = experiment.simulation
     provenance = replace(
         experiment.provenance,

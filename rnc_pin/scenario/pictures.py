@@ -1,10 +1,13 @@
-"""Plots and animation of a run."""
+"""Plots and animation of a run, drawn by one process or by several.
+
+Matplotlib and Meshcat take a second to import. So a process imports ``plot_files`` or ``animation_file`` only to draw
+with them, if possible while the simulation runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +15,10 @@ import numpy as np
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
 from rnc_pin.scenario.execution import Plan, Result
-from rnc_pin.scenario.saved_run import view_of
-from rnc_pin.scenario.schema.scenario import PlotSettings
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.limit_plot import plot_limits
-from rnc_pin.visualization.plot_style import save
-from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
-from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.top_view import ground_paths
+from rnc_pin.scenario.shared_tasks import Report, SharedTasks
+
+ANIMATION = "animation.html"
+_MOST_HELPERS = 2  # more would wait for the slowest picture
 
 
 @dataclass(frozen=True)
@@ -46,17 +45,45 @@ class Drawn:
 
 def picture_names(plan: Plan) -> list[str]:
     """Names of the pictures that a run can write."""
-    return [
-        *(f"{name}.png" for name in plan.experiment.scenario.plots),
-        "overview.png",
-        "top_view.png",
-        "limits.png",
-        "animation.html",
-    ]
+    plots = dict.fromkeys(f"{name}.png" for name in plan.experiment.scenario.plots)
+    return list(plots | dict.fromkeys(["overview.png", "top_view.png", "limits.png", ANIMATION]))
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """Result of drawing one picture."""
+
+    written: bool = False
+    failure: str | None = None
+
+
+class Artists(SharedTasks[tuple[Result, Path], _Picture]):
+    """Processes that draw the pictures of a run, as a context. All but this one get ready while the simulation runs.
+
+    Args:
+        plan: the plan of the run.
+        processes: largest number of processes.
+    """
+
+    def __init__(self, plan: Plan, processes: int = 1) -> None:
+        self.names = picture_names(plan)
+        order = range(len(self.names))
+        # The animation takes longest. This process draws it: the others have imported Matplotlib.
+        numbers = order if processes == 1 else [order[-1], *order[:-1]]
+
+        def draw(number: int, common: tuple[Result, Path], report: Report) -> _Picture:
+            report(number, 0.0)
+            return _drawn(plan, common[0], common[1] / self.names[number])
+
+        super().__init__(draw, numbers, min(processes - 1, _MOST_HELPERS), _import_writers)
 
 
 def draw_pictures(
-    plan: Plan, result: Result, folder: Path, progress: Callable[[float, str], None] | None = None
+    plan: Plan,
+    result: Result,
+    folder: Path,
+    progress: Callable[[float, str], None] | None = None,
+    artists: Artists | None = None,
 ) -> Drawn:
     """Write the pictures of a result; none if it has fewer than two samples.
 
@@ -67,75 +94,56 @@ def draw_pictures(
         result: the result of the run.
         folder: folder for the pictures.
         progress: called with the number of finished pictures and the name of the next.
+        artists: processes that draw; by default this one.
     """
-    drawn = Drawn()
-    for done, (name, make) in enumerate(_pictures(plan, result) if len(result.trajectory.time) > 1 else ()):
-        if progress is not None:
-            progress(done, name)
-        path = folder / name
+    if len(result.trajectory.time) < 2:
+        return Drawn()
+    interrupted = False
+    with artists or Artists(plan) as shared:
+        names = shared.names
+
+        def report(number: int, _: float) -> None:
+            if progress is not None:
+                progress(len(shared.found), names[number])
+
+        shared.begin((result, folder))
         try:
-            with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-                something = make(path)
-            if something:
-                drawn.written.append(name)
+            found = shared.results(report)
         except KeyboardInterrupt:
-            path.unlink(missing_ok=True)
-            return replace(drawn, interrupted=True)
-        except Exception as error:
-            path.unlink(missing_ok=True)
-            kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
-            drawn.failures[name] = kind + (" ".join(str(error).split()) or "no reason given")
-    return drawn
+            interrupted, found = True, dict(shared.found)
+    if interrupted:
+        for name in (name for number, name in enumerate(names) if number not in found):
+            (folder / name).unlink(missing_ok=True)
+    return Drawn(
+        [names[number] for number, each in sorted(found.items()) if each.written],
+        {names[number]: each.failure for number, each in sorted(found.items()) if each.failure is not None},
+        interrupted,
+    )
 
 
-def _pictures(plan: Plan, result: Result) -> Iterator[tuple[str, Callable[[Path], bool]]]:
-    """Yield the name and writer of each picture. A writer returns True if there is something to draw."""
-    for name, settings in plan.experiment.scenario.plots.items():
-        yield f"{name}.png", partial(_plot, result, settings)
-    yield "overview.png", partial(_overview, plan, result)
-    yield "top_view.png", partial(_top_view, plan, result)
-    yield "limits.png", partial(_limits, plan, result)
-    yield "animation.html", partial(_animation, plan, result)
+def _import_writers() -> None:
+    from rnc_pin.scenario import animation_file, plot_files  # noqa: F401
 
 
-def _plot(result: Result, settings: PlotSettings, path: Path) -> bool:
-    labels = result.comparisons if settings.comparisons is None else settings.comparisons
-    shown = {label: result.comparisons[label] for label in labels if label in result.comparisons}
-    if settings.quantity == "outputs":
-        figure = plot_outputs(result.trajectory, settings.outputs, settings.title, shown)
-    else:
-        figure = plot_learning(result.trajectory, settings.quantity, settings.title, shown)
-    save(figure, path)
-    return True
+def _drawn(plan: Plan, result: Result, path: Path) -> _Picture:
+    """Write a picture, if there is something to draw.
 
+    Raises:
+        KeyboardInterrupt: the user interrupted it.
+    """
+    try:
+        with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
+            if path.name == ANIMATION:
+                from rnc_pin.scenario.animation_file import write_animation
 
-def _overview(plan: Plan, result: Result, path: Path) -> bool:
-    save(plot_run(result.trajectory, plan.experiment.scenario.title), path)
-    return True
+                return _Picture(write_animation(plan, result, path))
+            from rnc_pin.scenario.plot_files import write_plot
 
-
-def _top_view(plan: Plan, result: Result, path: Path) -> bool:
-    if not ground_paths(result.trajectory):
-        return False
-    experiment = plan.experiment
-    save(plot_top_view(result.trajectory, experiment.scenario.title, result.comparisons, experiment.obstacles), path)
-    return True
-
-
-def _limits(plan: Plan, result: Result, path: Path) -> bool:
-    if result.limits is None or not (result.limits.uses or result.limits.clearances):
-        return False
-    save(plot_limits(result.limits, plan.experiment.scenario.title), path)
-    return True
-
-
-def _animation(plan: Plan, result: Result, path: Path) -> bool:
-    scenario, reduced = plan.experiment.scenario, plan.experiment.reduced
-    visual = reduced.robot.visual_model
-    if visual is None or not len(visual.geometryObjects):
-        return False
-    view = view_of(scenario)
-    view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
-    drawn_model = DrawnModel(reduced.robot, reduced, plan.experiment.obstacles)
-    Recording(drawn_model, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
-    return True
+            return _Picture(write_plot(plan, result, path))
+    except KeyboardInterrupt:
+        path.unlink(missing_ok=True)
+        raise
+    except Exception as error:
+        path.unlink(missing_ok=True)
+        kind = "" if isinstance(error, RncError) else f"{type(error).__name__}: "
+        return _Picture(failure=kind + (" ".join(str(error).split()) or "no reason given"))

@@ -17,7 +17,7 @@ from benchmarks.processes import alive, children
 from patience import eventually
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.scenario import pictures
+from rnc_pin.scenario import plot_files
 from systems import sleigh
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
@@ -240,7 +240,8 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(signals, tmp_path):
 
 
 def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
-    monkeypatch.setattr(pictures, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(plot_files, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)  # so the overview is the first picture
     arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
     for _ in range(2):  # the second time there is something to replace
         status, _, error = call(*arguments)

@@ -21,7 +21,7 @@ from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
-from rnc_pin.scenario import pictures
+from rnc_pin.scenario import animation_file, plot_files
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import Follower
@@ -289,8 +289,8 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((saved, capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
-    monkeypatch.setattr(pictures, "plot_run", fail)
-    monkeypatch.setattr(pictures, "Recording", fail)
+    monkeypatch.setattr(plot_files, "plot_run", fail)
+    monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
     saved, table = printed[0]

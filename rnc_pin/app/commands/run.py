@@ -11,15 +11,14 @@ from rnc_pin.app.messages import complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
-from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.execution import Plan, Result, data_names, execute, plan, write
 from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
-from rnc_pin.scenario.pictures import Drawn, draw_pictures, picture_names
-from rnc_pin.scenario.saved_run import view_of
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.scenario.shared_tasks import processor_count
+from rnc_pin.simulation import Observer
 
 
 def run_scenario(
@@ -40,8 +39,16 @@ def run_scenario(
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
     names = [*data_names(prepared.comparisons), *picture_names(prepared)]
-    with uninterrupted(), OutputFolder(out or Path("runs") / name, force, names) as folder:
-        result = _executed(prepared, show, speed, browser, host, quiet=as_json)
+    processes = 1 if show else processor_count()  # a live view has threads, which forks do not have
+    with (
+        uninterrupted(),
+        OutputFolder(out or Path("runs") / name, force, names) as folder,
+        Artists(prepared, processes) as artists,
+    ):
+        if show:
+            result = _watched(prepared, speed, browser, host, quiet=as_json)
+        else:
+            result = _executed(prepared, None, quiet=as_json, processes=processes)
         try:
             with folder.writing() as fresh:
                 written = write(prepared, result, fresh)
@@ -49,7 +56,9 @@ def run_scenario(
             if not as_json:
                 print_summary(result.summary)
             with folder.writing() as fresh:
-                drawn = _drawn(prepared, result, fresh, quiet=as_json)  # last: numbers are saved and printed by now
+                drawn = _drawn(
+                    prepared, result, fresh, artists, quiet=as_json
+                )  # last: numbers are saved and printed by now
             folder.keep()
         except RncError as error:  # the scenario is valid, but its results cannot be written
             complain(str(error))
@@ -70,27 +79,32 @@ def run_scenario(
     return FAILED
 
 
-def _drawn(prepared: Plan, result: Result, folder: Path, quiet: bool) -> Drawn:
+def _drawn(prepared: Plan, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
     """Draw the pictures with a progress bar."""
     names = picture_names(prepared)
     with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
-        return draw_pictures(prepared, result, folder, bar)
+        return draw_pictures(prepared, result, folder, bar, artists)
 
 
-def _executed(prepared: Plan, show: bool, speed: float, browser: bool, host: str, quiet: bool) -> Result:
-    """Execute the run, with the requested live view and progress bar."""
+def _watched(prepared: Plan, speed: float, browser: bool, host: str, quiet: bool) -> Result:
+    """Execute the run with a live view."""
+    from rnc_pin.app.watching import close, live_view  # Meshcat takes a second to import
+    from rnc_pin.visualization.drawn_model import DrawnModel
+
     experiment = prepared.experiment
-    live = None
-    if show:
-        title = experiment.scenario.title or prepared.name
-        drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-        live = live_view(drawn, view_of(experiment.scenario), experiment.provenance, title, speed, browser, host)
+    scenario, title = experiment.scenario, experiment.scenario.title or prepared.name
+    drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
+    live = live_view(drawn, scenario.view, experiment.provenance, title, speed, browser, host)
     try:
-        count = len(prepared.comparisons)
-        others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
-        text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
-        with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
-            return execute(prepared, live, advance, measure_limits=True)
+        return _executed(prepared, live, quiet)
     finally:
-        if live is not None:
-            close(live)
+        close(live)
+
+
+def _executed(prepared: Plan, live: Observer | None, quiet: bool, processes: int = 1) -> Result:
+    """Execute the run with a progress bar."""
+    count = len(prepared.comparisons)
+    others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
+    text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
+    with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
+        return execute(prepared, live, advance, measure_limits=True, processes=processes)

@@ -1,0 +1,180 @@
+"""Tasks on several processors: the same results to the bit, and no helper is left behind."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+
+import pytest
+
+from benchmarks.processes import alive, children
+from patience import eventually
+from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.scenario.pictures import Artists, draw_pictures, picture_names
+from rnc_pin.scenario.shared_tasks import SharedTasks, processor_count
+from rnc_pin.simulation import Outcome
+
+PARENT = os.getpid()
+QUICK = {"simulation.duration": 0.1}
+
+
+def ignored(number, value):
+    """Progress that nobody watches."""
+
+
+def results(run, helpers, count=6, **options):
+    with SharedTasks(run, range(count), helpers, **options) as tasks:
+        tasks.begin(7)
+        found = tasks.results(ignored)
+    assert not children(PARENT)
+    return found
+
+
+def slow_in_parent(number):
+    if os.getpid() == PARENT:
+        time.sleep(0.3)
+
+
+@pytest.mark.parametrize("helpers", [0, 1, 3])
+def test_results_are_in_order_whoever_finds_them(helpers):
+    def square(number, common, report):
+        slow_in_parent(number) if helpers else None
+        return number * common, os.getpid()
+
+    found = results(square, helpers)
+    assert [value for value, _ in found.values()] == [0, 7, 14, 21, 28, 35]
+    assert list(found) == list(range(6))
+    assert {process == PARENT for _, process in found.values()} == ({True, False} if helpers else {True})
+
+
+def test_progress_of_helpers_arrives():
+    def task(number, common, report):
+        slow_in_parent(number)
+        report(number, 0.5)
+
+    seen = []
+    with SharedTasks(task, range(4), 1) as tasks:
+        tasks.begin(None)
+        tasks.results(lambda number, value: seen.append((number, value)))
+    assert sorted(seen) == [(number, 0.5) for number in range(4)]
+
+
+def test_the_task_of_a_helper_that_dies_is_done_here():
+    def task(number, common, report):
+        slow_in_parent(number)
+        if os.getpid() != PARENT:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    assert results(task, 2) == {number: number for number in range(6)}
+
+
+def test_an_input_that_cannot_be_pickled_stays_here():
+    with SharedTasks(lambda number, common, report: common(number), range(3), 2) as tasks:
+        tasks.begin(lambda number: -number)
+        assert tasks.results(ignored) == {0: 0, 1: -1, 2: -2}
+
+
+def test_errors_and_warnings_of_helpers_arrive():
+    def task(number, common, report):
+        slow_in_parent(number)
+        if os.getpid() != PARENT:
+            warnings.warn("seen there", UserWarning, stacklevel=1)
+            raise ValueError("wrong there")
+
+    with pytest.warns(UserWarning, match="seen there"), pytest.raises(ValueError, match="wrong there"):
+        results(task, 1)
+    assert not children(PARENT)
+
+
+def test_ctrl_c_ends_tasks_early_and_no_other_starts():
+    def task(number, common, report):
+        try:
+            for _ in range(300):
+                if number == 0 and os.getpid() == PARENT:
+                    signal.raise_signal(signal.SIGINT)
+                time.sleep(0.1)
+        except KeyboardInterrupt:
+            return "interrupted"
+        return "completed"
+
+    begun = time.monotonic()
+    found = results(task, 1, ended_early=lambda result: result == "interrupted")
+    assert set(found.values()) == {"interrupted"}
+    assert 0 in found
+    assert len(found) <= 2
+    assert time.monotonic() - begun < 20.0
+
+
+def test_helpers_end_with_a_parent_that_is_killed(tmp_path):
+    code = (
+        "import time; from rnc_pin.scenario.shared_tasks import SharedTasks\n"
+        "tasks = SharedTasks(lambda *_: time.sleep(600), range(4), 2); tasks.begin(None); tasks.results(print)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code]) as process:
+        assert eventually(lambda: len(children(process.pid)) == 2, 60.0)
+        helpers = children(process.pid)
+        process.kill()
+    assert eventually(lambda: not any(map(alive, helpers)), 10.0)
+
+
+def test_no_processes_are_forked_beside_threads_that_simulate():
+    assert processor_count() == len(os.sched_getaffinity(0))
+    seen = []
+    import threading
+
+    thread = threading.Thread(target=lambda: seen.append(processor_count()))
+    thread.start()
+    thread.join()
+    assert seen == [1]
+
+
+# ---------------------------------------------------------------------- runs and pictures
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return execute(plan("space-robot", QUICK), measure_limits=True)
+
+
+def test_comparisons_beside_the_run_are_the_same_to_the_bit(alone):
+    shown = []
+    prepared = plan("space-robot", QUICK)
+    both = execute(prepared, progress=lambda done, _: shown.append(done), measure_limits=True, processes=2)
+    assert both.comparisons.keys() == alone.comparisons.keys()
+    for label, run in {"": alone.trajectory, **alone.comparisons}.items():
+        other = both.comparisons.get(label, both.trajectory)
+        for field in dataclasses.fields(run):
+            if field.name != "info":
+                assert getattr(run, field.name).tobytes() == getattr(other, field.name).tobytes(), field.name
+        assert run.meta == other.meta
+    assert both.summary["comparisons"] == alone.summary["comparisons"]
+    assert shown == sorted(shown)
+    assert shown[-1] == pytest.approx(prepared.total_duration)
+
+
+def test_pictures_of_several_processes_are_the_same_to_the_byte(alone, tmp_path):
+    prepared = plan("space-robot", QUICK)
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    one = draw_pictures(prepared, alone, tmp_path / "one")
+    two = draw_pictures(prepared, alone, tmp_path / "two", artists=Artists(prepared, 2))
+    assert one == two
+    assert one.written == [name for name in picture_names(prepared) if name in one.written]
+    plots = [name for name in one.written if name.endswith(".png")]
+    assert plots
+    for name in plots:  # objects of a page have random names
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    assert not list(tmp_path.glob("*/.rnc_pin*"))
+
+
+def test_a_run_that_fails_ends_its_comparisons():
+    far = {"reference.primary": {"minimum_jerk": {"to": [4, 0], "duration": 1}}, "simulation.duration": 2}
+    result = execute(plan("space-robot", {**far, "controller.preset": "paper"}), processes=2)
+    assert result.error is not None
+    assert result.trajectory.outcome is not Outcome.COMPLETED
+    assert not result.comparisons
+    assert not children(PARENT)
