@@ -122,7 +122,19 @@ def draw_pictures(
 
 
 def _import_writers() -> None:
-    from rnc_pin.scenario import animation_file, plot_files  # noqa: F401
+    for name in (ANIMATION, ""):
+        _writer(name)
+
+
+def _writer(name: str) -> Callable[[Plan, Result, Path], bool]:
+    """Function that writes a file of this name."""
+    if name == ANIMATION:
+        from rnc_pin.scenario.animation_file import write_animation
+
+        return write_animation
+    from rnc_pin.scenario.plot_files import write_plot
+
+    return write_plot
 
 
 def _drawn(plan: Plan, result: Result, path: Path) -> _Picture:
@@ -132,14 +144,9 @@ def _drawn(plan: Plan, result: Result, path: Path) -> _Picture:
         KeyboardInterrupt: the user interrupted it.
     """
     try:
+        write = _writer(path.name)  # not interruptible: C libraries turn Ctrl-C during imports into their own errors
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-            if path.name == ANIMATION:
-                from rnc_pin.scenario.animation_file import write_animation
-
-                return _Picture(write_animation(plan, result, path))
-            from rnc_pin.scenario.plot_files import write_plot
-
-            return _Picture(write_plot(plan, result, path))
+            return _Picture(write(plan, result, path))
     except KeyboardInterrupt:
         path.unlink(missing_ok=True)
         raise

@@ -289,6 +289,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((saved, capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
+    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)  # what is printed is read in one process
     monkeypatch.setattr(plot_files, "plot_run", fail)
     monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
@@ -345,18 +346,30 @@ AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
 
 
 @pytest.mark.parametrize("interrupt", [AS_EXCEPTION, AS_SIGNAL], ids=["exception", "signal"])
-@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "pinocchio", "matplotlib", "rnc_pin.app.commands.run"])
+@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "pinocchio", "rnc_pin.app.commands.run"])
 def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
-    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    process = subprocess.run(
-        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
-        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    process = run_interrupted_at(module, interrupt, tmp_path)
     assert process.stderr == "rnc-pin: error: interrupted\n"
     # Something is said before anything that takes long is imported.
     said = "" if module in ("click", "yaml") else "space-robot: reading the scenario ...\n"
     assert (process.returncode, process.stdout) == (1, said)
+
+
+@pytest.mark.parametrize("interrupt", [AS_EXCEPTION, AS_SIGNAL], ids=["exception", "signal"])
+def test_an_interrupted_import_for_pictures_keeps_the_run(interrupt, tmp_path):
+    process = run_interrupted_at("matplotlib", interrupt, tmp_path)
+    assert process.stderr == f"rnc-pin: error: interrupted; results so far are in {tmp_path / 'out'}\n"
+    assert process.returncode == 1
+    assert rnc.Trajectory.load(tmp_path / "out" / "trajectory.npz").outcome is rnc.Outcome.COMPLETED
+
+
+def run_interrupted_at(module, interrupt, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["run", "inspect", "sweep"])
