@@ -368,7 +368,7 @@ def run_interrupted_at(module, interrupt, tmp_path):
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     return subprocess.run(
         [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
-        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60,
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=180,
     )  # fmt: skip
 
 
