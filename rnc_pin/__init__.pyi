@@ -1,6 +1,19 @@
 """Exports of ``rnc_pin``. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
 
-from . import analysis, collision, constraints, control, errors, loop, outputs, planning, plants, robots, simulation
+from . import (
+    analysis,
+    collision,
+    constraints,
+    control,
+    errors,
+    loop,
+    optimal,
+    outputs,
+    planning,
+    plants,
+    robots,
+    simulation,
+)
 from ._kernel import kernel
 from .analysis import (
     Equilibrium,
@@ -144,6 +157,7 @@ __all__ = [
     "linearize",
     "loop",
     "lqr",
+    "optimal",
     "outputs",
     "planning",
     "plants",

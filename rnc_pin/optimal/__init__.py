@@ -1,0 +1,30 @@
+"""Optimal control of reduced systems: plans within bounds, feedback along them, model-predictive control."""
+
+from rnc_pin.optimal.action_models import ActionModel, action_model
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
+from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, OutputCost, PostureCost, VelocityCost
+from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
+from rnc_pin.optimal.planner import plan_motion as plan
+from rnc_pin.optimal.sequential_quadratic import SolverSettings
+
+__all__ = [
+    "AccelerationCost",
+    "ActionModel",
+    "BoundKind",
+    "CostKind",
+    "DistanceBound",
+    "EffortCost",
+    "InputBound",
+    "MotionPlan",
+    "OutputBound",
+    "OutputCost",
+    "PlanInfo",
+    "PlanVerification",
+    "PlannedOutputs",
+    "PostureCost",
+    "SolverSettings",
+    "VelocityBound",
+    "VelocityCost",
+    "action_model",
+    "plan",
+]

@@ -1,0 +1,232 @@
+"""Action models of a reduced system: states, inputs and one step of the integrator with exact derivatives.
+
+    kinematic       state q          input v2
+    acceleration    state (q, v2)    input v2_dot
+    dynamic         state (q, v2)    input T
+
+One step of length h with constant input u is the exponential midpoint rule, of second order:
+
+    q_m = q (+) h/2 v(x, u),   v2_m = v2 + h/2 v2_dot(x, u)
+    q'  = q (+) h v(x_m, u),   v2'  = v2 + h v2_dot(x_m, u)
+
+``(+)`` is the exponential map of the configuration manifold, so quaternions and planar bases keep their norm. All nodes
+are evaluated in one block.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.state_manifold import StateManifold
+
+Form = Literal["kinematic", "acceleration", "dynamic"]
+
+
+class Nodes(NamedTuple):
+    """States of n nodes."""
+
+    q: Float[Array, "n nq"]
+    w: Float[Array, "n nw"]
+    """Reduced velocities; none, (n, 0), in the kinematic form."""
+
+
+class FlowDerivatives(NamedTuple):
+    """Velocity and acceleration at n nodes, with their derivatives by (tangent of q, v2, u)."""
+
+    v: Float[Array, "n nv"]
+    a: Float[Array, "n nw"]
+    v_q: Float[Array, "n nv nv"]
+    v_w: Float[Array, "n nv r"]
+    a_q: Float[Array, "n nw nv"]
+    a_w: Float[Array, "n nw r"]
+    a_u: Float[Array, "n nw nu"]
+
+
+@dataclass(frozen=True)
+class StepDerivatives:
+    """Next states of n nodes, with derivatives along the tangent space: x (nv + nw), u, and the step h."""
+
+    after: Nodes
+    x: Float[Array, "n nx nx"]
+    u: Float[Array, "n nx nu"]
+    h: Float[Array, "n nx"]
+    flow: FlowDerivatives
+    """Flow at the start of the steps."""
+
+
+class ActionModel(ABC):
+    """Family of the action models of a reduced system.
+
+    Args:
+        reduced: the model.
+
+    Attributes:
+        form: name of the form.
+        nv, nw, nx, nu: sizes of the tangent of q, of the velocity part of the state, of the whole state, and of the
+            input.
+        input_names: names of the inputs.
+    """
+
+    form: Form
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        self.reduced = reduced
+        self.manifold = StateManifold(reduced.robot.model)
+        self.nv, self.r = reduced.n, reduced.r
+        self.nw = 0 if self.form == "kinematic" else reduced.r
+        self.nx = self.nv + self.nw
+        self.input_names: tuple[str, ...] = self._input_names()
+        self.nu = len(self.input_names)
+
+    @abstractmethod
+    def _input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+
+    @abstractmethod
+    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
+        """Velocity (n, nv) and acceleration (n, nw) at nodes."""
+
+    @abstractmethod
+    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
+        """The same with derivatives."""
+
+    def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
+        """Reduced velocities at nodes."""
+        return at.w
+
+    def step(self, at: Nodes, u: Array, h: Array) -> Nodes:
+        """Next states of nodes after steps h (n,) [s]."""
+        h = np.asarray(h)[:, None]
+        v, a = self.flow(at, u)
+        middle = Nodes(self.manifold.integrate(at.q, h / 2 * v), at.w + h / 2 * a)
+        v, a = self.flow(middle, u)
+        return Nodes(self.manifold.integrate(at.q, h * v), at.w + h * a)
+
+    def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
+        """Next states of nodes after steps h (n,) [s], with derivatives."""
+        n, nv, nw, nu, nx = len(at.q), self.nv, self.nw, self.nu, self.nx
+        half = np.asarray(h) / 2
+        columns = nx + nu + 1
+        first = self.flow_derivatives(at, u)
+        start_q, start_w, input_ = np.split(np.eye(columns)[:-1], [nv, nx])
+        v, a = self._columns(first, start_q, start_w, input_, n)
+
+        turned, pushed = self.manifold.integrate_derivatives(at.q, half[:, None] * first.v)
+        rate_q = half[:, None, None] * v
+        rate_q[:, :, -1] += first.v / 2
+        middle_q = turned @ start_q + pushed @ rate_q
+        middle_w = start_w + half[:, None, None] * a
+        middle_w[:, :, -1] += first.a / 2
+        middle = Nodes(self.manifold.integrate(at.q, half[:, None] * first.v), at.w + half[:, None] * first.a)
+        second = self.flow_derivatives(middle, u)
+        v, a = self._columns(second, middle_q, middle_w, input_, n)
+
+        step = 2 * half[:, None]
+        turned, pushed = self.manifold.integrate_derivatives(at.q, step * second.v)
+        rate_q = step[:, :, None] * v
+        rate_q[:, :, -1] += second.v
+        out = np.empty((n, nx, columns))
+        out[:, :nv] = turned @ start_q + pushed @ rate_q
+        out[:, nv:] = start_w + step[:, :, None] * a
+        out[:, nv:, -1] += second.a
+        after = Nodes(self.manifold.integrate(at.q, step * second.v), at.w + step * second.a)
+        assert nw + nv == nx
+        return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
+
+    def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array, n: int) -> tuple[Array, Array]:
+        """Derivatives of velocity and acceleration (n, ..., columns), from those of configuration and velocity."""
+        speed = u if self.form == "kinematic" else w
+        return flow.v_q @ q + flow.v_w @ speed, flow.a_q @ q + flow.a_w @ speed + flow.a_u @ u
+
+    def difference(self, start: Nodes, end: Nodes) -> Float[Array, "n nx"]:
+        """Tangent vectors that lead from some states to others."""
+        return np.concatenate([self.manifold.difference(start.q, end.q), end.w - start.w], axis=1)
+
+    def displaced(self, at: Nodes, by: Float[Array, "n nx"]) -> Nodes:
+        """States displaced by tangent vectors."""
+        return Nodes(self.manifold.integrate(at.q, by[:, : self.nv]), at.w + by[:, self.nv :])
+
+
+class KinematicModel(ActionModel):
+    """State q, input v2: ``q_dot = R(q) v2``."""
+
+    form: Form = "kinematic"
+
+    def _input_names(self) -> tuple[str, ...]:
+        return tuple(self.reduced.reducing.names)
+
+    def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
+        if u is None:
+            raise ConfigurationError("form 'kinematic': the velocity is an input, so the last state has none")
+        return u
+
+    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
+        return self.reduced.at(at.q, u).v, np.empty((len(at.q), 0))
+
+    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
+        n, nv, r = len(at.q), self.nv, self.r
+        found = state_derivatives(self.reduced, at.q, u, np.zeros((n, self.reduced.p)))
+        none = np.empty((n, 0, r))
+        return FlowDerivatives(found.v, none[:, :, 0], found.v_q, found.v_v2, np.empty((n, 0, nv)), none, none)
+
+
+class AccelerationModel(ActionModel):
+    """State (q, v2), input v2_dot."""
+
+    form: Form = "acceleration"
+
+    def _input_names(self) -> tuple[str, ...]:
+        return tuple(f"{name}_dot" for name in self.reduced.reducing.names)
+
+    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
+        return self.reduced.at(at.q, at.w).v, u
+
+    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
+        n, nv, r = len(at.q), self.nv, self.r
+        found = state_derivatives(self.reduced, at.q, at.w, np.zeros((n, self.reduced.p)))
+        eye = np.broadcast_to(np.eye(r), (n, r, r))
+        return FlowDerivatives(found.v, u, found.v_q, found.v_v2, np.zeros((n, r, nv)), np.zeros((n, r, r)), eye)
+
+
+class DynamicModel(ActionModel):
+    """State (q, v2), input T."""
+
+    form: Form = "dynamic"
+
+    def _input_names(self) -> tuple[str, ...]:
+        return tuple(self.reduced.actuation.names)
+
+    def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
+        state = self.reduced.at(at.q, at.w)
+        return state.v, self.reduced.forward_dynamics(at.q, at.w, u)
+
+    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
+        found = state_derivatives(self.reduced, at.q, at.w, u)
+        return FlowDerivatives(
+            found.v, found.v2_dot, found.v_q, found.v_v2, found.v2_dot_q, found.v2_dot_v2, found.v2_dot_T
+        )
+
+
+_FORMS: dict[str, type[ActionModel]] = {each.form: each for each in (KinematicModel, AccelerationModel, DynamicModel)}
+
+
+def action_model(reduced: ReducedModel, form: str) -> ActionModel:
+    """Return the action model of a form.
+
+    Raises:
+        ConfigurationError: unknown form, or the dynamic form of a system without actuators.
+    """
+    if form not in _FORMS:
+        raise ConfigurationError(f"form '{form}': expected one of {', '.join(_FORMS)}{nearest(str(form), _FORMS)}")
+    if form == "dynamic" and not reduced.p:
+        raise ConfigurationError("form 'dynamic': the system has no actuators; use 'acceleration' or 'kinematic'")
+    return _FORMS[form](reduced)

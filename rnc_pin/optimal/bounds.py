@@ -1,0 +1,263 @@
+"""Hard bounds of optimal control: ``lower <= c(x, u) <= upper`` at every node."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.collision import CollisionDistances
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.optimal.action_models import ActionModel
+from rnc_pin.optimal.costs import velocity_rows
+from rnc_pin.optimal.node_data import NodeData, RowValues
+from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
+
+_FAR = 1e3  # [m], distance of a row without a pair
+
+
+class NodeBound(ABC):
+    """Bounded rows for one action model.
+
+    Attributes:
+        names: names of the rows.
+        lower, upper: limits (k,).
+        of_state: True if the rows depend on the state only, so that they also hold at the end.
+    """
+
+    def __init__(self, names: Sequence[str], lower: Any, upper: Any, of_state: bool) -> None:
+        self.names, self.of_state = tuple(names), of_state
+        self.lower = _limits(lower, self.names, -np.inf)
+        self.upper = _limits(upper, self.names, np.inf)
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            if not low <= high:
+                raise InputError(f"bound of {name}: lower limit {low:g} is above upper limit {high:g}")
+
+    @abstractmethod
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        """Rows at nodes."""
+
+
+class BoundKind(ABC):
+    """Family of the bounds. Each binds to an action model."""
+
+    @abstractmethod
+    def bind(self, model: ActionModel) -> NodeBound:
+        """Return the bound of an action model."""
+
+
+@dataclass(frozen=True)
+class InputBound(BoundKind):
+    """Limits of the inputs of the action model: v2, v2_dot or T.
+
+    Args:
+        lower: limits: a number, one for each input, or limits by name; no limit by default.
+        upper: the same.
+
+    Example:
+        >>> rnc.optimal.InputBound(-1.0, {"sleigh_yaw": 0.5}).upper
+        {'sleigh_yaw': 0.5}
+    """
+
+    lower: Any = None
+    upper: Any = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return _Input(model.input_names, self.lower, self.upper, of_state=False)
+
+
+class _Input(NodeBound):
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        assert nodes.u is not None
+        n, nu = nodes.u.shape
+        return RowValues(nodes.u, None, np.broadcast_to(np.eye(nu), (n, nu, nu)))
+
+
+@dataclass(frozen=True)
+class VelocityBound(BoundKind):
+    """Limits of the reduced velocities.
+
+    Args:
+        lower: limits: a number, one for each reducing output, or limits by name; no limit by default.
+        upper: the same.
+
+    Example:
+        >>> rnc.optimal.VelocityBound(-0.5, 0.5).lower
+        -0.5
+    """
+
+    lower: Any = None
+    upper: Any = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        of_state = model.form != "kinematic"
+        return _Speed(model.reduced.reducing.names, self.lower, self.upper, of_state)
+
+
+class _Speed(NodeBound):
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        return RowValues(nodes.v2, *velocity_rows(nodes))
+
+
+@dataclass(frozen=True)
+class OutputBound(BoundKind):
+    """Limits of outputs, for example of joint positions.
+
+    Args:
+        output: an output object, the name of an output of the model, or a list of these.
+        lower: limits: a number, one for each row, or limits by name; no limit by default.
+        upper: the same.
+
+    Example:
+        >>> rnc.optimal.OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6).upper
+        0.6
+    """
+
+    output: Any
+    lower: Any = None
+    upper: Any = None
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return _OutputLimits(self, model)
+
+
+class _OutputLimits(NodeBound):
+    def __init__(self, bound: OutputBound, model: ActionModel) -> None:
+        self._outputs = NodeOutputs(model.reduced, bound.output)
+        super().__init__(self._outputs.names, bound.lower, bound.upper, of_state=True)
+
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        found = RowValues(self._outputs.value(nodes))
+        if derivatives:
+            J = self._outputs.jacobian(nodes)
+            found.x = np.concatenate([J, np.zeros((*J.shape[:2], nodes.model.nw))], axis=2)
+        return found
+
+
+@dataclass(frozen=True)
+class DistanceBound(BoundKind):
+    """Smallest distance of links from each other and from obstacles, of the nearest pairs at each node.
+
+    Args:
+        distances: distances of a robot with its obstacles.
+        clearance: smallest allowed distance [m].
+        pairs: number of pairs that count at each node; the nearest ones.
+
+    Example:
+        >>> import coal
+        >>> robot = rnc.Robot.from_example("panda")
+        >>> shelf = rnc.collision.Obstacle(coal.Box(0.2, 0.8, 0.4), position=(0.6, 0.0, 0.2), name="shelf")
+        >>> rnc.optimal.DistanceBound(rnc.collision.CollisionDistances(robot, [shelf]), clearance=0.05).pairs
+        6
+    """
+
+    distances: CollisionDistances
+    clearance: float = 0.0
+    pairs: int = 6
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return _Clearance(self)
+
+
+class _Clearance(NodeBound):
+    def __init__(self, bound: DistanceBound) -> None:
+        self._distances = bound.distances
+        self._count = min(bound.pairs, len(bound.distances.pairs))
+        names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
+        super().__init__(names, bound.clearance, None, of_state=True)
+
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        model = nodes.model
+        value = np.full((nodes.size, self._count), _FAR)
+        x = np.zeros((nodes.size, self._count, model.nx))
+        for k, (q, t) in enumerate(zip(nodes.at.q, nodes.time, strict=True)):
+            found = self._distances.at(q, float(t))
+            nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
+            value[k, : len(nearest_first)] = found.distance[nearest_first]
+            x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
+        return RowValues(value, x)
+
+
+class GoalRows(NodeBound):
+    """Goal at the end: outputs with values, or a configuration, and rest.
+
+    Args:
+        model: action model.
+        goal: values by output, or a configuration (nq,).
+        at_rest: True if the reduced velocities vanish at the end; no effect in the kinematic form.
+
+    Raises:
+        ConfigurationError: the goal is empty, or names an unknown output.
+        InputError: a value has the wrong shape or is not finite.
+    """
+
+    def __init__(self, model: ActionModel, goal: Any, at_rest: bool) -> None:
+        self._q: Array | None = None
+        self._outputs: list[tuple[NodeOutputs, Array]] = []
+        names: list[str] = []
+        if isinstance(goal, Mapping):
+            for output, value in goal.items():
+                found = NodeOutputs(model.reduced, output)
+                value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
+                self._outputs.append((found, found.target(value, "goal")))
+                names += found.names
+        else:
+            self._q = np.array(model.reduced.at(goal).q)
+            if self._q.ndim != 1:
+                raise InputError(f"goal: expected one configuration, found shape {self._q.shape}")
+            names += model.reduced.robot.velocity_names
+        if not names:
+            raise ConfigurationError("goal: expected values of at least one output, or a configuration")
+        self._rest = at_rest and model.form != "kinematic"
+        if self._rest:
+            names += [f"{name} (rest)" for name in model.reduced.reducing.names]
+        super().__init__([f"goal {name}" for name in names], 0.0, 0.0, of_state=True)
+
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        model, n = nodes.model, nodes.size
+        values, positions = [], []
+        if self._q is not None:
+            start = np.broadcast_to(self._q, nodes.at.q.shape)
+            values.append(model.manifold.difference(start, nodes.at.q))
+            if derivatives:
+                positions.append(model.manifold.difference_derivative(start, nodes.at.q))
+        for outputs, target in self._outputs:
+            error = outputs.error(nodes, target)
+            values.append(error)
+            if derivatives:
+                positions.append(outputs.error_jacobian(nodes, error))
+        if self._rest:
+            values.append(nodes.at.w)
+        found = RowValues(np.concatenate(values, axis=1))
+        if derivatives:
+            found.x = np.zeros((n, len(self.names), model.nx))
+            J = np.concatenate(positions, axis=1)
+            found.x[:, : J.shape[1], : model.nv] = J
+            if self._rest:
+                found.x[:, J.shape[1] :, model.nv :] = np.eye(model.r)
+        return found
+
+
+def _limits(given: Any, names: Sequence[str], default: float) -> Array:
+    limits = np.full(len(names), default)
+    if given is None:
+        return limits
+    if isinstance(given, Mapping):
+        for name, value in given.items():
+            if name not in names:
+                raise ConfigurationError(f"bound: no '{name}'{nearest(str(name), names)}")
+            limits[names.index(name)] = float(value)
+        return limits
+    try:
+        array = np.asarray(given, dtype=float)
+        limits[:] = array
+    except (TypeError, ValueError):
+        raise InputError(f"bound of {', '.join(names)}: expected a number, or {len(names)}, found {given!r}") from None
+    if np.isnan(limits).any():
+        raise InputError(f"bound of {', '.join(names)}: not a number, found {given!r}")
+    return limits

@@ -1,0 +1,148 @@
+"""Guesses of motions: a straight line on the manifold, configurations, another plan, random velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
+from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.optimal.action_models import ActionModel, Nodes
+from rnc_pin.optimal.motion_plan import MotionPlan
+from rnc_pin.optimal.transcription import Iterate, Transcription
+from rnc_pin.planning import solve_ik
+
+_HARMONICS = 3
+
+
+def guesses(problem: Transcription, goal: Any, given: Any, seeds: int, seed: int) -> Iterator[tuple[str, Iterate]]:
+    """Named guesses, in the order in which they are tried.
+
+    Args:
+        problem: the problem.
+        goal: the goal, for the straight line.
+        given: a plan, configurations (n, nq) at equal times, an iterate, or None for the straight line.
+        seeds: number of random guesses after it.
+        seed: of the random generator.
+    """
+    begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
+    end = _goal_configuration(problem.model, problem.start.q[0], goal)
+    line = problem.model.manifold.interpolate(problem.start.q[0], end, np.linspace(0.0, 1.0, problem.K + 1))
+    if given is None:
+        yield "straight line", along(problem.model, line, begin)
+    else:
+        yield "given", _given(problem, given, begin)
+    generator = np.random.default_rng(seed)
+    made = 0
+    for attempt in range(10 * seeds):
+        if made == seeds:
+            break
+        try:
+            found = random_motion(problem, line, begin, generator, warped=attempt % 2 == 1)
+        except RncError:  # the random motion met a singular configuration
+            continue
+        made += 1
+        yield f"random {made}", found
+
+
+def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:
+    """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
+    K = len(q) - 1
+    h = duration / K
+    v = model.manifold.difference(q[:-1], q[1:]) / h
+    J2 = model.reduced.at(q[:-1]).J2
+    v2 = np.einsum("kri,ki->kr", J2, v) if w is None else w
+    if model.form == "kinematic":
+        return Iterate(q, np.empty((K + 1, 0)), v2, duration)
+    nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
+    nodes[0] = 0.0
+    rates = np.diff(nodes, axis=0) / h
+    if model.form == "acceleration":
+        return Iterate(q, nodes, rates, duration)
+    return Iterate(q, nodes, inputs_for(model, Nodes(q[:-1], nodes[:-1]), rates), duration)
+
+
+def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:
+    """Actuator inputs (n, p) that come nearest to reduced accelerations (n, r)."""
+    state = model.reduced.at(at.q, at.w)
+    F = state.inverse_dynamics(rates)
+    try:
+        return np.array(model.reduced.allocate(at.q, F))
+    except ConstraintError:  # fewer actuators than velocities
+        return np.einsum("kpr,kr->kp", np.linalg.pinv(state.input_matrix), F)
+
+
+def random_motion(
+    problem: Transcription, line: Array, duration: float, generator: np.random.Generator, warped: bool
+) -> Iterate:
+    """Motion with random harmonic velocities from the start; warped: bent so that it ends at the end of the line."""
+    model, K = problem.model, problem.K
+    h = duration / K
+    straight = np.abs(along(model, line, duration).u if model.form == "kinematic" else _speeds(model, line, h))
+    size = np.maximum(2.0 * straight.mean(axis=0), 3.0 / duration)
+    phase = np.pi * (np.arange(K) + 0.5) / K
+    v2 = sum(
+        generator.normal(size=(1, model.r)) * size * np.sin(j * phase)[:, None] / np.sqrt(j)
+        for j in range(1, _HARMONICS + 1)
+    )
+    assert isinstance(v2, np.ndarray)
+    q = [problem.start.q[0]]
+    for k in range(K):
+        v = model.reduced.at(q[-1], v2[k]).v
+        q.append(model.manifold.integrate(q[-1][None], h * v[None])[0])
+    path = np.array(q)
+    if warped:
+        offset = model.manifold.difference(path[-1:], line[-1:])
+        path = model.manifold.integrate(path, np.linspace(0.0, 1.0, K + 1)[:, None] ** 2 * offset)
+    return along(model, path, duration, v2)
+
+
+def _speeds(model: ActionModel, q: Array, h: float) -> Array:
+    v = model.manifold.difference(q[:-1], q[1:]) / h
+    return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
+
+
+def _goal_configuration(model: ActionModel, q0: Array, goal: Any) -> Array:
+    """Configuration that reaches the goal; q0 if none is found."""
+    if goal is None:
+        return q0
+    if not isinstance(goal, Mapping):
+        return np.array(model.reduced.at(goal).q)
+    try:
+        found = solve_ik(model.reduced, q0, goal, limits=False, starts=3)
+    except (ConfigurationError, InputError):  # a list of outputs
+        return q0
+    return np.array(found.q) if found.converged else q0
+
+
+def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
+    """Guess from a plan, an iterate or configurations."""
+    K, model = problem.K, problem.model
+    if isinstance(given, Iterate):
+        return given
+    if isinstance(given, MotionPlan):
+        inside = np.clip(given.duration, *problem.duration)
+        if given.info.form == model.form and len(given.u) == K:
+            return Iterate(np.array(given.q), np.array(given.w), np.array(given.u), float(inside))
+        return along(model, _resampled(model, given.q, K), float(inside))
+    try:
+        rows = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"guess: expected a plan or configurations (n, nq), found {given!r}") from None
+    if rows.ndim != 2 or rows.shape[1] != model.reduced.robot.nq or len(rows) < 2:
+        raise InputError(f"guess: expected configurations (n, {model.reduced.robot.nq}), found shape {rows.shape}")
+    rows = ConfigurationValidator(model.reduced.robot).validate(rows)
+    return along(model, _resampled(model, rows, K), duration)
+
+
+def _resampled(model: ActionModel, q: Array, K: int) -> Array:
+    """Configurations (K + 1, nq) at equal times along others."""
+    places = np.linspace(0.0, len(q) - 1.0, K + 1)
+    found = []
+    for place in places:
+        k = min(int(place), len(q) - 2)
+        found.append(model.manifold.interpolate(q[k], q[k + 1], np.array([place - k]))[0])
+    return np.array(found)

@@ -1,0 +1,70 @@
+"""Riccati recursion of an unconstrained linear-quadratic problem, for one or many right-hand sides."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.errors import SimulationError
+
+
+class RiccatiFactors:
+    """Factors of ``1/2 z^T H z`` under ``x_next = A x + B u``; z = (x, u).
+
+    Args:
+        AB: dynamics (N, nx, nz).
+        H: Hessians (N, nz, nz).
+        H_end: Hessian of the last state (nx, nx).
+
+    Attributes:
+        K: feedback ``u = K x + ...`` (N, nu, nx).
+        P: Hessians of the cost to go (N + 1, nx, nx).
+
+    Raises:
+        SimulationError: the problem is not convex.
+    """
+
+    def __init__(self, AB: Array, H: Array, H_end: Array) -> None:
+        N, nx, nz = AB.shape
+        self._AB, self._nx = AB, nx
+        self.P = np.empty((N + 1, nx, nx))
+        self.K = np.empty((N, nz - nx, nx))
+        self._inverse = np.empty((N, nz - nx, nz - nx))
+        self.P[N] = P = H_end
+        eye = np.eye(nz - nx)
+        for k in range(N - 1, -1, -1):
+            F = AB[k]
+            M = H[k] + F.T @ (P @ F)
+            factor, failed = scipy.linalg.lapack.dpotrf(M[nx:, nx:], lower=1)
+            if failed:
+                raise SimulationError("the linear-quadratic subproblem is not convex")
+            inverse, _ = scipy.linalg.lapack.dpotrs(factor, eye, lower=1)
+            cross = M[nx:, :nx]
+            K = -inverse @ cross
+            P = M[:nx, :nx] + cross.T @ K
+            P = (P + P.T) / 2
+            self._inverse[k], self.K[k], self.P[k] = inverse, K, P
+
+    def solve(
+        self, g: Float[Array, "N nz m"], g_end: Float[Array, "nx m"], gap: Float[Array, "N nx m"]
+    ) -> tuple[Float[Array, "N nz m"], Float[Array, "nx m"], Float[Array, "N1 nx m"]]:
+        """Minimisers z and last states for linear terms g and offsets of the dynamics, and the costates."""
+        N, nx = len(self._AB), self._nx
+        carried = self.P[1:] @ gap
+        p = np.empty((N + 1, *g_end.shape))
+        p[N] = g_end
+        feedforward = np.empty((N, *g[0, nx:].shape))
+        for k in range(N - 1, -1, -1):
+            m = g[k] + self._AB[k].T @ (p[k + 1] + carried[k])
+            feedforward[k] = -self._inverse[k] @ m[nx:]
+            p[k] = m[:nx] + self.K[k].T @ m[nx:]
+        z, x = np.empty_like(g), np.zeros_like(g_end)
+        states = np.empty((N + 1, *g_end.shape))
+        for k in range(N):
+            states[k] = z[k, :nx] = x
+            z[k, nx:] = self.K[k] @ x + feedforward[k]
+            x = self._AB[k] @ z[k] + gap[k]
+        states[N] = x
+        return z, x, self.P @ states + p

@@ -1,0 +1,191 @@
+"""Sequential quadratic programming over the nodes of an optimal control problem.
+
+Every iteration linearises all nodes in one block and solves the subproblem. A line search on the merit function
+``cost + weight * violations + gap weight * gaps``, with rows in units of their typical size, accepts the step. The
+subproblem has the same elastic rows (Fletcher's Sl1QP; Nocedal and Wright, "Numerical Optimization" (2006), 18.5), so
+its solution descends. A step that fails is repeated with more damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rnc_pin.errors import RncError, SimulationError
+from rnc_pin.optimal.interior_point import InteriorPointSolver
+from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic, input_scales, typical_sizes
+from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
+
+_LENGTHS = 0.5 ** np.arange(8)
+_SUFFICIENT = 1e-4  # part of the predicted decrease that a step has to reach
+_MOST_DAMPING, _LEAST_DAMPING, _FIRST_DAMPING = 1e6, 1e-8, 1e-3
+_MOST_WEIGHT, _HEAVIER = 1e9, 30.0
+_PATIENCE = 4  # iterations in which the violation has to be halved
+
+SolverOutcome = Literal["solved", "feasible", "infeasible"]
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Settings of the planner.
+
+    Args:
+        nodes: number of intervals.
+        iterations: largest number of iterations.
+        tolerance: largest violation of bounds, goal and dynamics [their units].
+        cost_tolerance: relative change of the cost at which the iterations end.
+        penalty: first cost of a violation, in units of the row's typical size. It rises while violations remain.
+        substeps: integrator steps of the verification in each interval.
+
+    Example:
+        >>> rnc.optimal.SolverSettings(nodes=60).iterations
+        100
+    """
+
+    nodes: int = 40
+    iterations: int = 100
+    tolerance: float = 1e-5
+    cost_tolerance: float = 1e-6
+    penalty: float = 1e3
+    substeps: int = 20
+
+
+@dataclass
+class Solution:
+    """Result of the iterations."""
+
+    iterate: Iterate
+    cost: float
+    violation: Violation
+    iterations: int
+    outcome: SolverOutcome
+    """Converged; within tolerance, but the cost still changes; or not within tolerance."""
+
+
+class _Sizes(NamedTuple):
+    """Typical sizes of rows (K + 1, k) and of states (nx,)."""
+
+    rows: np.ndarray
+    states: np.ndarray
+
+
+class SequentialQuadratic:
+    """Iterations on one problem.
+
+    Args:
+        problem: the problem.
+        settings: settings.
+    """
+
+    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
+        self.problem, self.settings = problem, settings
+        self._solver = InteriorPointSolver()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget damping and penalties of earlier iterations."""
+        self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
+
+    def solve(self, guess: Iterate) -> Solution:
+        """Improve a guess until it converges."""
+        s, at, calm, count, done = self.settings, guess, 0, 0, False
+        self.restart()
+        values = self.problem.values(at)
+        mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
+        while count < s.iterations:
+            count += 1
+            found = self.iterate(at)
+            if found is None:
+                done = not self._raise_penalty(values, at.duration)
+                if done:
+                    break
+                continue
+            change = abs(found[1].cost - values.cost) / max(1e-9, abs(values.cost))
+            at, values = found
+            amount = self.problem.worst(values, at.duration).amount
+            mark, age = (amount, 0) if amount < 0.5 * mark else (mark, age + 1)
+            if age > _PATIENCE and self._raise_penalty(values, at.duration):
+                mark, age = amount, 0
+            calm = calm + 1 if change < s.cost_tolerance else 0
+            if calm >= 3 and not self._raise_penalty(values, at.duration):
+                done = True
+                break
+        violation = self.problem.worst(values, at.duration)
+        within: SolverOutcome = "solved" if done else "feasible"
+        return Solution(at, values.cost, violation, count, within if violation.amount <= s.tolerance else "infeasible")
+
+    def _raise_penalty(self, values: Values, duration: float) -> bool:
+        """Raise the cost of violations if there are some; False if there are none or it is at its limit."""
+        if self.problem.worst(values, duration).amount <= self.settings.tolerance or self._weight >= _MOST_WEIGHT:
+            return False
+        self._weight, self._damping = _HEAVIER * self._weight, _FIRST_DAMPING
+        return True
+
+    def iterate(self, at: Iterate) -> tuple[Iterate, Values] | None:
+        """One iteration: the next iterate with its values; None if no step improves the merit function."""
+        problem, values = self.problem.linearize(at)
+        sizes = self._sizes(problem)
+        while self._damping < _MOST_DAMPING:
+            try:
+                direction = self._solver.solve(problem, self._damping, self._weight)
+            except SimulationError:
+                self._damping = max(10 * self._damping, 1e-3)
+                continue
+            found = self._searched(at, values, problem, direction, sizes)
+            if found is not None:
+                after, result, length = found
+                factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
+                self._damping = max(_LEAST_DAMPING, factor * self._damping)
+                return after, result
+            self._damping = max(20 * self._damping, 1e-4)
+        return None
+
+    def _searched(
+        self, at: Iterate, values: Values, problem: LinearQuadratic, direction: Direction, sizes: _Sizes
+    ) -> tuple[Iterate, Values, float] | None:
+        """Line search along a direction: the next iterate, its values, and the step length."""
+        nx = len(sizes.states)
+        costate = np.abs(direction.costate[1:, :nx] * sizes.states)
+        self._gap_weight = max(0.5 * self._gap_weight, 1.5 * float(costate.max(initial=0.0)))
+        merit = self._merit(values, sizes)
+        predicted = merit - _merit_of_subproblem(problem, direction, values.cost, sizes, self._weight)
+        rounding = 1e-12 * max(1.0, abs(merit))
+        for length in _LENGTHS:
+            after = self.problem.moved(at, direction.x, direction.u, float(length))
+            try:
+                result = self.problem.values(after)
+            except RncError:  # a singular configuration: shorter steps may avoid it
+                continue
+            now = self._merit(result, sizes)
+            if np.isfinite(now) and now <= merit - _SUFFICIENT * length * max(0.0, predicted) + rounding:
+                return after, result, float(length)
+        return None
+
+    def _sizes(self, problem: LinearQuadratic) -> _Sizes:
+        rows, states = typical_sizes(problem, input_scales(problem))
+        if self.problem.free:
+            rows, states = rows[1:, :-1], states[1:, :-1]
+        floor = max(1e-3 * float(states.max()), 1e-9)
+        return _Sizes(rows, np.maximum(states.max(axis=0), floor))
+
+    def _merit(self, values: Values, sizes: _Sizes) -> float:
+        gaps = float((np.abs(values.gaps) / sizes.states).sum())
+        beyond = float((self.problem.excess(values) / sizes.rows).sum())
+        return values.cost + self._gap_weight * gaps + self._weight * beyond
+
+
+def _merit_of_subproblem(
+    problem: LinearQuadratic, direction: Direction, cost: float, sizes: _Sizes, weight: float
+) -> float:
+    """Merit function of the subproblem after the whole step; the linearised dynamics hold."""
+    z = np.concatenate([direction.x[:-1], direction.u], axis=1)
+    end = direction.x[-1]
+    cost += float((problem.g * z).sum() + problem.g_end @ end)
+    cost += 0.5 * float(np.einsum("ni,nij,nj->", z, problem.H, z) + end @ problem.H_end @ end)
+    value = np.einsum("nkx,nx->nk", problem.C, direction.x)
+    value[:-1] += np.einsum("nku,nu->nk", problem.D[:-1], direction.u)
+    beyond = np.maximum(0.0, np.maximum(problem.lower - value, value - problem.upper))
+    shift = len(beyond) - len(sizes.rows)  # a free duration adds a stage and a row, which always holds
+    return cost + weight * float((beyond[shift:, : sizes.rows.shape[1]] / sizes.rows).sum())

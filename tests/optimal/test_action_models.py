@@ -1,0 +1,61 @@
+"""Steps of the action models: derivatives against central differences, and the order of the integrator."""
+
+import numpy as np
+import pytest
+
+import systems
+from rnc_pin.optimal.action_models import Nodes, action_model
+
+FORMS = ["kinematic", "acceleration", "dynamic"]
+SYSTEMS = {"sleigh": systems.sleigh, "space robot": systems.space_robot_in_joints}
+
+
+def random_nodes(model, count=4, seed=0):
+    generator = np.random.default_rng(seed)
+    q = np.array([model.reduced.random_configuration(generator, 0.5) for _ in range(count)])
+    w, u = (0.3 * generator.normal(size=(count, size)) for size in (model.nw, model.nu))
+    return Nodes(q, w), u, np.full(count, 0.05)
+
+
+def central(model, function, size, step=1e-6):
+    """Central differences (n, nx, size) of a function from a displacement to states."""
+    columns = []
+    for direction in np.eye(size):
+        ahead, behind = (function(sign * step * direction) for sign in (1, -1))
+        columns.append(model.difference(behind, ahead) / (2 * step))
+    return np.stack(columns, axis=2)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_derivatives_of_a_step_are_those_of_differences(system, form):
+    model = action_model(SYSTEMS[system](), form)
+    at, u, h = random_nodes(model)
+    found = model.step_derivatives(at, u, h)
+    n = len(u)
+
+    by_x = central(model, lambda d: model.step(model.displaced(at, np.tile(d, (n, 1))), u, h), model.nx)
+    by_u = central(model, lambda d: model.step(at, u + d, h), model.nu)
+    by_h = central(model, lambda d: model.step(at, u, h + d), 1)
+    np.testing.assert_allclose(found.x, by_x, atol=1e-7)
+    np.testing.assert_allclose(found.u, by_u, atol=1e-7)
+    np.testing.assert_allclose(found.h, by_h[:, :, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_error_of_the_integrator_falls_with_the_square_of_the_step(form):
+    model = action_model(systems.sleigh(), form)
+    at, u, _ = random_nodes(model, count=1)
+
+    def end(steps):
+        now = at
+        for _ in range(steps):
+            now = model.step(now, u, np.array([1.0 / steps]))
+        return now
+
+    exact = end(640)
+    errors = [np.abs(model.difference(exact, end(steps))).max() for steps in (10, 20)]
+    if form == "kinematic":  # a constant velocity in the axes of the body: the exponential is exact
+        assert max(errors) < 1e-10
+    else:
+        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)

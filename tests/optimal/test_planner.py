@@ -1,0 +1,103 @@
+"""Plans against closed forms, and refusals."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+
+
+def sleigh_goal(x, y, yaw):
+    return {rnc.FramePosition("sleigh", "xy"): [x, y], rnc.FrameYaw("sleigh"): yaw}
+
+
+def test_straight_motion_with_least_acceleration_is_a_cubic():
+    """Integral of squared acceleration over a distance d in time t, from rest to rest: 12 d^2 / t^3."""
+    reduced = systems.sleigh()
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(1.0, 0.0, 0.0), 2.0)
+    assert plan.info.outcome == "solved"
+    # Constant inputs over 40 intervals cost 1 / (1 - 1/K^2) times as much.
+    assert plan.info.cost == pytest.approx(0.5 * 12 / 8 / (1 - 1 / 40**2), rel=1e-6)
+    reference = plan.reference("sleigh_speed_x")
+    np.testing.assert_allclose(reference.at(1.0).position, 0.5, atol=1e-6)
+    np.testing.assert_allclose(reference.at(1.0).velocity, 0.75, rtol=2e-3)
+
+
+def test_sideways_motion_of_least_velocity_is_brocketts():
+    """A knife edge moves aside by a small y at the cost 1/2 (4 pi y) / t: a circle of area y (Brockett 1981)."""
+    reduced, y, t = systems.sleigh(), 1e-3, 1.0
+    goal = sleigh_goal(0.0, y, 0.0)
+    settings = rnc.optimal.SolverSettings(nodes=60, tolerance=1e-8)
+    # The start is a circle in (integral of v, integral of w), which encloses the area y.
+    phase = np.linspace(0, 2 * np.pi, 61)
+    radius = np.sqrt(y / np.pi)
+    x, yaw = radius * np.sin(phase), radius * (1 - np.cos(phase))
+    side = np.concatenate([[0], np.cumsum((yaw[1:] + yaw[:-1]) / 2 * np.diff(x))])
+    path = np.column_stack([x, side, np.cos(yaw), np.sin(yaw)])
+    plan = rnc.optimal.plan(
+        reduced, path[0], goal, t, form="kinematic", guess=path * [1, -np.sign(side[-1]), 1, 1], settings=settings
+    )
+    assert plan.info.cost == pytest.approx(2 * np.pi * y / t, rel=1e-2)
+
+
+def test_bounds_hold_and_the_verification_agrees():
+    reduced = systems.sleigh()
+    slow = [rnc.optimal.VelocityBound(-0.7, 0.7), rnc.optimal.InputBound(-2.0, 2.0)]
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(1.0, 0.0, 0.0), 2.0, bounds=slow)
+    assert plan.w[:, 0].max() == pytest.approx(0.7, abs=1e-4)
+    assert np.abs(plan.u).max() <= 2.0 + 1e-4
+    assert plan.info.verification.violation < 1e-3
+
+
+def test_free_duration_ends_where_time_and_effort_balance():
+    """Cost 6 d^2 / t^3 + c t is least at t^4 = 18 d^2 / c."""
+    reduced = systems.sleigh()
+    start, goal = reduced.robot.configuration(), sleigh_goal(1.0, 0.0, 0.0)
+    plan = rnc.optimal.plan(reduced, start, goal, (0.5, 10.0), time_weight=2.0)
+    assert plan.duration == pytest.approx(9.0**0.25, rel=2e-3)
+
+
+def test_a_goal_out_of_reach_is_refused_with_its_row():
+    reduced = systems.sleigh()
+    with pytest.raises(InfeasibleError, match=r"no plan in 1 s: .*(sleigh_x|sleigh_speed_x).* violated by"):
+        rnc.optimal.plan(
+            reduced,
+            reduced.robot.configuration(),
+            sleigh_goal(5.0, 0.0, 0.0),
+            1.0,
+            bounds=[rnc.optimal.VelocityBound(-1.0, 1.0)],
+            seeds=0,
+            settings=rnc.optimal.SolverSettings(nodes=10, iterations=30),
+        )
+
+
+def test_a_plan_survives_a_file(tmp_path):
+    reduced = systems.sleigh()
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(0.5, 0.0, 0.0), 2.0)
+    plan.save(tmp_path / "plan.npz")
+    again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
+    assert again.info == plan.info
+    np.testing.assert_array_equal(again.K, plan.K)
+    with pytest.raises(ConfigurationError, match="no file"):
+        rnc.optimal.MotionPlan.load(tmp_path / "other.npz")
+    np.savez(tmp_path / "wrong.npz", u=np.zeros(3))
+    with pytest.raises(ConfigurationError, match="not a plan"):
+        rnc.optimal.MotionPlan.load(tmp_path / "wrong.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"form": "kinematics"}, ConfigurationError, "did you mean 'kinematic'|expected one of"),
+        ({"duration": 0.0}, InputError, "duration"),
+        ({"goal": {"sleigh_spede_x": 1.0}}, ConfigurationError, "no output 'sleigh_spede_x'"),
+        ({"bounds": [rnc.optimal.InputBound(1.0, -1.0)]}, InputError, "above upper limit"),
+        ({"costs": [1.0]}, ConfigurationError, "expected costs"),
+    ],
+)
+def test_mistakes_are_refused(change, error, message):
+    reduced = systems.sleigh()
+    arguments = {"goal": sleigh_goal(1.0, 0.0, 0.0), "duration": 1.0, **change}
+    with pytest.raises(error, match=message):
+        rnc.optimal.plan(reduced, reduced.robot.configuration(), **arguments)
