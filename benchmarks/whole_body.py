@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances
 from rnc_pin.control import VelocityQP, limits, tasks
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning import Harmonic, Hold
@@ -68,9 +69,11 @@ def main() -> None:
     start = reduced.at(q0).position.placement(reduced.robot.frame_id("arm_7_link")).translation.copy()
     box = [limits.JointPositionLimit(), limits.JointVelocityLimit(), limits.AccelerationLimit(5.0)]
     near = limits.CollisionAvoidance(q0=q0)
+    distances = CollisionDistances(reduced.robot, q0=q0)
+    active = len(distances.at(q0, within=near.influence).pairs)
     cases = {"daqp": (box, "daqp", True), "daqp, cold": (box, "daqp", False)}
     cases |= {name: (box, name, True) for name in ("piqp", "quadprog", "proxqp", "osqp", "clarabel")}
-    cases["daqp, with collisions"] = ([*box, near], "daqp", True)
+    cases[f"daqp, with collisions, {active} active pairs at the start"] = ([*box, near], "daqp", True)
     for label, (given, solver, warm) in cases.items():
         try:
             program = VelocityQP(reduced, wanted(start), given, solver=solver, dt=DT)

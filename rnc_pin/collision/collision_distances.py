@@ -107,7 +107,7 @@ class CollisionDistances:
         if q.ndim != 1:
             raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
         self._place(q, t)
-        near = np.flatnonzero(self._lower_bounds() < within)
+        near = self._nearby(within)
         self._transfer_poses(near)
         found = np.array([self._measure(pair) for pair in near.tolist()]).reshape(-1, 10)
         if within < np.inf:
@@ -166,13 +166,24 @@ class CollisionDistances:
         for k in self._moving:
             self._geometry.geometryObjects[links + k].placement = self.obstacles[k].placement(t)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed)
+        poses = np.array([each.homogeneous for each in self._placed.oMg])
+        self._rotations, self._origins = poses[:, :3, :3], poses[:, :3, 3].copy()
+        self._middles = self._origins + np.matvec(self._rotations, self._centers)
+
+    def _nearby(self, within: float) -> np.ndarray:
+        """Pairs that may be nearer than a distance: those of near spheres first, because they need no boxes."""
+        apart = self._middles.take(self._second, 0) - self._middles.take(self._first, 0)
+        near = np.flatnonzero(np.vecdot(apart, apart) < (self._reach + within) ** 2)
+        if not len(near):
+            return near
+        halves = np.matvec(np.abs(self._rotations), self._halves)
+        gaps = np.abs(apart[near]) - halves.take(self._first[near], 0) - halves.take(self._second[near], 0)
+        np.maximum(gaps, 0.0, out=gaps)
+        return np.asarray(near[np.vecdot(gaps, gaps) < within * within])
 
     def _lower_bounds(self) -> np.ndarray:
         """Lower bounds (k,) of the distances [m], from spheres and from boxes along the axes of the world."""
-        poses = np.array([each.homogeneous for each in self._placed.oMg])
-        rotations = poses[:, :3, :3]
-        middles = poses[:, :3, 3] + np.matvec(rotations, self._centers)
-        halves = np.matvec(np.abs(rotations), self._halves)
+        middles, halves = self._middles, np.matvec(np.abs(self._rotations), self._halves)
         apart = np.abs(middles.take(self._second, 0) - middles.take(self._first, 0))
         spheres = np.sqrt(np.vecdot(apart, apart)) - self._reach
         apart -= halves.take(self._first, 0)
@@ -183,9 +194,9 @@ class CollisionDistances:
 
     def _transfer_poses(self, pairs: np.ndarray) -> None:
         """Give the poses of the shapes of these pairs to coal."""
+        columns = np.ascontiguousarray(self._rotations.swapaxes(1, 2))  # coal copies matrices that are stored by rows
         for k in {*self._first[pairs].tolist(), *self._second[pairs].tolist()}:
-            pose = self._placed.oMg[k]
-            self._poses[k].setTransform(pose.rotation, pose.translation)
+            self._poses[k].setTransform(columns[k].T, self._origins[k])
 
     def _measure(self, pair: int) -> tuple[float, ...]:
         """Distance, nearest points and normal of a pair, ten numbers."""
@@ -206,10 +217,10 @@ class CollisionDistances:
         for pair, row in zip(near.tolist(), found, strict=True):
             normal, sides = row[7:10], []
             for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
-                pose = self._placed.oMg[k]
+                rotation = self._rotations[k]
                 if k not in self._flat:
                     self._flat[k] = FlatParts(self._shapes[k])
-                sides.append(self._flat[k].towards(pose.rotation.T @ direction) @ pose.rotation.T + pose.translation)
+                sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._origins[k])
             extra = common_corners(sides[0], sides[1], normal)
             pairs.append(np.full(len(extra), pair))
             rows.append(np.hstack([extra, np.broadcast_to(normal, (len(extra), 3))]))

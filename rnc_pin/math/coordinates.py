@@ -36,6 +36,7 @@ class Coordinates:
         self.rotations = tuple(int(first) for first in rotations)
         self.size = len(self.angular)
         self._triples = [slice(first, first + 3) for first in self.rotations]
+        self._has_angles = bool(self.angular.any())
 
     def choose(self, places: np.ndarray, names: Sequence[str] = ()) -> Coordinates:
         """Coordinate types of the outputs at some indices, in this order.
@@ -58,9 +59,11 @@ class Coordinates:
 
     def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
         """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations."""
-        error = angle_difference(desired, actual, self.angular)
+        error = angle_difference(desired, actual, self.angular) if self._has_angles else desired - actual
         for triple in self._triples:
-            goal, here = np.broadcast_arrays(desired[..., triple], actual[..., triple])
+            goal, here = desired[..., triple], actual[..., triple]
+            if goal.shape != here.shape:
+                goal, here = np.broadcast_arrays(goal, here)
             for at in np.ndindex(goal.shape[:-1]):
                 # A goal of NaN gives an error of NaN.
                 if not np.isnan(goal[at]).any():
@@ -92,7 +95,7 @@ class Coordinates:
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Rates and accelerations (k,) of a reference; rotations get angular velocity and angular acceleration."""
-        if not self._triples:
+        if not self._triples or not (velocity.any() or acceleration.any()):
             return velocity, acceleration
         velocity, acceleration = np.array(velocity), np.array(acceleration)
         for triple in self._triples:

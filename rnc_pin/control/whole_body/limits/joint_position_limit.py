@@ -72,12 +72,14 @@ class _BoundPositions(BoundLimit):
 
     def rows(self, sample: ControlSample) -> LimitRows:
         q, ahead = sample.start.q[self._q], 0.5 * sample.dt * sample.start.v[self._v]
-        upper = velocity_to_stop(self._upper - q - ahead, self._deceleration, sample.dt)
-        lower = -velocity_to_stop(q + ahead - self._lower, self._deceleration, sample.dt)
-        return LimitRows(self._jacobian, lower, upper)
+        room = np.array([self._upper - q - ahead, q + ahead - self._lower])
+        upper, lower = velocity_to_stop(room, self._deceleration, sample.dt)
+        return LimitRows(self._jacobian, -lower, upper)
 
 
-def velocity_to_stop(room: Float[Array, " k"], deceleration: Float[Array, " k"], dt: float) -> Float[Array, " k"]:
+def velocity_to_stop(
+    room: Float[Array, "*sides k"], deceleration: Float[Array, " k"], dt: float
+) -> Float[Array, "*sides k"]:
     """Return the largest velocity at the end of a sample from which a joint stops in time.
 
     Over this sample a joint of velocity u moves by ``dt (u + v) / 2``. From v it then stops in whole samples, at most
