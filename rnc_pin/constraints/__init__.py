@@ -1,24 +1,32 @@
 """Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file for each kind."""
 
 from rnc_pin.constraints.ackermann_steering import AckermannSteering
+from rnc_pin.constraints.body_shapes import Ellipsoid, Sphere, Torus
 from rnc_pin.constraints.caster import Caster
+from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.joint_coupling import JointCoupling
 from rnc_pin.constraints.loop_closure import LoopClosure
 from rnc_pin.constraints.momentum import MomentumConservation
 from rnc_pin.constraints.no_side_slip import NoSideSlip
 from rnc_pin.constraints.pfaffian import Pfaffian
 from rnc_pin.constraints.rolling_ball import RollingBall
+from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
 
 __all__ = [
     "AckermannSteering",
     "Caster",
+    "Ellipsoid",
+    "GroundPlane",
     "JointCoupling",
     "LoopClosure",
     "MomentumConservation",
     "NoSideSlip",
     "Pfaffian",
     "RollingBall",
+    "RollingBody",
     "RollingRows",
     "RollingWheel",
+    "Sphere",
+    "Torus",
 ]

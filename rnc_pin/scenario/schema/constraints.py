@@ -7,15 +7,23 @@ from typing import Annotated
 from rnc_pin.constraints import (
     AckermannSteering,
     Caster,
+    Ellipsoid,
+    GroundPlane,
     JointCoupling,
     LoopClosure,
     MomentumConservation,
     NoSideSlip,
     RollingBall,
+    RollingBody,
     RollingWheel,
+    Sphere,
+    Torus,
 )
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.scenario.schema.derived import Entry, one_of
+
+_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
+_Ground = Annotated[GroundPlane, Entry(GroundPlane)] | None
 
 ConstraintItem = Annotated[
     ConstraintKind,
@@ -24,6 +32,7 @@ ConstraintItem = Annotated[
         no_side_slip=NoSideSlip,
         rolling_wheel=RollingWheel,
         rolling_ball=RollingBall,
+        rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": _Ground}),
         caster=Caster,
         ackermann=AckermannSteering,
         joint_coupling=JointCoupling,

@@ -18,13 +18,15 @@ from rnc_pin.scenario.json_schema import schema
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.actuators import ActuatorItem
+from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
 from rnc_pin.visualization.view import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
 KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]
 TAKE_FUNCTIONS = {rnc.Pfaffian, rnc.Output}  # which no file can say
-KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS] + [rnc.FrameForce, rnc.FrameTorque]
+PARTS_OF_KINDS = {rnc.GroundPlane}  # which stand under a key of another kind
+KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] + [rnc.FrameForce, rnc.FrameTorque]
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
 KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
 REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
@@ -58,6 +60,10 @@ def test_every_dataclass_that_files_know_has_an_entry_with_its_fields(kind):
     else:
         assert f"#/$defs/{kind.__name__}" in str(value)
         check_fields(kind, PARTS[kind.__name__])
+
+
+def test_the_ground_is_declared_once():
+    check_fields(rnc.GroundPlane, PARTS["GroundPlane"])
 
 
 def test_the_view_is_declared_once():
@@ -151,3 +157,12 @@ def test_a_field_may_have_another_form_in_files():
     assert reader.validate_python(said) == rnc.OutputForce(rnc.Distance("boom", "foot"), 20.0)
     with pytest.raises(ValidationError, match=r"output_force.*output"):
         reader.validate_python({"output_force": {"output": "boom"}})
+
+
+def test_a_rolling_body_is_written_with_its_shape_and_ground():
+    reader = TypeAdapter(ConstraintItem)
+    said = {"frame": "egg", "shape": {"ellipsoid": {"semi_axes": [0.2, 0.2, 0.3]}}, "ground": {"spin": 2}}
+    expected = rnc.RollingBody("egg", rnc.Ellipsoid([0.2, 0.2, 0.3]), ground=rnc.GroundPlane(spin=2.0))
+    assert reader.validate_python({"rolling_body": said}) == expected
+    with pytest.raises(ValidationError, match="normal of the ground has no length"):
+        reader.validate_python({"rolling_body": {**said, "ground": {"normal": [0, 0, 0]}}})

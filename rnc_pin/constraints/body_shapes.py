@@ -1,0 +1,152 @@
+"""Smooth convex surfaces of rolling bodies: the surface point with a given outward normal, and its rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector
+
+
+class BodyShape(Protocol):
+    """Smooth convex surface in the axes of its body, described by its support function.
+
+    Formulas take complex numbers too, without conjugation, for derivatives by the complex step.
+    """
+
+    def point(self, normal: np.ndarray) -> np.ndarray:
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+
+    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+
+    def regularity(self, normal: np.ndarray) -> np.ndarray:
+        """Number (...) that tends to zero where ``point`` is not unique, e.g. the horizontal part of a disk's axle."""
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Ball.
+
+    Args:
+        radius: radius [m].
+
+    Example:
+        >>> rnc.Sphere(0.2).point(np.array([0.0, 0.0, -1.0]))
+        array([ 0. ,  0. , -0.2])
+    """
+
+    radius: Positive
+
+    def __post_init__(self) -> None:
+        _check_positive("radius of a sphere", self.radius)
+
+    def point(self, normal: np.ndarray) -> np.ndarray:
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        return self.radius * normal
+
+    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        return self.radius * rate
+
+    def regularity(self, normal: np.ndarray) -> np.ndarray:
+        """One: every normal has one point."""
+        return np.ones(normal.shape[:-1])
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """Ellipsoid with its axes along those of the body, e.g. of a rattleback.
+
+    Args:
+        semi_axes: semi-axes along x, y and z [m].
+
+    Example:
+        >>> rnc.Ellipsoid((0.2, 0.03, 0.02)).point(np.array([0.0, 0.0, -1.0]))
+        array([ 0.  ,  0.  , -0.02])
+    """
+
+    semi_axes: Vector
+
+    def __post_init__(self) -> None:
+        if np.shape(self.semi_axes) != (3,):
+            raise ConstraintError(f"semi-axes of an ellipsoid: expected three numbers, found {self.semi_axes}")
+        for each in self.semi_axes:
+            _check_positive("semi-axis of an ellipsoid", each)
+
+    def point(self, normal: np.ndarray) -> np.ndarray:
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        scaled = np.square(self.semi_axes) * normal
+        return np.asarray(scaled / _dot(scaled, normal) ** 0.5)
+
+    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        scaled, squares = np.square(self.semi_axes) * normal, np.square(self.semi_axes)
+        support = _dot(scaled, normal) ** 0.5  # its gradient is the point
+        point = scaled / support
+        return np.asarray((squares * rate - point * _dot(point, rate)) / support)
+
+    def regularity(self, normal: np.ndarray) -> np.ndarray:
+        """One: every normal has one point."""
+        return np.ones(normal.shape[:-1])
+
+
+@dataclass(frozen=True)
+class Torus:
+    """Outer half of a torus: a wheel with a round tyre, or with ``tube=0`` the rim of a disk, cylinder, cone or cup.
+
+    Args:
+        radius: radius of the circle at the middle of the tube [m].
+        tube: radius of the tube [m].
+        axis: the body's axis about which the torus is round, "x", "y" or "z".
+
+    Example:
+        >>> rnc.Torus(0.3, 0.02, axis="y").point(np.array([0.0, 0.0, -1.0]))
+        array([ 0.  ,  0.  , -0.32])
+    """
+
+    radius: Positive
+    tube: NotNegative = 0.0
+    axis: Axis = "z"
+
+    def __post_init__(self) -> None:
+        _check_positive("radius of a torus", self.radius)
+        if not (np.isfinite(self.tube) and self.tube >= 0):
+            raise ConstraintError(f"tube of a torus has to be zero or positive [m], found {self.tube}")
+        axis_index(self.axis)
+
+    def _radial(self, vector: np.ndarray) -> np.ndarray:
+        """Part of a vector across the axis."""
+        across = vector.copy()
+        across[..., axis_index(self.axis)] = 0.0
+        return across
+
+    def point(self, normal: np.ndarray) -> np.ndarray:
+        """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
+        radial = self._radial(normal)
+        return np.asarray(self.radius * radial / _dot(radial, radial) ** 0.5 + self.tube * normal)
+
+    def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
+        radial, turned = self._radial(normal), self._radial(rate)
+        length = _dot(radial, radial) ** 0.5
+        unit = radial / length
+        return np.asarray(self.radius * (turned - unit * _dot(unit, turned)) / length + self.tube * rate)
+
+    def regularity(self, normal: np.ndarray) -> np.ndarray:
+        """Part of the normal across the axis; zero where the torus lies flat."""
+        return np.linalg.norm(self._radial(normal), axis=-1)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar product (..., 1) without conjugation."""
+    return np.asarray((a * b).sum(axis=-1, keepdims=True))
+
+
+def _check_positive(what: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ConstraintError(f"{what} has to be positive [m], found {value}")

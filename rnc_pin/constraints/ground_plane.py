@@ -1,0 +1,67 @@
+"""Plane on which bodies roll: sloping, sliding like a conveyor, or turning like a turntable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.parameter_types import Vector
+
+_ALONG = 1e-9  # component of the velocity across the plane that rounding explains
+
+
+@dataclass(frozen=True)
+class GroundPlane:
+    """Plane with a constant place, whose material may slide in it and turn about its normal.
+
+    Args:
+        normal: direction out of the ground, in world axes; its length has no meaning.
+        point: a point of the plane, about which it turns [m].
+        velocity: velocity of the material at ``point`` [m/s], along the plane.
+        spin: angular velocity of the material about the normal [rad/s].
+
+    Raises:
+        ConfigurationError: not three finite numbers, a normal of no length, or a velocity out of the plane.
+
+    Example:
+        >>> slope = rnc.GroundPlane(normal=(0.0, -0.1, 1.0))
+        >>> turntable = rnc.GroundPlane(spin=2.0)
+    """
+
+    normal: Vector = (0.0, 0.0, 1.0)
+    point: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    spin: float = 0.0
+
+    def __post_init__(self) -> None:
+        normal = triple(self.normal, "normal of the ground")
+        length = float(np.linalg.norm(normal))
+        if length == 0:
+            raise ConfigurationError("normal of the ground has no length")
+        triple(self.point, "point of the ground")
+        velocity = triple(self.velocity, "velocity of the ground")
+        across = float(velocity @ normal) / length
+        if abs(across) > _ALONG * max(1.0, float(np.linalg.norm(velocity))):
+            raise ConfigurationError(
+                f"velocity of the ground has to be along it, found {across:g} m/s along its normal"
+            )
+        if not np.isfinite(self.spin):
+            raise ConfigurationError(f"spin of the ground: expected a finite number, found {self.spin}")
+
+    @property
+    def moves(self) -> bool:
+        """True if the material of the ground moves."""
+        return bool(self.spin) or any(self.velocity)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Two axes along the plane and its normal as rows, (3, 3); world axes if the normal is vertical."""
+        up = np.asarray(self.normal, dtype=float) / np.linalg.norm(self.normal)
+        # The first axis is the world's x in the plane, or its y for a plane across x.
+        along = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
+        first = along - up * (up @ along)
+        first /= np.linalg.norm(first)
+        return np.stack([first, np.cross(up, first), up])

@@ -1,0 +1,279 @@
+"""Bodies that roll on planes: beside Newton's and Euler's equations, known special cases and first integrals."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.kinematics import Kinematics
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+STEP = 1e-4  # [s]; differences of the fourth order
+GRAVITY = np.array([0.0, 0.0, -9.81])
+TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
+SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), spin=-0.7)
+BODIES = {
+    "sphere": rnc.RollingBody("body", rnc.Sphere(0.3)),
+    "sphere beside its frame": rnc.RollingBody("body", rnc.Sphere(0.3), at=(0.05, -0.02, 0.08)),
+    "ellipsoid": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), rpy=(0.2, 0.1, -0.5), at=(0.0, 0.01, 0.03)),
+    "tyre": rnc.RollingBody("body", rnc.Torus(0.3, 0.05, "y")),
+    "disk": rnc.RollingBody("body", rnc.Torus(0.3, axis="x"), at=(0.1, 0.0, 0.0)),
+    "no pivoting": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), pivoting=False),
+    "turntable": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), ground=TURNTABLE),
+    "turntable without pivoting": rnc.RollingBody("body", rnc.Torus(0.3, 0.05), pivoting=False, ground=TURNTABLE),
+    "slope": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), ground=SLOPE),
+}
+
+
+def rigid_body(mass=2.0, moments=(0.02, 0.03, 0.04), lever=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0)):
+    """One body on a free base."""
+    model = pin.Model()
+    model.name = "body"
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    R = pin.rpy.rpyToMatrix(np.array(turned))
+    model.appendBodyToJoint(joint, pin.Inertia(mass, np.array(lever), R @ np.diag(moments) @ R.T), pin.SE3.Identity())
+    model.addFrame(pin.Frame("body", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    model.gravity.linear = GRAVITY
+    return rnc.Robot(model)
+
+
+def states(reduced, count=3):
+    generator = np.random.default_rng(2)
+    for _ in range(count):
+        q = reduced.robot.random_configuration(generator)
+        q[:3] = 0.1, -0.2, 0.05
+        q = reduced.assembled(q)
+        yield q, generator.normal(size=reduced.r)
+
+
+def slope(model, function, q, v):
+    """Rate of an array along v, by differences."""
+    near, far = (
+        (function(pin.integrate(model, q, h * v)) - function(pin.integrate(model, q, -h * v))) / (2 * h)
+        for h in (STEP, 2 * STEP)
+    )
+    return (4 * near - far) / 3
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_rows_are_the_velocity_of_the_lowest_point(name):
+    """The lowest point is searched; rates and gradients are those of differences."""
+    kind, robot = BODIES[name], rigid_body()
+    plane = kind.ground or rnc.GroundPlane()
+    model, kinematics = robot.model, Kinematics(robot)
+    rows = kind.bind(robot)
+    generator = np.random.default_rng(1)
+    angles = np.meshgrid(np.linspace(1e-6, np.pi - 1e-6, 400), np.linspace(0, 2 * np.pi, 800), indexing="ij")
+    around = np.stack([np.sin(angles[0]) * np.cos(angles[1]), np.sin(angles[0]) * np.sin(angles[1]), np.cos(angles[0])])
+    surface = kind.shape.point(around.reshape(3, -1).T) @ pin.rpy.rpyToMatrix(np.array(kind.rpy)).T + kind.at
+    normal = np.asarray(plane.normal) / np.linalg.norm(plane.normal)
+    for _ in range(3):
+        q, v = robot.random_configuration(generator), generator.normal(size=6)
+        at = kinematics.position(q).with_velocity(v)
+        place = at.placement(robot.frame_id("body"))
+        heights = (surface @ place.rotation.T + place.translation - plane.point) @ normal
+        assert rows.residual(at)[2] == pytest.approx(heights.min(), abs=2e-5)
+        points, _ = rows.lines_of_action(at)
+        lowest = surface[np.argmin(heights)]
+        np.testing.assert_allclose(points[0], place.rotation @ lowest + place.translation, atol=5e-3)
+
+        # The material point of the body, less that of the ground.
+        velocity = at.velocity(robot.frame_id("body"))
+        contact = points[0]
+        body = velocity[:3] + np.cross(velocity[3:], contact - place.translation)
+        ground = np.array(plane.velocity) + plane.spin * np.cross(normal, contact - plane.point)
+        slip = rows.jacobian(at) @ v - rows.rate(at)
+        assert np.linalg.norm(slip[:3]) == pytest.approx(np.linalg.norm(body - ground), abs=ROUNDING)
+        assert slip[2] == pytest.approx((body - ground) @ normal, abs=ROUNDING)
+        if not kind.pivoting:
+            assert slip[3] == pytest.approx(velocity[3:] @ normal - plane.spin, abs=ROUNDING)
+        height = slope(model, lambda p: rows.residual(kinematics.position(p)), q, v)
+        np.testing.assert_allclose(height[2], slip[2], atol=FINITE_DIFFERENCE)
+
+        J_dot = slope(model, lambda p: rows.jacobian(kinematics.position(p)), q, v)
+        mu_dot = slope(model, lambda p: rows.rate(kinematics.position(p)), q, v)
+        np.testing.assert_allclose(rows.jacobian_dot(at), J_dot, atol=FINITE_DIFFERENCE)
+        np.testing.assert_allclose(rows.rate_dot(at), mu_dot, atol=FINITE_DIFFERENCE)
+        bias = rows.jacobian_dot(at) @ v - rows.rate_dot(at)
+        np.testing.assert_allclose(rows.bias_acceleration(at), bias, atol=10 * ROUNDING)
+
+        def moved(p, v=v):
+            there = kinematics.position(p).with_velocity(v)
+            return rows.jacobian_dot(there) @ v - rows.rate_dot(there)
+
+        gradient = np.transpose([slope(model, moved, q, each) for each in np.eye(6)])
+        np.testing.assert_allclose(rows.bias_acceleration_gradient(at), gradient, atol=10 * FINITE_DIFFERENCE)
+        many = kinematics.position(np.stack([q, q])).with_velocity(np.stack([v, v]))
+        for each in (rows.jacobian, rows.jacobian_dot, rows.rate, rows.rate_dot, rows.bias_acceleration, rows.residual):
+            np.testing.assert_allclose(each(many), np.stack([each(at)] * 2), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("lever", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])
+def test_a_sphere_is_the_rolling_ball(lever):
+    robot = rigid_body(lever=lever)
+    body, ball = (
+        rnc.NonholonomicSystem(robot, [kind]).reduce()
+        for kind in (rnc.RollingBody("body", rnc.Sphere(0.3)), rnc.RollingBall("body", 0.3))
+    )
+    for q, v2 in states(ball):
+        v = ball.at(q, v2).v
+        found = body.at(q, v=v)
+        np.testing.assert_allclose(
+            found.v_dot(found.v2_dot([])), ball.at(q, v=v).v_dot(ball.at(q, v=v).v2_dot([])), atol=1e-11
+        )
+
+
+def test_a_thin_torus_is_the_rolling_disk():
+    robot = rigid_body()
+    body, wheel = (
+        rnc.NonholonomicSystem(robot, [kind]).reduce()
+        for kind in (rnc.RollingBody("body", rnc.Torus(0.3, axis="y")), rnc.RollingWheel("body", 0.3, axis="y"))
+    )
+    for q, v2 in states(wheel):
+        v = wheel.at(q, v2).v
+        found, expected = body.at(q, v=v), wheel.at(q, v=v)
+        np.testing.assert_allclose(
+            found.v_dot(found.v2_dot([])), expected.v_dot(expected.v2_dot([])), rtol=1e-9, atol=1e-9
+        )
+
+
+def newton_and_euler(semi_axes, mass, inertia, rise, R, w):
+    """Angular acceleration of an ellipsoid that rolls on z = 0, its mass centre ``rise`` above the centre, world axes.
+
+    Garcia and Hubbard, Proc. R. Soc. A 418 (1988): ``v = arm x w`` at each time, with the arm from the mass centre to
+    the contact, gives the force, whose moment changes the angular momentum.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    squares, down = np.square(semi_axes), -(R.T @ up)
+
+    def arm_of(normal):
+        return squares * normal / np.sqrt(normal @ (squares * normal)) - np.array([0, 0, rise])
+
+    h = 1e-6
+    turning = R.T @ np.cross(w, up)  # rate of the normal in the body
+    body_rate = (arm_of(down + h * turning) - arm_of(down - h * turning)) / (2 * h)
+    arm = R @ arm_of(down)
+    arm_rate = np.cross(w, arm) + R @ body_rate
+    tensor = R @ inertia @ R.T
+    cross = pin.skew(arm)
+    # m (arm x wdot + arm_rate x w - g) = force; tensor wdot + w x tensor w = arm x force
+    left = tensor - mass * cross @ cross
+    right = -np.cross(w, tensor @ w) + np.cross(arm, mass * (np.cross(arm_rate, w) - GRAVITY))
+    return np.linalg.solve(left, right)
+
+
+def test_a_rattleback_obeys_newton_and_euler():
+    semi_axes, rise = (0.2, 0.03, 0.02), -0.005
+    turned = (0.0, 0.0, 0.01)
+    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3), (0.0, 0.0, rise), turned)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid(semi_axes))]).reduce(
+        [rnc.FrameAngularVelocity("body", axis) for axis in "xyz"]
+    )
+    Q = pin.rpy.rpyToMatrix(np.array(turned))
+    inertia = Q @ np.diag((2e-4, 1.6e-3, 1.7e-3)) @ Q.T
+    for q, w_body in states(reduced, 4):
+        R = pin.Quaternion(q[3:7]).matrix()
+        expected = R.T @ newton_and_euler(semi_axes, 1.0, inertia, rise, R, R @ w_body)
+        np.testing.assert_allclose(reduced.forward_dynamics(q, w_body, []), expected, rtol=2e-7)
+
+
+def test_a_rattleback_reverses_its_spin():
+    """The dimensions of Kane and Levinson (1982), Int. J. Non-Linear Mech. 17: a = 20, b = 3, c = 2 cm."""
+    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3), (0.0, 0.0, -0.01), (0.0, 0.0, 0.2))
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid((0.2, 0.03, 0.02)))]).reduce(
+        [rnc.FrameAngularVelocity("body", axis) for axis in "xyz"]
+    )
+    q0 = reduced.assembled(robot.configuration())
+    runs = {spin: rnc.free_motion(reduced, q0, [0.05, 0.0, spin], 1.0, 0.1, rtol=1e-8) for spin in (5.0, -5.0)}
+    reverses = {spin: bool((run.v2[:, 2] * spin < -0.5).any()) for spin, run in runs.items()}
+    assert sorted(reverses.values()) == [False, True]  # one direction is stable, the other is not
+    for run in runs.values():
+        height = run.q[:, 2] + np.array([pin.Quaternion(q[3:7]).matrix()[2, 2] * -0.01 for q in run.q])
+        energy = (
+            np.array([reduced.at(q, v2).kinetic_energy for q, v2 in zip(run.q, run.v2, strict=True)]) + 9.81 * height
+        )
+        np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
+
+
+def test_a_chaplygin_ball_keeps_its_angular_momentum_about_the_contact():
+    """Chaplygin (1903): a ball with its centre of mass at the centre and three different moments."""
+    robot = rigid_body(2.0, (0.03, 0.05, 0.07))
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(0.3))]).reduce()
+    q0 = reduced.assembled(robot.configuration({"root_joint": [0, 0, 0.3, 0.5, 0.1, -0.3, 0.8]}))
+    v2_0 = reduced.at(q0, v=reduced.at(q0, np.array([1.0, -2.0, 1.5])).v).v2
+    run = rnc.free_motion(reduced, q0, v2_0, 1.0, 0.1)
+    momenta = []
+    for q, v2 in zip(run.q, run.v2, strict=True):
+        R, v = pin.Quaternion(q[3:7]).matrix(), reduced.at(q, v2).v
+        w = R @ v[3:]
+        arm = np.array([0.0, 0.0, 0.3])  # from the contact to the centre
+        momenta.append(R @ (np.array([0.03, 0.05, 0.07]) * v[3:]) + 2.0 * np.cross(arm, np.cross(w, arm)))
+    np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-8)
+
+
+def test_a_ball_on_a_turntable_goes_round_at_two_sevenths_of_its_rate():
+    """Earnshaw (1844); Weltner, Am. J. Phys. 47 (1979): any start gives a circle, at 2/7 of the rate."""
+    m, radius, spin = 1.5, 0.4, 2.0
+    robot = rigid_body(m, (0.4 * m * radius**2,) * 3)
+    ground = rnc.GroundPlane(spin=spin)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(radius), ground=ground)]).reduce()
+    q0 = reduced.assembled(robot.configuration({"root_joint": [0.4, 0.1, radius, 0, 0, 0, 1]}))
+    period = 2 * np.pi / (2 / 7 * spin)
+    run = rnc.free_motion(reduced, q0, np.array([0.3, -0.5, 0.7])[: reduced.r], period, period / 8, rtol=1e-8)
+    np.testing.assert_allclose(run.q[-1, :3], run.q[0, :3], atol=1e-6)
+    opposite = (run.q[:4, :2] + run.q[4:8, :2]) / 2  # the centre of the circle
+    np.testing.assert_allclose(opposite, np.tile(opposite[0], (4, 1)), atol=1e-6)
+    radii = np.linalg.norm(run.q[:, :2] - opposite[0], axis=1)
+    np.testing.assert_allclose(radii, radii[0], rtol=1e-6)
+    assert radii[0] > 0.01
+
+
+@pytest.mark.parametrize(("moments", "share"), [((0.4,) * 3, 5 / 7), ((2 / 3,) * 3, 3 / 5)])
+def test_balls_roll_down_a_slope(moments, share):
+    """A solid ball and a hollow one: 5/7 and 3/5 of the acceleration without friction."""
+    angle, radius = 0.3, 0.2
+    robot = rigid_body(3.0, tuple(3.0 * radius**2 * np.array(moments)))
+    ground = rnc.GroundPlane(normal=(np.sin(angle), 0.0, np.cos(angle)), point=(0.0, 0.0, 1.0))
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(radius), ground=ground)]).reduce()
+    q = reduced.assembled(robot.configuration({"root_joint": [0.0, 0.0, 1.3, 0, 0, 0, 1]}))
+    state = reduced.at(q, np.zeros(reduced.r))
+    down = share * 9.81 * np.sin(angle) * np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    np.testing.assert_allclose(state.v_dot(state.v2_dot([]))[:3], down, atol=1e-12)
+
+
+def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():
+    """A sphere without pivoting has two freedoms; with no gravity's moment it rolls straight on."""
+    robot = rigid_body(1.0, (0.02,) * 3)
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(0.3), pivoting=False)]).reduce()
+    assert reduced.r == 2
+    q0 = reduced.assembled(robot.configuration())
+    run = rnc.free_motion(reduced, q0, [0.4, 0.6], 2.0, 0.5)
+    steps = np.diff(run.q[:, :2], axis=0)
+    np.testing.assert_allclose(steps, np.tile(steps[0], (len(steps), 1)), atol=1e-9)
+
+
+def test_what_does_not_roll_is_refused():
+    robot = rigid_body()
+    with pytest.raises(rnc.ConstraintError, match="radius of a sphere has to be positive"):
+        rnc.Sphere(-0.1)
+    with pytest.raises(rnc.ConstraintError, match="semi-axes of an ellipsoid: expected three numbers"):
+        rnc.Ellipsoid((0.1, 0.2))
+    with pytest.raises(rnc.ConstraintError, match="semi-axis of an ellipsoid has to be positive"):
+        rnc.Ellipsoid((0.1, 0.2, 0.0))
+    with pytest.raises(rnc.ConstraintError, match="tube of a torus"):
+        rnc.Torus(0.2, -0.1)
+    with pytest.raises(rnc.ConstraintError, match="shape of rolling body 'body': expected Sphere"):
+        rnc.RollingBody("body", 0.3).bind(robot)
+    with pytest.raises(rnc.ModelError, match=r"no frame 'bdy'.*did you mean 'body'"):
+        rnc.RollingBody("bdy", rnc.Sphere(0.3)).bind(robot)
+    for wrong, words in (
+        ({"normal": (0, 0, 0)}, "normal of the ground has no length"),
+        ({"velocity": (0, 0, 1)}, "velocity of the ground has to be along it, found 1 m/s along its normal"),
+        ({"spin": np.nan}, "spin of the ground: expected a finite number"),
+        ({"point": (0, 0)}, "point of the ground: expected three finite numbers"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=words):
+            rnc.GroundPlane(**wrong)
+    flat = rnc.RollingBody("body", rnc.Torus(0.3)).bind(robot)
+    with pytest.raises(rnc.SingularityError, match="touches the ground at more than one point"):
+        flat.jacobian(Kinematics(robot).position(robot.configuration()))
