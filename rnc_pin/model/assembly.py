@@ -97,22 +97,31 @@ class Assembly:
         found, residual, closed = self._closest(q, hold)
         if closed:
             return found
+        # A light body far from its place would rather turn than move: the nearest by inertia may lead nowhere.
+        other, _, closed = self._closest(q, hold, by_inertia=False)
+        if closed:
+            return other
         row = int(np.argmax(np.abs(residual)))
         raise ConstraintError(
             f"no configuration near q satisfies {', '.join(self.names)}: {self.names[row]} has residual "
             f"{abs(residual[row]):.3g}, limit {_GOOD:.0e}"
         )
 
-    def _closest(self, q: np.ndarray, hold: Sequence[str] = ()) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied."""
+    def _closest(
+        self, q: np.ndarray, hold: Sequence[str] = (), by_inertia: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
+
+        Steps are the shortest by kinetic energy, or by the sum of squares of the entries.
+        """
         if not self._places:
             return q, np.zeros(0), True
         free = np.ones(self.robot.nv, dtype=bool)
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self._leading)
+        found, residual = self._descended(q, free, self._leading, by_inertia)
         if not self._leading.all() and not self._good(residual):
-            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool))
+            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia)
             return found, residual, bool(np.abs(residual).max() <= _GOOD)
         return found, residual, self._good(residual)
 
@@ -120,14 +129,16 @@ class Assembly:
         """Return True if the rows are satisfied; rows that are dependent to rounding have a larger tolerance."""
         return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
 
-    def _descended(self, q: np.ndarray, free: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _descended(
+        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q)
         residual, stalls = self._residual(here), 0
         for _ in range(_STEPS):
             if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
                 break
-            step = self._step(here, residual, free, rows)
+            step = self._step(here, residual, free, rows, by_inertia)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
             for _ in range(_HALVINGS):
                 ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step))
@@ -176,10 +187,12 @@ class Assembly:
         """Names of the rows that depend on the ``leading`` rows."""
         return tuple(name for name, flag in zip(self.names, self._leading, strict=True) if not flag)
 
-    def _step(self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def _step(
+        self, at: PositionKinematics, residual: np.ndarray, free: np.ndarray, which: np.ndarray, by_inertia: bool
+    ) -> np.ndarray:
         rows = self.jacobian(at)[which][:, free]
         try:
-            factor = np.linalg.cholesky(at.M[np.ix_(free, free)])
+            factor = np.linalg.cholesky(at.M[np.ix_(free, free)]) if by_inertia else np.eye(int(free.sum()))
         except np.linalg.LinAlgError:
             raise ConstraintError(
                 "inertia matrix is not positive definite: check for masses of very different magnitude"

@@ -252,6 +252,20 @@ def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():
     np.testing.assert_allclose(steps, np.tile(steps[0], (len(steps), 1)), atol=1e-9)
 
 
+def test_a_light_body_far_above_the_ground_is_put_on_it():
+    """Nearest by kinetic energy, it would turn instead: its moments are small."""
+    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3))
+    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid((0.2, 0.03, 0.02)))]).reduce()
+    generator = np.random.default_rng(0)
+    for _ in range(5):
+        q = robot.random_configuration(generator)
+        q[2] = generator.uniform(-4, 4)
+        assert (
+            np.abs(reduced.constraints.places[0].block.residual(Kinematics(robot).position(reduced.assembled(q)))).max()
+            < 1e-11
+        )
+
+
 def test_what_does_not_roll_is_refused():
     robot = rigid_body()
     with pytest.raises(rnc.ConstraintError, match="radius of a sphere has to be positive"):
