@@ -63,6 +63,7 @@ from .model.measurement import Measurement
 from .model.reduced_model import ReducedModel
 from .model.system import NonholonomicSystem
 from .model.task import Task
+from .optimal import MotionPlan, tvlqr
 from .outputs import (
     Distance,
     FrameAngularVelocity,
@@ -126,6 +127,7 @@ __all__ = [
     "ModelError",
     "ModelWarning",
     "MomentumConservation",
+    "MotionPlan",
     "NoSideSlip",
     "NonholonomicSystem",
     "Outcome",
@@ -179,4 +181,5 @@ __all__ = [
     "state_derivatives",
     "summarize",
     "tuned_tracker",
+    "tvlqr",
 ]

@@ -4,6 +4,7 @@ from rnc_pin.optimal.action_models import ActionModel, action_model
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
 from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, OutputCost, PostureCost, VelocityCost
 from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
+from rnc_pin.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.optimal.planner import plan_motion as plan
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 
@@ -18,6 +19,7 @@ __all__ = [
     "MotionPlan",
     "OutputBound",
     "OutputCost",
+    "PlanFeedback",
     "PlanInfo",
     "PlanVerification",
     "PlannedOutputs",
@@ -27,4 +29,5 @@ __all__ = [
     "VelocityCost",
     "action_model",
     "plan",
+    "tvlqr",
 ]

@@ -35,14 +35,14 @@ class BoundCost(ABC):
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
         self.names, self._weight = tuple(names), weight
         self.running, self.terminal = phase != "terminal", phase != "running"
-        self._constant = None if callable(weight) else _weights(weight, self.names)
+        self._constant = None if callable(weight) else weights_of(weight, self.names)
 
     def root_weights(self, time: Array) -> Array:
         """Square roots of the weights (n, k) at times (n,)."""
         if self._constant is not None:
             return np.sqrt(np.broadcast_to(self._constant, (len(time), len(self.names))))
         assert callable(self._weight)
-        return np.sqrt([_weights(self._weight(float(t)), self.names) for t in time])
+        return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
 
     @abstractmethod
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
@@ -259,7 +259,8 @@ def _by_position(nodes: NodeData, J: Array) -> Array:
     return np.concatenate([J, np.zeros((n, k, nodes.model.nw))], axis=2)
 
 
-def _weights(given: Any, names: Sequence[str]) -> Array:
+def weights_of(given: Any, names: Sequence[str]) -> Array:
+    """Weights (k,) from a number, a list, or weights by name."""
     if isinstance(given, Mapping):
         for name in given:
             if name not in names:

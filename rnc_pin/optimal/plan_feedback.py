@@ -1,0 +1,166 @@
+"""Feedback along plans: the gains of a plan, or those of a time-varying linear-quadratic regulator."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Command, Description
+from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
+from rnc_pin.optimal.costs import Weight, weights_of
+from rnc_pin.optimal.guesses import inputs_for
+from rnc_pin.optimal.motion_plan import MotionPlan
+from rnc_pin.optimal.riccati import RiccatiFactors
+from rnc_pin.printing import ReprMixin
+
+
+class PlanFeedback(ReprMixin):
+    """``u + K dx`` along a plan, with dx the measured state minus the planned one along the tangent space.
+
+    It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
+    that results. After its end the plan stands still. Reads from the measurement ``q, v2``. One state at a time.
+
+    Args:
+        reduced: the model.
+        plan: the plan.
+        K: gains (intervals, inputs, states); those of the plan by default.
+        bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+
+    Raises:
+        ConfigurationError: plan, gains and model do not fit.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        plan: MotionPlan,
+        K: Float[Array, "K nu nx"] | None = None,
+        bandwidth: float = 20.0,
+    ) -> None:
+        self.plan, self.bandwidth = plan, bandwidth
+        self._reduced, self._model = reduced, fitting_model(reduced, plan)
+        self.K = np.array(plan.K if K is None else K, dtype=float)
+        if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
+            raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
+        self._end = _standing(self._model, plan)
+
+    def describe(self) -> Description:
+        """Return the form, the duration and the outcome of the plan."""
+        info = self.plan.info
+        return {
+            "type": type(self).__name__,
+            "form": info.form,
+            "duration": self.plan.duration,
+            "intervals": len(self.plan.u),
+            "cost": info.cost,
+            "outcome": info.outcome,
+            "bandwidth": self.bandwidth,
+        }
+
+    def initial_state(self, measurement: Measurement) -> None:
+        """Return None: the controller has no state."""
+
+    def planned(self, t: float) -> tuple[Nodes, Array, Array]:
+        """State (one node), input and gains of the plan at a time [s]."""
+        plan = self.plan
+        if t >= plan.duration:
+            w = np.zeros((1, self._model.nw))
+            return Nodes(plan.q[-1:], w), self._end, self.K[-1]
+        k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
+        start = Nodes(plan.q[k : k + 1], plan.w[k : k + 1])
+        since = np.array([max(0.0, t - plan.time[k])])
+        return self._model.step(start, plan.u[k : k + 1], since), plan.u[k], self.K[k]
+
+    def input_at(self, t: float, q: Array, v2: Array) -> tuple[Array, Array]:
+        """Input of the form with feedback, and the planned reduced velocity."""
+        state, u, K = self.planned(t)
+        w = v2[None] if self._model.nw else np.empty((1, 0))
+        deviation = self._model.difference(state, Nodes(q[None], w))[0]
+        return u + K @ deviation, self._model.velocity(state, u[None])[0]
+
+    def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
+        q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
+        u, v2_desired = self.input_at(t, q, v2)
+        if self._model.form == "dynamic":
+            return Command(T=u, v2_desired=v2_desired), None
+        rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
+        return Command(F=self._reduced.inverse_dynamics(q, v2, rate), v2_desired=v2_desired), None
+
+
+def tvlqr(
+    reduced: ReducedModel,
+    plan: MotionPlan,
+    state_cost: Weight = 1.0,
+    input_cost: Weight = 1.0,
+    final_cost: Weight | None = None,
+) -> PlanFeedback:
+    """Return a time-varying linear-quadratic regulator about a plan.
+
+    It minimises the sum of ``h (dx^T Q dx + du^T R du)`` over the intervals, plus the final cost, under the exact
+    linearization of every step.
+
+    Args:
+        reduced: the model.
+        plan: the plan.
+        state_cost: weights Q: a number, one for each state, or weights by name of ``plan.info.state_names``.
+        input_cost: weights R in the same forms, positive.
+        final_cost: weights of the last state; ten times Q by default.
+
+    Raises:
+        ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0]}
+        >>> plan = rnc.optimal.plan(reduced, robot.configuration(), ahead, 2.0)
+        >>> rnc.tvlqr(reduced, plan, state_cost=10.0).K.shape
+        (40, 2, 5)
+    """
+    model = fitting_model(reduced, plan)
+    Q = weights_of(state_cost, plan.info.state_names)
+    R = weights_of(input_cost, plan.info.input_names)
+    last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
+    if not (R > 0).all():
+        raise ConfigurationError("input_cost: every input needs a positive weight")
+    h = np.diff(plan.time)
+    steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
+    H = h[:, None, None] * np.diag(np.concatenate([Q, R]))
+    factors = RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last))
+    return PlanFeedback(reduced, plan, factors.K)
+
+
+def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
+    """Return the action model of a plan.
+
+    Raises:
+        ConfigurationError: the plan was made for another model.
+    """
+    if not isinstance(plan, MotionPlan):
+        raise ConfigurationError(f"plan: expected a MotionPlan, found {type(plan).__name__}")
+    form: Form = plan.info.form  # type: ignore[assignment]
+    model = action_model(reduced, form)
+    if plan.info.input_names != model.input_names or plan.K.shape[2] != model.nx:
+        raise ConfigurationError(
+            f"the plan is for inputs {', '.join(plan.info.input_names)}, the model has {', '.join(model.input_names)}"
+        )
+    if plan.q.shape[1] != reduced.robot.nq:
+        raise ConfigurationError(f"the plan has {plan.q.shape[1]} coordinates, the robot {reduced.robot.nq}")
+    return model
+
+
+def _standing(model: ActionModel, plan: MotionPlan) -> Array:
+    """Input that holds the last configuration."""
+    if model.form != "dynamic":
+        return np.zeros(model.nu)
+    zeros = np.zeros((1, model.nw))
+    try:
+        return inputs_for(model, Nodes(plan.q[-1:], zeros), zeros)[0]
+    except ConstraintError:
+        return np.array(plan.u[-1])

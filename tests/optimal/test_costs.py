@@ -1,0 +1,95 @@
+"""Residuals and bounded rows: derivatives against central differences, for every kind and form."""
+
+import coal
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.optimal.action_models import Nodes, action_model
+from rnc_pin.optimal.bounds import GoalRows
+from rnc_pin.optimal.node_data import NodeData
+
+STEP = 3e-5  # logarithms of rotations near half a turn round to 1e-11
+
+
+def panda():
+    """Panda on a fixed base: spatial outputs and collision geometry."""
+    robot = rnc.Robot.from_example("panda")
+    return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+
+
+def data(model, at, u, derivatives=False):
+    flow = model.flow_derivatives(at, u) if derivatives else None
+    return NodeData(model, at, u, np.linspace(0.0, 1.0, len(u)), flow)
+
+
+def nodes_of(model, seed=0, count=3):
+    generator = np.random.default_rng(seed)
+    q = np.array([model.reduced.random_configuration(generator, 0.4) for _ in range(count)])
+    return Nodes(q, 0.3 * generator.normal(size=(count, model.nw))), 0.3 * generator.normal(size=(count, model.nu))
+
+
+def check(model, block, atol=1e-6, step=STEP):
+    at, u = nodes_of(model)
+    n = len(u)
+    found = block.rows(data(model, at, u, derivatives=True), True)
+    np.testing.assert_allclose(found.value, block.rows(data(model, at, u), False).value, atol=1e-12)
+    x, by_u = found.full(model.nx, model.nu)
+    for k, d in enumerate(np.eye(model.nx) * step):
+        ahead, behind = (
+            block.rows(data(model, model.displaced(at, np.tile(s * d, (n, 1))), u), False).value for s in (1, -1)
+        )
+        np.testing.assert_allclose(x[:, :, k], (ahead - behind) / (2 * step), atol=atol)
+    for k, d in enumerate(np.eye(model.nu) * step):
+        ahead, behind = (block.rows(data(model, at, u + s * d), False).value for s in (1, -1))
+        np.testing.assert_allclose(by_u[:, :, k], (ahead - behind) / (2 * step), atol=atol)
+
+
+@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
+def test_every_cost_and_bound_of_a_mobile_robot(form):
+    reduced = systems.sleigh()
+    model, o = action_model(reduced, form), rnc.optimal
+    position, yaw = rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")
+    reference = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 2.0], 1.0)
+    blocks = [
+        o.OutputCost([position, yaw], [0.3, 0.2, 0.1]).bind(model),
+        o.OutputCost(position, reference).bind(model),
+        o.PostureCost(reduced.robot.configuration()).bind(model),
+        o.EffortCost(2.0, target=0.1).bind(model),
+        o.VelocityCost(target=[0.1, 0.2]).bind(model),
+        o.InputBound(-1.0, 1.0).bind(model),
+        o.VelocityBound(-1.0, {"sleigh_yaw": 1.0}).bind(model),
+        o.OutputBound([position, "sleigh_yaw"], -1.0, 1.0).bind(model),
+        GoalRows(model, {position: [1.0, 0.0], yaw: 0.2}, at_rest=True),
+        GoalRows(model, reduced.robot.configuration(), at_rest=True),
+    ]
+    if form != "kinematic":
+        blocks.append(o.AccelerationCost().bind(model))
+    for block in blocks:
+        check(model, block)
+
+
+def test_orientation_of_a_hand_and_distances_of_an_arm():
+    reduced = panda()
+    model = action_model(reduced, "kinematic")
+    shelf = rnc.collision.Obstacle(coal.Sphere(0.2), position=(1.2, 0.0, 0.4), name="shelf")
+    rules = rnc.collision.PairSelection(links=False)
+    distances = rnc.collision.CollisionDistances(reduced.robot, [shelf], rules)
+    goal = {rnc.FrameOrientation("panda_hand"): [2.6, 0.4, 0.3], rnc.FramePosition("panda_hand"): [0.4, 0.1, 0.5]}
+    check(model, GoalRows(model, goal, at_rest=True))
+    check(model, rnc.optimal.OutputCost(rnc.FrameOrientation("panda_hand"), [2.6, 0.4, 0.3]).bind(model))
+    # coal's distances are correct to 1e-7 m, so that differences need longer steps.
+    check(model, rnc.optimal.DistanceBound(distances, 0.05, pairs=1).bind(model), atol=2e-3, step=1e-3)
+
+
+def test_weights_by_name_and_over_time():
+    model = action_model(systems.sleigh(), "acceleration")
+    cost = rnc.optimal.VelocityCost({"sleigh_yaw": 4.0}).bind(model)
+    np.testing.assert_array_equal(cost.root_weights(np.zeros(2)), [[0.0, 2.0]] * 2)
+    grown = rnc.optimal.VelocityCost(lambda t: [t, 4 * t]).bind(model)
+    np.testing.assert_allclose(grown.root_weights(np.array([0.0, 4.0])), [[0, 0], [2, 4]])
+    with pytest.raises(rnc.ConfigurationError, match="did you mean 'sleigh_yaw'"):
+        rnc.optimal.VelocityCost({"sleigh_jaw": 1.0}).bind(model)
+    with pytest.raises(rnc.ConfigurationError, match="no weight may be negative"):
+        rnc.optimal.VelocityCost(-1.0).bind(model)

@@ -1,0 +1,60 @@
+"""Feedback along plans in closed loop, and the regulator against a dense least-squares solution."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.optimal.action_models import Nodes, action_model
+
+
+def curve(form):
+    reduced = systems.sleigh()
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
+    return reduced, rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 3.0, form=form)
+
+
+@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
+def test_feedback_corrects_a_wrong_start(form):
+    reduced, plan = curve(form)
+    start = reduced.robot.configuration()
+    start[1] += 0.05
+    weights = {"root_joint[0]": 50.0, "root_joint[1]": 50.0, "root_joint[2]": 10.0}
+    controller = rnc.tvlqr(reduced, plan, weights, 0.1, final_cost=100.0)
+    run = rnc.simulate(reduced, controller, start, 3.0, dt=0.005)
+    assert np.abs(run.q[-1, :2] - plan.q[-1, :2]).max() < 0.02
+
+
+def test_gains_of_the_plan_keep_it_on_its_path():
+    reduced, plan = curve("dynamic")
+    run = rnc.simulate(reduced, rnc.optimal.PlanFeedback(reduced, plan), plan.q[0], 3.5, dt=0.005)
+    np.testing.assert_allclose(run.q[-1], plan.q[-1], atol=1e-2)
+    assert np.abs(run.v2[-1]).max() < 1e-2
+
+
+def test_regulator_is_the_dense_optimum():
+    """The first input of the regulator minimises the whole quadratic cost, found by least squares."""
+    reduced, plan = curve("acceleration")
+    feedback = rnc.tvlqr(reduced, plan, 3.0, 0.5, final_cost=7.0)
+    model = action_model(reduced, "acceleration")
+    h = np.diff(plan.time)
+    steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
+    K, nx, nu = steps.u.shape
+    start = np.random.default_rng(0).normal(size=nx)
+    free, forced = start, np.zeros((nx, K * nu))
+    rows, right = [], []
+    for k in range(K):
+        rows.append(np.sqrt(3.0 * h[k]) * forced)
+        right.append(-np.sqrt(3.0 * h[k]) * free)
+        free, forced = steps.x[k] @ free, steps.x[k] @ forced
+        forced[:, k * nu : (k + 1) * nu] += steps.u[k]
+    rows += [np.sqrt(7.0) * forced, np.sqrt(0.5 * h[0]) * np.eye(K * nu)]
+    right += [-np.sqrt(7.0) * free, np.zeros(K * nu)]
+    best = np.linalg.lstsq(np.vstack(rows), np.concatenate(right))[0]
+    np.testing.assert_allclose(feedback.K[0] @ start, best[:nu], rtol=1e-6)
+
+
+def test_a_plan_of_another_system_is_refused():
+    _, plan = curve("dynamic")
+    with pytest.raises(rnc.ConfigurationError, match="the plan is for inputs"):
+        rnc.tvlqr(systems.space_robot_in_joints(), plan)
