@@ -8,6 +8,7 @@ from rnc_pin.analysis.grip import Grip, lift_off_along
 from rnc_pin.analysis.growth import GrowthEvidence, growth_vector
 from rnc_pin.analysis.integrability import Integrability, integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
+from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.analysis.linearization import Linearization, linearize
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
 from rnc_pin.analysis.redundancy_class import Block, Evidence, Redundancy, Spread, classify
@@ -25,6 +26,7 @@ __all__ = [
     "GrowthEvidence",
     "Integrability",
     "LiftOff",
+    "LimitEffect",
     "Linearization",
     "NormalForces",
     "Redundancy",

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.boundedness import Boundedness, boundedness
 from rnc_pin.analysis.growth import GrowthEvidence
 from rnc_pin.analysis.integrability import integrability
 from rnc_pin.analysis.lemma_1 import lemma_1_residuals
+from rnc_pin.analysis.limit_effects import LimitedProgram, LimitEffect, limit_effects
 from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.reduced_model import ReducedModel
@@ -51,6 +53,7 @@ class Report:
         lemma1: worst residuals of Lemma 1.
         lemma1_holds: True if all residuals are at the level of rounding and finite differences.
         lemma1_bounds: norms of H, V and G over the samples, and growth of H and V towards singular sets of E.
+        limit_effects: effect of the limits of a program at each of the states, if both are given.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -85,6 +88,7 @@ class Report:
     lemma1: dict[str, float]
     lemma1_holds: bool
     lemma1_bounds: Boundedness
+    limit_effects: tuple[LimitEffect, ...] = ()
 
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
@@ -99,6 +103,9 @@ def analyze(
     samples: int = 64,
     seed: int = 0,
     vertical: Sequence[str] | None = None,
+    *,
+    program: LimitedProgram | None = None,
+    states: Sequence[tuple[float, ArrayLike, ArrayLike]] = (),
 ) -> Report:
     """Analyse a reduced system at seeded random configurations.
 
@@ -109,9 +116,12 @@ def analyze(
         samples: number of configurations.
         seed: of the random configurations.
         vertical: names of the vertical outputs of the task; all by default.
+        program: program whose limits are examined, such as ``rnc.control.VelocityQP`` with its ``dt``.
+        states: time [s], configuration (nq,) and reduced velocity (r,) of the states at which they are examined.
 
     Raises:
         ConfigurationError: unknown output names.
+        InputError: states without a program, or a program without states.
         SingularityError: every sampled configuration is singular.
 
     Example:
@@ -123,6 +133,8 @@ def analyze(
         >>> report.redundancy_class, report.growth_vector
         ('1', (3, 4))
     """
+    if (program is None) != (not len(states)):
+        raise InputError("analyze: program and states belong together; give both or none")
     if primary is None:
         primary = [name for name in reduced.reducing.names if name not in redundant]
     task = Task.of(reduced, primary, redundant, vertical)
@@ -176,6 +188,7 @@ def analyze(
         lemma1=lemma,
         lemma1_holds=bool(held and lemma["smallest eigenvalue of H"] > 0),
         lemma1_bounds=bounds,
+        limit_effects=() if program is None else limit_effects(program, states, reduced.robot.nq, reduced.r),
     )
 
 

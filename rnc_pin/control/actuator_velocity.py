@@ -15,10 +15,10 @@ from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
+from rnc_pin.robots.joint_values import NO_LIMIT
 
 _SAMPLES = 5
 _RANK = 1e-9  # smallest relative singular value of B^T R at which actuators determine the motion
-_NO_LIMIT = 1e300
 
 
 class ActuatorVelocityController(ReprMixin):
@@ -174,7 +174,7 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
     """
     if isinstance(limits, bool):
         found = np.array(reduced.robot.model.upperVelocityLimit, dtype=float)
-        return np.where((found > 0) & (found < _NO_LIMIT) & limits, found, np.inf)
+        return np.where((found > 0) & (found < NO_LIMIT) & limits, found, np.inf)
     try:
         given = np.array(limits, dtype=float)
     except (TypeError, ValueError):

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.robots.joint_values import NO_LIMIT
+
 _STEPS = 150
 _LONGEST = 1.0  # largest step [rad or m]
 _EXACT = 1e-13  # error at which the descent stops
@@ -48,7 +50,7 @@ class TangentBounds:
 
     Args:
         model: Pinocchio model.
-        lower, upper: limits (nq,); entries beyond 1e300 are none.
+        lower, upper: limits (nq,); entries beyond ``NO_LIMIT`` are none.
         held: mask (nv,) of entries that do not move.
     """
 
@@ -61,7 +63,7 @@ class TangentBounds:
             for k in range(joint.nv)
         ]
         bounded = [
-            (iq, iv) for iq, iv in entries if lower[iq] < upper[iq] and (lower[iq] > -1e300 or upper[iq] < 1e300)
+            (iq, iv) for iq, iv in entries if lower[iq] < upper[iq] and (lower[iq] > -NO_LIMIT or upper[iq] < NO_LIMIT)
         ]
         self.q_index = np.array([iq for iq, _ in bounded], dtype=int)
         self.v_index = np.array([iv for _, iv in bounded], dtype=int)

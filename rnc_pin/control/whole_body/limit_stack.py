@@ -37,6 +37,10 @@ class ProgramBounds(NamedTuple):
         found[..., self.places] = values
         return found
 
+    def without_rows(self) -> ProgramBounds:
+        """The same program without any limit."""
+        return ProgramBounds(self.rows[:0], self.lower[:0], self.upper[:0], self.places[:0], self.total)
+
     def excess(self, v2: Array) -> Float[Array, " k"]:
         """Amount by which a velocity exceeds each row, (k,); zero if it satisfies the row."""
         values = self.rows @ v2
@@ -62,7 +66,7 @@ class LimitStack:
                 raise ConfigurationError(f"a limit has to be a ControlLimit, found {type(each).__name__}")
         self._bound = [each.bind(reduced) for each in limits]
         sizes = [len(each.names) for each in self._bound]
-        self.names = _distinct([name for each in self._bound for name in each.names])
+        self.names = distinct([name for each in self._bound for name in each.names])
         stops = np.cumsum([0, *sizes])
         self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
@@ -144,8 +148,8 @@ class LimitStack:
         return np.zeros(r) if found is None else found.point[:r] / _VELOCITY_COST
 
 
-def _distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """Names with a number behind every repeated one: "hand x upper", "hand x upper (2)"."""
+def distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names with a number behind every repeated one: "hand x upper", "hand x upper (2)"."""
     seen: Counter[str] = Counter()
     found = []
     for name in names:

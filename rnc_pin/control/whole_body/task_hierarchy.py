@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
+from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -52,6 +52,7 @@ class TaskStack:
 
     Attributes:
         bound: the tasks of the model.
+        names: name of each row, in the order of the tasks.
         levels: number of levels.
     """
 
@@ -60,6 +61,7 @@ class TaskStack:
             if not isinstance(each, ControlTask):
                 raise ConfigurationError(f"a task has to be a ControlTask, found {type(each).__name__}")
         self.bound = [each.bind(reduced) for each in tasks]
+        self.names = distinct([name for each in self.bound for name in each.names])
         roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
         priorities = sorted({each.priority for each in tasks})
         self._levels = [

@@ -9,14 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
+from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import TaskStack, solve_within
+from rnc_pin.control.whole_body.task_hierarchy import TaskStack, solve_cascade, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.io.json import Json
@@ -180,6 +182,32 @@ class VelocityQP(ReprMixin):
         """
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
         return ProgramSolution(*solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers))
+
+    def effect(self, t: float, q: ArrayLike, v2: ArrayLike) -> LimitEffect:
+        """Return the effect of the limits at one state: the solution beside that without limits.
+
+        Args:
+            t: time [s].
+            q: configuration (nq,).
+            v2: reduced velocity (r,) commanded there.
+
+        Raises:
+            InputError: the program has no ``dt``.
+        """
+        if self.dt is None:
+            raise InputError("effects of limits depend on the sampling interval: give the program a dt")
+        sample = ControlSample(self._reduced, t, np.asarray(q, dtype=float), np.asarray(v2, dtype=float), self.dt)
+        levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
+        found = solve_within(levels, bounds, self._limits, self._solver, self.damping)
+        free = solve_cascade(levels, bounds.without_rows(), self.damping, self._solver)
+        assert free is not None  # without limits, every level has a solution
+        report = limit_report(self.limit_names, found.multipliers, found.excess, found.excess)
+        active = found.multipliers[:, bounds.places].any(axis=0)
+        change = sample.end.R @ (found.unknowns - free.unknowns)
+        errors = np.concatenate([np.zeros(0), *(task.rows(sample).jacobian @ change for task in self._tasks.bound)])
+        error = dict(zip(self._tasks.names, errors.tolist(), strict=True))
+        rank = int(np.linalg.matrix_rank(bounds.rows[active])) if active.any() else 0
+        return LimitEffect(t, report.active, report.exceeded, self._reduced.r - rank, error)
 
     def report(self, state: ProgramState) -> LimitReport:
         """Return the limits that are active, and those that gave way."""
