@@ -1,0 +1,96 @@
+"""Bodies whose contact point moves over them: a rattleback and a Chaplygin ball.
+
+Kane and Levinson, Int. J. Non-Linear Mechanics 17 (1982) 175-186; Garcia and Hubbard, Proc. R. Soc. A 418 (1988)
+165-197; Chaplygin, Matematicheskii Sbornik 24 (1903) 139-168.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.integrate import solve_ivp
+
+import rnc_pin as rnc
+from benchmarks.validation.row import INVARIANT, MOTION, Row
+
+GRAVITY, UP = 9.81, np.array([0.0, 0.0, 1.0])
+SEMI_AXES, RISE = np.array([0.2, 0.03, 0.02]), -0.01  # m; the centre of mass is below the centre
+SKEW = 0.2  # rad between the axes of inertia and of the ellipsoid
+MOMENTS = np.array([2e-4, 1.6e-3, 1.7e-3])  # kg m^2, of 1 kg
+RADIUS, BALL_MASS, BALL_MOMENTS = 0.3, 2.0, np.array([0.03, 0.05, 0.07])
+
+
+def rolling(mass: float, inertia: np.ndarray, lever: np.ndarray, shape: rnc.Ellipsoid | rnc.Sphere) -> rnc.ReducedModel:
+    """A body on a free base, its angular velocities as reducing outputs."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(mass, lever, inertia), pin.SE3.Identity())
+    model.addFrame(pin.Frame("body", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    model.gravity.linear = -GRAVITY * UP
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingBody("body", shape)])
+    return system.reduce([rnc.FrameAngularVelocity("body", axis) for axis in "xyz"])
+
+
+def rattleback_inertia() -> np.ndarray:
+    """Rotational inertia about the centre of mass, in the axes of the ellipsoid."""
+    turn = pin.rpy.rpyToMatrix(0.0, 0.0, SKEW)
+    return turn @ np.diag(MOMENTS) @ turn.T
+
+
+def newton_and_euler(w0: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Angular velocity (N, 3) of the rattleback in its own axes, from equations that share no code with the package.
+
+    In the axes of the body, with the arm r from the centre of mass to the contact and the vertical u:
+    ``I wdot + w x I w = r x m (r x wdot + rdot x w + w x (r x w) + g u)`` and ``udot = u x w``.
+    """
+    inertia, squares = rattleback_inertia(), SEMI_AXES**2
+
+    def rate(_: float, state: np.ndarray) -> np.ndarray:
+        w, u = state[:3], state[3:]
+        support = np.sqrt(u @ (squares * u))
+        point = -squares * u / support  # from the centre to the contact
+        r = point - np.array([0.0, 0.0, RISE])
+        u_dot = np.cross(u, w)
+        r_dot = -squares * u_dot / support + squares * u * (u @ (squares * u_dot)) / support**3
+        known = np.cross(r_dot, w) + np.cross(w, np.cross(r, w)) + GRAVITY * u
+        right = np.cross(r, known) - np.cross(w, inertia @ w)
+        w_dot = np.linalg.solve(inertia - pin.skew(r) @ pin.skew(r), right)
+        return np.concatenate([w_dot, u_dot])
+
+    found = solve_ivp(rate, (0, times[-1]), np.concatenate([w0, UP]), "DOP853", times, rtol=1e-12, atol=1e-13)
+    return np.asarray(found.y[:3].T)
+
+
+def rows() -> list[Row]:
+    """Spin of a rattleback that reverses; first integrals of it and of a Chaplygin ball."""
+    stone = rolling(1.0, rattleback_inertia(), np.array([0.0, 0.0, RISE]), rnc.Ellipsoid(SEMI_AXES))
+    start = np.array([0.3, 0.0, -5.0])
+    upright = stone.assembled(stone.robot.configuration({"root_joint": (0, 0, SEMI_AXES[2], 0, 0, 0, 1)}))
+    run = rnc.free_motion(stone, upright, start, 1.0, dt=0.05)
+    expected = newton_and_euler(start, run.time)
+    kinetic = 0.5 * MOMENTS[2] * start[2] ** 2
+
+    ball = rolling(BALL_MASS, np.diag(BALL_MOMENTS), np.zeros(3), rnc.Sphere(RADIUS))
+    placed = ball.robot.configuration({"root_joint": (0, 0, RADIUS, 0.5, 0.1, -0.3, np.sqrt(0.65))})
+    rolled = rnc.free_motion(ball, placed, np.array([1.0, -2.0, 1.5]), 5.0, dt=0.1)
+    arm = RADIUS * UP  # from the contact to the centre
+    momenta = []
+    for q, w in zip(rolled.q, rolled.v2, strict=True):
+        R = pin.Quaternion(q[3:7]).toRotationMatrix()
+        momenta.append(R @ (BALL_MOMENTS * w) + BALL_MASS * np.cross(arm, np.cross(R @ w, arm)))
+    held = np.broadcast_to(momenta[0], (len(momenta), 3))
+    equations = "Garcia & Hubbard 1988 (equations)"
+    return [
+        Row(equations, "rattleback: angular velocity over 1 s, reversal included [rad/s]", expected, run.v2, MOTION),
+        Row(equations, "rattleback: spin after 1 s, from -5 [rad/s]", expected[-1, 2], run.v2[-1, 2], MOTION),
+        Row("conservation", "rattleback: energy, relative", 0.0, np.ptp(run.energy) / kinetic, INVARIANT, 1.0),
+        Row("Chaplygin 1903", "ball: angular momentum about the contact over 5 s", held, np.array(momenta), MOTION),
+        Row(
+            "conservation",
+            "Chaplygin ball: energy, relative",
+            0.0,
+            np.ptp(rolled.energy) / rolled.energy[0],
+            INVARIANT,
+            1.0,
+        ),
+    ]
