@@ -1,11 +1,14 @@
 """Processor time of one sample of whole-body control: 10 tasks, 14 joints, all limits of the file.
 
+The last line is one sample of ``rnc-pin drive tiago``: commands, program, computed torque, plant and record.
+
 Run it by ``python -m benchmarks.whole_body``.
 """
 
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +16,10 @@ import pinocchio as pin
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.driving.drive_commands import parse_command
+from rnc_pin.driving.drive_plan import prepare_drive, read_source
+from rnc_pin.driving.drive_run import drive
+from rnc_pin.driving.drive_status import DriveStatus
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning import Harmonic, Hold
 
@@ -62,6 +69,28 @@ def stepped(program: VelocityQP, reduced: rnc.ReducedModel, q0: np.ndarray, warm
     return used / SAMPLES
 
 
+def driven() -> tuple[float, float]:
+    """Processor time of a sample of a driven TIAGo, and its period [s]. The hand has a goal and the base drives."""
+    name, raw, folder, built_in = read_source("tiago", {})
+    run = prepare_drive(name, raw, folder, built_in, {})
+    reach = {"kind": "frame_goal", "frame": "arm_tool_link", "position": [1.0, 0.3, 0.8]}
+    forward = {"kind": "base_velocity", "forward": 0.5, "turn": 0.2}
+    for sample, message in ((0, reach), *((sample, forward) for sample in range(10, SAMPLES, 10))):
+        run.log.add(sample, [parse_command(message, run.controls)])
+    seen = _Times([])
+    drive(run, samples=SAMPLES, watcher=seen)
+    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.plan.experiment.simulation.dt
+
+
+class _Times(NamedTuple):
+    """Watcher of a drive that notes the processor time at each sample [s]."""
+
+    used: list[float]
+
+    def show(self, sample: rnc.simulation.Sample, status: DriveStatus | None) -> None:
+        self.used.append(time.process_time())
+
+
 def main() -> None:
     """Print the time of a sample with each solver, cold and warm."""
     reduced = model()
@@ -82,6 +111,8 @@ def main() -> None:
             continue
         best = min(stepped(program, reduced, q0, warm) for _ in range(ROUNDS))
         print(f"{label}: {1e6 * best:.0f} us a sample, {len(program.limit_names)} rows of limits")
+    used, period = min(driven() for _ in range(ROUNDS))
+    print(f"driven: {1e3 * used:.1f} ms a sample of {1e3 * period:.0f} ms, with the plant")
 
 
 if __name__ == "__main__":

@@ -117,6 +117,28 @@ def run(**given: Given) -> int:
 
 
 @cli.command()
+@click.argument("source", metavar="SCENARIO|ROBOT", required=False, shell_complete=_scenarios)
+@click.option("--replay", "replayed", type=click.Path(path_type=Path), help="Repeat a drive from its commands.json.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO-drive by default.")
+@_options
+@click.option(
+    "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
+)
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
+@click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
+@_json
+@_force
+@_debug
+def drive(**given: Given) -> int:
+    """Drive a robot in real time from the browser, within its limits: a SCENARIO or a ROBOT's file or name.
+
+    Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
+    """
+    announce(f"{given['source'] or given['replayed'] or ''}: preparing the drive".removeprefix(": "), quiet=True)
+    return _command("drive_robot")(**given)
+
+
+@cli.command()
 @click.argument("system", shell_complete=_scenarios)
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")

@@ -20,7 +20,7 @@ from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.former_arguments import Plant as FormerPlant
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance, provenance_of
-from rnc_pin.simulation.simulate import assembled_start
+from rnc_pin.simulation.sampled_run import assembled_start
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 

@@ -36,7 +36,7 @@ class Record:
 
     Args:
         reduced: reduced model.
-        capacity: largest number of samples.
+        capacity: expected number of samples; ``moves`` and ``add`` make room for more.
         carries: mask (r,) of the reducing outputs with a valid integral.
         contacts: names of the contacts whose friction is recorded.
     """
@@ -51,20 +51,36 @@ class Record:
             "time": 1, "work": 1, "q": reduced.robot.nq, "v": reduced.n, "v2": r, "x1": k, "x2": r, "v1": k,
             "T": reduced.p, "integrals": r, "v2_desired": r, "x1_desired": k, "x2_desired": r,
         }  # fmt: skip
-        ends = dict(zip(columns, accumulate(columns.values()), strict=True))
+        self._columns = columns
         # One row for each sample, so that a sample is written at once.
-        self._rows = np.full((capacity, ends["x2_desired"]), np.nan)
-        self.arrays = {name: self._rows[:, end - columns[name] : end] for name, end in ends.items()}
-        self.arrays |= {name: self.arrays[name][:, 0] for name in ("time", "work")}
-        self._integrals = self.arrays.pop("integrals")
+        self.arrays = {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
+        self._use_rows(np.full((capacity, sum(columns.values())), np.nan))
         self._integrals[:] = 0.0
-        self.arrays |= {name: np.zeros((capacity, 0)) for name in _OPTIONAL}
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
         self._first_word: int | None = None  # first sample with a goal, that is with a valid measurement
         self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
+
+    def _use_rows(self, rows: np.ndarray) -> None:
+        """Set the array of all samples; the arrays by name are views of it."""
+        ends = dict(zip(self._columns, accumulate(self._columns.values()), strict=True))
+        self._rows = rows
+        self.arrays |= {name: rows[:, end - self._columns[name] : end] for name, end in ends.items()}
+        self.arrays |= {name: self.arrays[name][:, 0] for name in ("time", "work")}
+        self._integrals = self.arrays.pop("integrals")
+
+    def _grow(self) -> None:
+        """Double the capacity. A run that a user ends has no known length."""
+        more = self.capacity
+        for name in _OPTIONAL:
+            array = self.arrays[name]
+            self.arrays[name] = np.concatenate([array, np.full((more, array.shape[1]), np.nan)])
+        self._use_rows(np.concatenate([self._rows, np.full((more, self._rows.shape[1]), np.nan)]))
+        if self._external is not None:
+            self._external = np.concatenate([self._external, np.zeros((more, self.reduced.n))])
+        self.capacity += more
 
     def moves(self, model: ReducedModel | None, external: np.ndarray | None) -> None:
         """Set the plant model of the next samples, and external forces of the next sample or samples.
@@ -73,6 +89,8 @@ class Record:
             model: reduced model of the plant; None if it is unknown. The controller's model then replaces it.
             external: generalized forces (nv,) or (count, nv) in addition to the inputs, if any.
         """
+        if self.count == self.capacity:
+            self._grow()
         if not self._models or self._models[-1][1] is not model:
             self._models.append((self.count, model))
         if external is not None:
@@ -96,6 +114,8 @@ class Record:
 
         ``v_measured`` and ``friction_used`` are empty if there is no data; ``outputs`` are x1 and x2, if known.
         """
+        if self.count == self.capacity:  # without a call of ``moves``
+            self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
         if self._first_word is None and any(goal is not None for goal in given):
             self._first_word = self.count

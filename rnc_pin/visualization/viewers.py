@@ -11,6 +11,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.simulation import RunInfo
+from rnc_pin.visualization.browser.command_socket import Receiver
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
@@ -43,24 +44,33 @@ class MeshcatViewer:
         info: information on the run.
         host: address to serve on.
         title: title of the page.
+        receive: function for the messages of the page's user; see ``SceneServer``.
     """
 
-    def __init__(self, drawn_model: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> None:
+    def __init__(
+        self,
+        drawn_model: DrawnModel,
+        view: View,
+        info: RunInfo,
+        host: str,
+        title: str,
+        receive: Receiver | None = None,
+    ) -> None:
         self._model, self._view, self._info = drawn_model, view, info
-        self._window = SceneWindow(title)
-        self._scene = MeshcatScene(self._window)
+        self.window = SceneWindow(title)
+        self.scene = MeshcatScene(self.window)
         self._run_scene: RunScene | None = None
         self._next_values = 0.0
-        self.url = self._window.serve(host=host)
+        self.url = self.window.serve(host=host, receive=receive)
 
     @property
     def browsers(self) -> int:
         """Number of connected browsers."""
-        return self._window.browsers
+        return self.window.browsers
 
     def open(self) -> None:
         """Show the page in the user's browser."""
-        self._window.open()
+        self.window.open()
 
     def draw(self, state: DrawnState) -> None:
         """Draw a state; the first state creates the scene."""
@@ -72,19 +82,19 @@ class MeshcatViewer:
                 for name, value in zip(self._info.outputs.of(kind).names, desired, strict=False)
                 if np.isfinite(value)
             ]
-            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self._scene, state)
-            title = self._window.title if self._window.title != "rnc_pin" else ""
-            self._scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
+            self._run_scene = RunScene(ShownRun(self._model, self._info, goals), self._view, self.scene, state)
+            title = self.window.title if self.window.title != "rnc_pin" else ""
+            self.scene.overlay(title, self._run_scene.overlay.labels(), self._run_scene.legend())
         now = time.monotonic()
-        with self._window.batched():
+        with self.window.batched():
             self._run_scene.update(state)
             if now >= self._next_values:
                 self._next_values = now + 1.0 / _VALUES_RATE
-                self._scene.overlay_values(*self._run_scene.overlay.values(state))
+                self.scene.overlay_values(*self._run_scene.overlay.values(state))
 
     def close(self) -> None:
         """Stop serving."""
-        self._window.close()
+        self.window.close()
 
 
 def selected_viewer() -> Callable[..., Viewer]:

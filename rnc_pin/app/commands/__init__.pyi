@@ -1,5 +1,6 @@
 """Exports of ``rnc_pin.app.commands``. Type checkers read it; ``__init__.py`` imports each name lazily from it."""
 
+from .drive import drive_robot
 from .init import draft_scenario
 from .inspect import inspect_system
 from .list import list_scenarios
@@ -10,6 +11,7 @@ from .sweep import sweep_scenario
 
 __all__ = [
     "draft_scenario",
+    "drive_robot",
     "inspect_system",
     "list_scenarios",
     "print_schema",

@@ -18,6 +18,7 @@ from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.browser.page import recorded_page
 
 if TYPE_CHECKING:
+    from rnc_pin.visualization.browser.command_socket import Receiver
     from rnc_pin.visualization.browser.scene_server import SceneServer
 
 Key = tuple[str, str]
@@ -143,11 +144,11 @@ class SceneWindow:
 
     # ------------------------------------------------------------------ serving
 
-    def serve(self, port: int = 0, host: str = LOOPBACK) -> str:
+    def serve(self, port: int = 0, host: str = LOOPBACK, receive: Receiver | None = None) -> str:
         """Serve the scene and return its address; see ``SceneServer``."""
         from rnc_pin.visualization.browser.scene_server import SceneServer
 
-        self._server = SceneServer(self.title, self.latest, port, host)
+        self._server = SceneServer(self.title, self.latest, port, host, receive)
         self.web_url = self._server.url
         return self.web_url
 

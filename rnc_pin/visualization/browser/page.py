@@ -38,12 +38,17 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
-def live_page(title: str) -> str:
-    """Page that draws the commands from its web socket. It loads ``main.min.js`` from its server."""
-    scripts = (
-        f'<script src="main.min.js"></script>\n<script>{_part("page.js")}</script>\n<script>viewer.connect();</script>'
-    )
-    return _PAGE.format(title=escape(title), style=_part("page.css"), scripts=scripts)
+def live_page(title: str, driven: bool = False) -> str:
+    """Page that draws the commands from its web socket. It loads ``main.min.js`` from its server.
+
+    Args:
+        title: title of the page.
+        driven: True adds keys, clicks and controls that send commands of the user.
+    """
+    parts = [_part("page.js"), *([_part("drive.js")] if driven else []), "viewer.connect();"]
+    scripts = "\n".join(['<script src="main.min.js"></script>', *(f"<script>{part}</script>" for part in parts)])
+    style = _part("page.css") + (_part("drive.css") if driven else "")
+    return _PAGE.format(title=escape(title), style=style, scripts=scripts)
 
 
 def recorded_page(title: str, commands: Iterable[bytes], begin: float | None = None) -> str:

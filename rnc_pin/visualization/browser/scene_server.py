@@ -8,6 +8,7 @@ browser receives the latest command for every node, as fast as it reads.
 from __future__ import annotations
 
 import asyncio
+import secrets
 import socket
 import threading
 
@@ -20,11 +21,12 @@ import tornado.websocket
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.browser.access import RequestFilter
+from rnc_pin.visualization.browser.command_socket import CommandSocket, FilteredHandler, Receiver
 from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_commands, in_order, put_latest
 from rnc_pin.visualization.browser.page import VIEWER, bundle, live_page
 
 _GOODBYE = 0.5  # [s]
-_LONGEST_MESSAGE = 1024  # [bytes]; messages from browsers are ignored
+_LONGEST_MESSAGE = 1024  # [bytes]; of messages from browsers
 _LIMITS = {
     "max_header_size": 16_384,
     "max_body_size": 1024,
@@ -43,18 +45,23 @@ class SceneServer:
         latest: commands so far. The thread of the server owns them until ``close`` and adds those that are sent.
         port: port to listen on; 0 finds a free port.
         host: address to listen on; any address except loopback lets other computers watch.
+        receive: function for the messages of the page's user, called in the thread of the server; None for a page
+            that only shows. The address of the page then ends in ``#`` and a secret, which its messages need.
 
     Raises:
         ConfigurationError: the port is in use, or the address is not an address of this computer.
     """
 
-    def __init__(self, title: str, latest: Commands, port: int, host: str) -> None:
+    def __init__(self, title: str, latest: Commands, port: int, host: str, receive: Receiver | None = None) -> None:
         try:
             sockets = tornado.netutil.bind_sockets(port, host)
         except OSError as error:
             raise ConfigurationError(f"port {port} on {host} cannot be used: {error.strerror}") from None
         name = f"[{host}]" if ":" in host else host
         self.url = f"http://{name}:{sockets[0].getsockname()[1]}/static/"
+        self._receive, self._secret = receive, secrets.token_urlsafe(18)
+        if receive is not None:
+            self.url += f"#{self._secret}"
         self._latest, self._watching = latest, set[_Browser]()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(title, host, sockets), name="meshcat", daemon=True)
@@ -84,12 +91,16 @@ class SceneServer:
     async def _serve(self, title: str, host: str, sockets: list[socket.socket]) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         self._wrapper = tornado.ioloop.IOLoop.current()
+        page, commands = live_page(title, self._receive is not None), []
+        if self._receive is not None:
+            commands = [(r"/commands", CommandSocket, {"receive": self._receive, "secret": self._secret})]
         application = tornado.web.Application(
             [
-                (r"/static/", _StaticFile, {"kind": "text/html", "text": live_page(title).encode()}),
+                (r"/static/", _StaticFile, {"kind": "text/html", "text": page.encode()}),
                 (r"/static/main.min.js", _StaticFile, {"kind": "text/javascript", "text": VIEWER.read_bytes()}),
                 (r"/favicon.ico", _StaticFile, {"kind": "image/x-icon", "text": b""}),
                 (r"/", _Browser, {"latest": self._latest, "watching": self._watching}),
+                *commands,
             ],
             default_handler_class=_NotFound,
             websocket_max_message_size=_LONGEST_MESSAGE,
@@ -115,20 +126,7 @@ class SceneServer:
             browser.offer(commands)
 
 
-class _FilteredHandler(tornado.web.RequestHandler):
-    """Request handler that refuses requests which ``RequestFilter`` does not admit."""
-
-    def prepare(self) -> None:
-        requests: RequestFilter = self.settings["requests"]
-        headers = self.request.headers
-        if not requests.allows(headers.get("Host"), headers.get("Origin")):
-            raise tornado.web.HTTPError(403)
-
-    def write_error(self, status_code: int, **more: object) -> None:
-        self.finish()
-
-
-class _Browser(_FilteredHandler, tornado.websocket.WebSocketHandler):
+class _Browser(FilteredHandler, tornado.websocket.WebSocketHandler):
     """Connection to a browser. Messages from the browser are ignored.
 
     One batch is sent at a time. Meanwhile only the latest command for every node waits. So a browser that is slow, or
@@ -174,7 +172,7 @@ class _Browser(_FilteredHandler, tornado.websocket.WebSocketHandler):
         self._watching.discard(self)
 
 
-class _StaticFile(_FilteredHandler):
+class _StaticFile(FilteredHandler):
     """Static file of the page."""
 
     def initialize(self, kind: str, text: bytes) -> None:
@@ -186,7 +184,7 @@ class _StaticFile(_FilteredHandler):
         self.write(self._text)
 
 
-class _NotFound(_FilteredHandler):
+class _NotFound(FilteredHandler):
     """Answer 404 for any other path."""
 
     def prepare(self) -> None:

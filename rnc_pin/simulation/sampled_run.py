@@ -1,0 +1,173 @@
+"""Run of a sampled controller and a plant, one sample at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.control.controller import Command, Controller
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
+from rnc_pin.loop.options import admit_controller, admit_model, type_name
+from rnc_pin.model.input_validation import numbers_of
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.plant import takes_velocities
+from rnc_pin.plants.reduced import integrated_outputs
+from rnc_pin.simulation.ending import MODEL, Progress
+from rnc_pin.simulation.plant_adapter import PlantAdapter
+from rnc_pin.simulation.record import Record
+from rnc_pin.simulation.run_info import Outcome, provenance_of
+from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
+from rnc_pin.simulation.stop import StopMonitor
+from rnc_pin.simulation.trajectory import Trajectory
+
+_ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
+_METHODS = ("reset", "read", "apply", "advance")
+
+
+class SampledRun:
+    """Run whose samples somebody else calls: a loop over a duration, or one that follows a clock.
+
+    Args:
+        reduced, controller, q0, dt, v2_0, plant, options: as for ``simulate``.
+        capacity: expected number of samples; the record grows beyond it.
+
+    Attributes:
+        loop: control loop of the controller.
+        samples: number of samples so far.
+
+    Raises:
+        RncError: as ``simulate``.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        controller: Controller,
+        q0: np.ndarray,
+        dt: float,
+        capacity: int,
+        *,
+        v2_0: np.ndarray | None = None,
+        plant: Plant | None = None,
+        options: SimulationOptions = DEFAULT_OPTIONS,
+    ) -> None:
+        _check_arguments(reduced, controller, plant, options)
+        self._provenance, self._observer = provenance_of(options.meta), options.observer
+        self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
+        loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
+        kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
+        self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
+        self._stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
+        self._zeros = zeros = np.zeros(reduced.r)
+        start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
+        adapter.plant.reset(start.q, start.v)
+        state = options.controller_state
+        if state is None:
+            state = controller.initial_state(adapter.read_state().measure(zeros))
+        self.loop.resume(LoopState(begin=0.0, controller=state))
+        self._record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+
+    @property
+    def time(self) -> float:
+        """Time of the next sample [s]."""
+        return self.samples * self._dt
+
+    def sample(self, progress: Progress) -> Sample:
+        """Measure, compute and apply the inputs, and record the sample.
+
+        Args:
+            progress: receives the time and the component at work, for error messages.
+        """
+        adapter, loop = self._adapter, self.loop
+        progress.time = t = self.time
+        state = adapter.read_state()
+        self._stop.check(t, state)
+        T = _compute_input(adapter, loop, progress)
+        T = adapter.apply(loop, T)
+        measurement, command = _last_decision(loop, state)
+        integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
+        self._record.moves(adapter.model, adapter.external)
+        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
+        sensed = adapter.v_measured, adapter.friction_used
+        self._record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        self.samples += 1
+        found = Sample(t, measurement, command, T)
+        if self._observer is not None:
+            progress.active_component = "the observer"
+            self._observer(found)
+            progress.active_component = MODEL
+        return found
+
+    def advance(self) -> None:
+        """Advance the plant to the next sample."""
+        self._adapter.plant.advance(self._dt)
+
+    @property
+    def failure(self) -> str | None:
+        """Reason why the loop only gives safe commands; None if it works."""
+        state = self.loop.state
+        return f"the loop gave the safe command until the end: {state.fault}" if state.failed else None
+
+    def finish(self, outcome: Outcome, message: str | None = None) -> Trajectory:
+        """Return the trajectory so far."""
+        return self._record.finish(self._dt, self._provenance, outcome, message)
+
+
+def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:
+    admit_model(reduced)
+    admit_controller(controller)
+    missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]
+    if plant is not None and (missing or isinstance(plant, type)):
+        raise ConfigurationError(f"plant: expected methods {', '.join(_METHODS)}, found {type_name(plant)}")
+    if takes_velocities(plant) and not getattr(controller, "gives_velocities", False):
+        raise ConfigurationError(
+            "the plant takes velocities: put rnc.control.ActuatorVelocityController(reduced, ...) over a kinematic "
+            f"controller, found {type_name(controller)}"
+        )
+    if getattr(controller, "gives_velocities", False) and not takes_velocities(plant):
+        raise ConfigurationError(
+            "the controller gives velocities: expected a plant with velocity servos, such as "
+            f"rnc.plants.VelocityPlant(reduced), found {type_name(plant)}"
+        )
+    if not isinstance(options, SimulationOptions):
+        raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
+
+
+def _compute_input(adapter: PlantAdapter, loop: ControlLoop, progress: Progress) -> np.ndarray:
+    """Inputs (p,) of the loop. If it fails, ``progress`` names the component that failed."""
+    try:
+        return adapter.compute_input(loop, progress.time)
+    except Exception:
+        progress.active_component = loop.active_component
+        raise
+
+
+def assembled_start(reduced: ReducedModel, q0: np.ndarray) -> np.ndarray:
+    """Initial configuration without rounding errors of the holonomic rows.
+
+    Raises:
+        InputError: the residual of a holonomic row is larger than rounding.
+    """
+    if not reduced.assembly.size:
+        return q0
+    if np.abs(reduced.assembly.residual(q0)).max() > _ASSEMBLED:
+        name, residual = reduced.assembly.worst(q0)
+        raise InputError(
+            f"the initial configuration violates {name} by {residual:.3g} [m or rad]; "
+            "reduced.assembled(q0) or system.assembled(q0) returns the nearest one that satisfies it"
+        )
+    return reduced.assembled(q0)
+
+
+def _last_decision(loop: ControlLoop, state: StateEvaluation) -> tuple[Measurement, Command]:
+    """Measurement and command of the loop's last step. For a safe command, the goals are those of the step before."""
+    if loop.last is None:
+        return state.measure(loop.state.integrals), Command(T=loop.state.T)
+    if loop.state.fault is not None:
+        return loop.last.measurement, loop.last.command._replace(F=None, T=loop.state.T)
+    return loop.last.measurement, loop.last.command

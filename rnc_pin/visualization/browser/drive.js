@@ -1,0 +1,245 @@
+// Controls of a driven run: keys, clicks and sliders become commands; the status of the run comes back.
+"use strict";
+(function () {
+  const make = (tag, parent, text, kind) => {
+    const made = document.createElement(tag);
+    if (text !== undefined) made.textContent = text;
+    if (kind) made.className = kind;
+    return parent.appendChild(made);
+  };
+
+  // ---- connection
+
+  const secret = location.hash.slice(1);
+  const socket = new WebSocket("ws://" + location.host + "/commands");
+  socket.onopen = () => socket.send(JSON.stringify({ secret }));
+  socket.onclose = () => say_offline();
+  const send = (command) => {
+    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
+  };
+  window.drive_command = send;
+
+  // ---- panel
+
+  const panel = make("div", document.body);
+  panel.id = "drive";
+  let controls = null, status = null, chosen = null, parts = {};
+  const heights = {};  // z of the goals that clicks set [m]
+
+  function slider(parent, name, range, command) {
+    const line = make("label", parent, undefined, "slider");
+    make("span", line, name.replaceAll("_", " ")).title = name;
+    const input = make("input", line), shown = make("output", line);
+    Object.assign(input, { type: "range", min: range.lower, max: range.upper, step: (range.upper - range.lower) / 400 });
+    input.value = range.start;
+    const show = () => { shown.value = Number(input.value).toFixed(2) + (range.unit === "m" ? " m" : ""); };
+    input.addEventListener("input", () => { show(); send(command(Number(input.value))); });
+    input.addEventListener("change", () => input.blur());  // or the arrow keys would move the slider
+    show();
+    return (value) => { if (document.activeElement !== input) { input.value = value; show(); } };
+  }
+
+  function build(given) {
+    controls = given;
+    panel.replaceChildren();
+    parts = { joints: {} };
+    const title = make("h2", panel, "Drive");
+    parts.factor = make("span", title, "1.00 x", "factor");
+    parts.factor.title = "simulated time over real time";
+    const targets = [...(given.base ? ["base"] : []), ...Object.keys(given.frames), ...Object.keys(given.obstacles)];
+    if (targets.length) {
+      make("h2", panel, "A click on the ground moves");
+      for (const name of targets) {
+        const line = make("label", panel);
+        const radio = make("input", line);
+        Object.assign(radio, { type: "radio", name: "target", value: name });
+        radio.addEventListener("change", () => { chosen = name; radio.blur(); });
+        make("span", line, name.replaceAll("_", " "));
+        if (chosen === null || chosen === name) { chosen = name; radio.checked = true; }
+      }
+    }
+    const buttons = make("div", panel, undefined, "buttons");
+    const button = (text, action, kind) => {
+      const made = make("button", buttons, text, kind);
+      made.addEventListener("click", () => { action(); made.blur(); });
+    };
+    button("Stop", stop, "stop");
+    if (Object.keys(given.frames).length) {
+      button("Release frames", () => { for (const frame in given.frames) send({ kind: "release_frame", frame }); });
+    }
+    button("End run", () => send({ kind: "end" }));
+    if (given.base) {
+      const line = make("label", panel);
+      const box = make("input", line);
+      box.type = "checkbox";
+      box.addEventListener("change", () => { send({ kind: "hold_base", on: box.checked }); box.blur(); });
+      make("span", line, "base stays while frames move");
+      make("p", panel, "Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.", "hint");
+    }
+    if (Object.values(given.frames).some((axes) => axes[2])) {
+      make("p", panel, "R and F move the goal up and down.", "hint");
+    }
+    make("h2", panel, "Active limits");
+    parts.limits = make("ul", panel);
+    parts.limits.id = "limits";
+    parts.messages = make("ul", panel);
+    parts.messages.id = "messages";
+    if (Object.keys(given.joints).length) {
+      make("h2", panel, "Posture");
+      for (const joint in given.joints) {
+        parts.joints[joint] = slider(panel, joint, given.joints[joint],
+          (position) => ({ kind: "joint_goal", joint, position }));
+      }
+    }
+    const more = make("details", panel);
+    make("summary", more, "Gains and speeds");
+    for (const gain in given.gains) {
+      slider(more, gain, given.gains[gain], (value) => ({ kind: "gain", gain, value }));
+    }
+  }
+
+  function lines(list, texts, kind) {
+    const old = [...list.children].map((each) => each.textContent);
+    if (old.join("\n") === texts.join("\n")) return;
+    list.replaceChildren();
+    for (const text of texts) make("li", list, text, kind);
+  }
+
+  function show(given) {
+    status = given;
+    if (!controls) return;
+    parts.factor.textContent = given.factor.toFixed(2) + " x";
+    parts.factor.classList.toggle("late", given.factor < 0.95);
+    lines(parts.limits, given.limits);
+    lines(parts.messages, given.messages, "goal");
+    for (const joint in given.posture) parts.joints[joint](given.posture[joint]);
+    highlight(new Set(given.highlighted));
+  }
+
+  function say_offline() {
+    if (parts.messages) lines(parts.messages, ["the run has ended, or this page may only watch"], "goal");
+  }
+
+  // ---- colours of limits
+
+  const painted = new Map();
+
+  function highlight(paths) {
+    for (const path of [...painted.keys()]) {
+      if (paths.has(path)) continue;
+      for (const [mesh, material] of painted.get(path)) mesh.material = material;
+      painted.delete(path);
+      viewer.set_dirty();
+    }
+    for (const path of paths) {
+      if (painted.has(path)) continue;
+      const before = [];
+      const red = (material) => {
+        const made = material.clone();
+        if (made.map) made.map = null;
+        if (made.color) made.color.setHex(0xd55e00);
+        if (made.emissive) made.emissive.setHex(0x5a1e00);
+        return made;
+      };
+      viewer.scene_tree.find(path.split("/").filter((part) => part)).object.traverse((mesh) => {
+        if (!mesh.material || !mesh.isMesh) return;
+        before.push([mesh, mesh.material]);
+        mesh.material = Array.isArray(mesh.material) ? mesh.material.map(red) : red(mesh.material);
+      });
+      painted.set(path, before);
+      viewer.set_dirty();
+    }
+  }
+
+  // ---- keys
+
+  const directions = {
+    ArrowUp: ["forward", 1], KeyW: ["forward", 1], ArrowDown: ["forward", -1], KeyS: ["forward", -1],
+    ArrowLeft: ["turn", 1], KeyA: ["turn", 1], ArrowRight: ["turn", -1], KeyD: ["turn", -1],
+    KeyQ: ["left", 1], KeyE: ["left", -1],
+  };
+  const held = new Set();
+
+  function drive() {
+    const velocity = { forward: 0, turn: 0, left: 0 };
+    for (const code of held) velocity[directions[code][0]] += directions[code][1];
+    for (const name in velocity) velocity[name] = Math.max(-1, Math.min(1, velocity[name]));
+    send({ kind: "base_velocity", ...velocity });
+  }
+
+  function stop() {
+    held.clear();
+    send({ kind: "stop" });
+  }
+
+  const writing = (event) => event.target instanceof HTMLElement && event.target.matches("input[type=text], textarea");
+
+  document.addEventListener("keydown", (event) => {
+    if (writing(event) || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.code === "Space") stop();
+    else if (controls && controls.base && directions[event.code]) {
+      held.add(event.code);
+      if (!event.repeat) drive();
+    } else if (event.code === "KeyR" || event.code === "KeyF") raise(event.code === "KeyR" ? 0.02 : -0.02);
+    else return;
+    event.preventDefault();
+  });
+  const release = () => {
+    if (held.size) { held.clear(); drive(); }
+  };
+  document.addEventListener("keyup", (event) => {
+    if (held.delete(event.code)) drive();
+  });
+  window.addEventListener("blur", release);
+  // The velocity of the base ends by itself 0.5 s after the last command.
+  setInterval(() => { if (held.size) drive(); }, 150);
+
+  // ---- clicks
+
+  function point(event, height) {
+    const box = viewer.renderer.domElement.getBoundingClientRect();
+    const x = 2 * (event.clientX - box.left) / box.width - 1, y = 1 - 2 * (event.clientY - box.top) / box.height;
+    const eye = viewer.camera.position;
+    const far = eye.clone().set(x, y, 0.5).unproject(viewer.camera);
+    const slope = far.y - eye.y;  // the y axis of the camera's coordinates points up
+    const along = (height - eye.y) / slope;
+    if (!Number.isFinite(along) || along <= 0) return null;
+    const found = [eye.x + along * (far.x - eye.x), -(eye.z + along * (far.z - eye.z)), height];
+    return Math.hypot(found[0], found[1]) < 99 ? found : null;
+  }
+
+  const place_of = (name) => (status && (status.goals[name] || status.places[name])) || [0, 0, 0];
+
+  function command_to(name, position) {
+    if (name === "base") send({ kind: "base_goal", x: position[0], y: position[1] });
+    else if (controls.frames[name]) send({ kind: "frame_goal", frame: name, position });
+    else send({ kind: "obstacle_goal", obstacle: name, position });
+  }
+
+  function raise(by) {
+    if (!chosen || chosen === "base") return;
+    const [x, y, z] = place_of(chosen);
+    const aimed = heights[chosen] && Date.now() - heights[chosen].when < 400 ? heights[chosen].z : z;
+    heights[chosen] = { z: aimed + by, when: Date.now() };  // keys may repeat faster than the status comes
+    command_to(chosen, [x, y, heights[chosen].z]);
+  }
+
+  let pressed = null;
+  const pane = document.getElementById("meshcat-pane");
+  pane.addEventListener("pointerdown", (event) => { pressed = event.button === 0 ? event : null; }, true);
+  pane.addEventListener("pointerup", (event) => {
+    const near = pressed && Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) < 5;
+    if (!near || event.timeStamp - pressed.timeStamp > 500 || !controls || !chosen) return;
+    const found = point(event, chosen === "base" ? controls.ground : place_of(chosen)[2]);
+    if (found) command_to(chosen, found);
+  }, true);
+
+  // ---- what the run says
+
+  const others = viewer.handle_command.bind(viewer);
+  viewer.handle_command = (command) => {
+    if (command.type === "drive_controls") build(command.controls);
+    else if (command.type === "drive_status") show(command.status);
+    else others(command);
+  };
+})();

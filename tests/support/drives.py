@@ -1,0 +1,33 @@
+"""Driven runs for tests: prepared, with scripted commands."""
+
+from rnc_pin.driving.drive_commands import parse_command
+from rnc_pin.driving.drive_log import LoggedCommand
+from rnc_pin.driving.drive_plan import prepare_drive, read_source
+
+
+def prepared(source, commands=(), frames=(), **options):
+    """A driven run of a scenario or a robot; commands are pairs of a sample and a message."""
+    given = {key.replace("__", "."): value for key, value in options.items()}
+    name, raw, folder, built_in = read_source(source, given)
+    drive = prepare_drive(name, raw, folder, built_in, given, frames)
+    script(drive, commands)
+    return drive
+
+
+def script(drive, commands):
+    """Put commands into the log of a run."""
+    drive.log.commands += [LoggedCommand(at, parse_command(message, drive.controls)) for at, message in commands]
+
+
+def reduced_of(drive):
+    return drive.plan.experiment.reduced
+
+
+def point_of(drive, q, frame):
+    """Position of a frame (3,) by Pinocchio itself."""
+    import pinocchio as pin
+
+    robot = reduced_of(drive).robot
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return data.oMf[robot.frame_id(frame)].translation.copy()
